@@ -65,7 +65,7 @@ fn latency(report: &LatencyReport) -> Value {
     })
 }
 
-/// The usual figures of one quantity, ns.
+/// The percentiles of one quantity, ns.
 pub(crate) fn percentiles(of: &Percentiles) -> Value {
     json!({ "count": of.count, "mean": of.mean_ns, "p50": of.p50_ns, "p99": of.p99_ns, "p999": of.p999_ns, "max": of.max_ns })
 }

@@ -1,4 +1,4 @@
-//! Arguments that the sub-commands of `bench` share.
+//! Arguments that the subcommands of `bench` share.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ pub(super) struct Out {
     replace: Replace,
 }
 
-/// A place for the figures that has been looked at.
+/// The checked destination of the figures.
 #[derive(Debug)]
 pub(super) struct Ready {
     csv: Option<Output>,
@@ -31,7 +31,7 @@ pub(super) struct Ready {
 }
 
 impl Out {
-    /// Checks the place of the figures of a command that reads `inputs`, before anything is measured.
+    /// Checks the output of a command that reads `inputs`, before the measurement.
     pub(super) fn ready<'p>(&self, inputs: impl IntoIterator<Item = &'p Path>) -> Result<Ready, Failure> {
         let mut files = Files::new(self.replace);
         inputs.into_iter().for_each(|path| files.read(path));
@@ -41,7 +41,7 @@ impl Out {
 }
 
 impl Ready {
-    /// Writes the table as CSV if asked for, and prints `figures` as JSON or else the table for people.
+    /// Writes the table as CSV if requested. Prints `figures` as JSON or the table as text.
     pub(super) fn write(
         &self,
         csv: impl FnOnce() -> Result<Vec<u8>, Failure>,
@@ -73,7 +73,7 @@ pub(super) struct Pinned {
 }
 
 impl Pinned {
-    /// Pins the calling thread; says to which CPU, and whether that was granted.
+    /// Pins the calling thread. Returns the CPU, and whether the system granted it.
     pub(super) fn pin(&self) -> String {
         let last = || std::thread::available_parallelism().map_or(0, |n| n.get() - 1);
         let cpu = self.cpu.unwrap_or_else(last);

@@ -1,4 +1,5 @@
-//! `palpate bench devices`: what the Falcon's driver computes in a tick, with its error where it has one.
+//! `palpate bench devices`: computing time of the Falcon's driver per tick, with the error where one is
+//! known.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -13,11 +14,11 @@ use super::common::{Out, Pinned};
 use crate::failure::Failure;
 use crate::output;
 
-/// Places on the way of the hand.
+/// Positions along the trajectory of the hand.
 const PLACES: u32 = 4_096;
-/// Rounds of which the median counts.
+/// Number of rounds, of which the median is reported.
 const ROUNDS: usize = 21;
-/// One byte in so many is damaged.
+/// One byte in this number is damaged.
 const DAMAGED: usize = 40;
 
 /// Decoder, kinematics and motors of the Falcon's driver: nanoseconds each, pinned, the median of 21 rounds.
@@ -29,19 +30,19 @@ pub(crate) struct Args {
     out: Out,
 }
 
-/// One part.
+/// One part of the driver.
 #[derive(Debug, Serialize)]
 struct Figure {
     part: &'static str,
-    /// Of one packet, pose or force, ns.
+    /// Time per packet, pose or force, ns.
     ns: f64,
-    /// A second.
+    /// Executions per second.
     per_second: f64,
-    /// What is known of its error.
+    /// The known error.
     error: String,
 }
 
-/// Median time of one of `count` pieces of `work`, ns.
+/// Median time per item of `work`, which processes `count` items, ns.
 fn time(count: usize, mut work: impl FnMut()) -> f64 {
     let mut rounds: Vec<f64> = (0..ROUNDS)
         .map(|_| {
@@ -58,7 +59,7 @@ fn figure(part: &'static str, ns: f64, error: String) -> Figure {
     Figure { part, ns, per_second: 1e9 / ns, error }
 }
 
-/// A hand that goes round the workspace at up to 0.8 m/s, a place each millisecond, m.
+/// A trajectory around the workspace at up to 0.8 m/s, one position per millisecond, m.
 fn way() -> Vec<[f64; 3]> {
     let at = |n: u32| {
         let t = f64::from(n) * 1e-3;
@@ -72,7 +73,7 @@ fn decoder(counts: &[[i16; 3]]) -> [Figure; 2] {
     let mut stream: Vec<u8> = packets.flatten().collect();
     let decoded = |stream: &[u8]| {
         let mut decoder = Decoder::default();
-        // As it comes from the chip: at most 62 bytes a transfer.
+        // In pieces as the chip sends them: at most 62 bytes per transfer.
         stream.chunks(62).fold((0, 0), |(whole, damaged), bytes| {
             let decoded = decoder.push(black_box(bytes));
             (whole + decoded.whole, damaged + decoded.damaged)
@@ -134,7 +135,7 @@ fn motors(counts: &[[i16; 3]]) -> Figure {
         })
         .collect();
     let config = MotorConfig::default();
-    // Below what three motors can do anywhere on the way.
+    // Within the capability of three motors everywhere on the trajectory.
     let force_n = [0.6_f32, -0.8, 1.0];
     let ns = time(poses.len(), || {
         for pose in &poses {

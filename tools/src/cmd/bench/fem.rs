@@ -40,7 +40,7 @@ pub(crate) struct Args {
     out: Out,
 }
 
-/// One body: name, scene, law, order.
+/// One body: name, scene, law, element order.
 const CASES: [(&str, &str, bool, u8); 5] = [
     ("stvk-p1-small", "liver-small", false, 1),
     ("mr-p1p1-small", "liver-small", true, 1),
@@ -51,7 +51,7 @@ const CASES: [(&str, &str, bool, u8); 5] = [
 
 /// The direction of the peer's script: into the body at A2.
 const INWARD: [f64; 3] = [-0.67, -0.15, -0.73];
-/// Solved neighbour and target, mm.
+/// Displacements of the solved neighbour and of the target, mm.
 const NEIGHBOUR_MM: f64 = 5.0;
 const TARGET_MM: f64 = 15.0;
 
@@ -63,17 +63,17 @@ struct Row {
     factor_entries: usize,
     factor_mflop: f64,
     profile: IterationProfile,
-    /// Whole iteration over the factorisation alone.
+    /// Whole iteration relative to the factorisation alone.
     iteration_over_factorisation: f64,
-    /// S, du/dd and third derivatives over the solve of a 10 mm configuration ...
+    /// S, du/dd and third derivatives relative to the solve of a 10 mm configuration ...
     derivatives_share: f64,
-    /// ... and over the whole configuration, its last factorisation and correction with it.
+    /// ... and relative to the whole configuration, including its last factorisation and correction.
     derivatives_share_of_whole: f64,
-    /// 10 mm in one step, to the residual of 1e-8 of the reaction.
+    /// 10 mm in one step, to a residual of 1e-8 of the reaction.
     configuration_s: f64,
     iterations: u32,
     factorisations: u32,
-    /// The same with the last correction, S, du/dd and W_ijk.
+    /// The same including the last correction, S, du/dd and W_ijk.
     configuration_with_derivatives_s: f64,
     residual_n: f64,
     peer: Option<Peer>,
@@ -203,7 +203,7 @@ fn peer(script: &Path, case: &str, assets: &Path) -> Result<Peer, Failure> {
     let values: Vec<&str> = lines.next().ok_or_else(unreadable)?.split(',').collect();
     let value = |key: &str| -> Result<f64, Failure> {
         let column = header.iter().position(|name| *name == key).ok_or_else(unreadable)?;
-        // A part that did not converge is left empty.
+        // The field of a part that did not converge is empty.
         let text = values.get(column).copied().ok_or_else(unreadable)?;
         if text.is_empty() { Ok(f64::NAN) } else { text.parse().map_err(|_| unreadable()) }
     };

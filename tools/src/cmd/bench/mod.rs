@@ -1,4 +1,4 @@
-//! `palpate bench`: what the parts cost on this machine, beside a peer where one is installed.
+//! `palpate bench`: cost of the parts on this machine, compared with peers that are installed.
 
 mod common;
 mod core;

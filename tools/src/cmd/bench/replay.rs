@@ -1,4 +1,4 @@
-//! An expansion that was solved before, done again without solving: what rank 0 alone can do.
+//! Replays a solved expansion without solving: the throughput of rank 0 alone.
 
 use std::collections::{HashMap, VecDeque};
 use std::path::Path;
@@ -11,20 +11,20 @@ use serde::Serialize;
 use super::simulated::Try;
 use crate::failure::Failure;
 
-/// What rank 0 does for a try, by clock.
+/// Wall-clock cost of an attempt on rank 0.
 #[derive(Debug, Serialize)]
 pub(super) struct RankZero {
-    /// Tries a second.
+    /// Attempts per second.
     pub tries_per_second: f64,
-    /// Microseconds a try.
+    /// Microseconds per attempt.
     pub us_per_try: f64,
-    /// Mean bytes of a job's message.
+    /// Mean size of a job's message, bytes.
     pub job_bytes: f64,
-    /// Mean bytes of an outcome's message.
+    /// Mean size of an outcome's message, bytes.
     pub outcome_bytes: f64,
 }
 
-/// A finished space in memory.
+/// A complete space in memory.
 #[derive(Debug)]
 pub(super) struct Replay {
     /// Its grid.
@@ -33,14 +33,14 @@ pub(super) struct Replay {
     pub complete_cells: bool,
     /// Active nodes with solved points.
     pub actives: Vec<usize>,
-    /// All tries.
+    /// All attempts.
     pub records: HashMap<Try, Record>,
-    /// The outcomes as workers would send them.
+    /// The outcomes in the form that workers send.
     messages: HashMap<Try, Vec<u8>>,
 }
 
 impl Replay {
-    /// Reads a complete store. States between grid points are left out.
+    /// Reads a complete store. States between grid points are omitted.
     pub(super) fn load(path: &Path) -> Result<Self, Failure> {
         let store = Store::open(path)?;
         let identity = store.identity()?;
@@ -83,7 +83,7 @@ impl Replay {
         seconds
     }
 
-    /// Times `expand` with a crew that has every outcome at once.
+    /// Times `expand` with an executor that has every outcome immediately.
     pub(super) fn measure(
         &self,
         expand: impl FnOnce(&mut dyn Crew) -> Result<(), Failure>,
@@ -103,7 +103,7 @@ impl Replay {
     }
 }
 
-/// A few workers that need no time.
+/// Some workers that take no time.
 struct AtOnce<'r> {
     replay: &'r Replay,
     done: VecDeque<(usize, Try)>,

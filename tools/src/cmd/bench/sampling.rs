@@ -1,10 +1,11 @@
-//! `palpate bench sampling`: how many configurations a scene needs until its error cannot be felt, uniform
-//! against driven by the error.
+//! `palpate bench sampling`: number of configurations until a scene's force error is below the
+//! just-noticeable difference, for uniform and adaptive sampling.
 //!
-//! Every method is asked at the same fresh positions, solved by finite elements and seen by no fit. The blind
-//! loop solves what it counts. A lattice may need thousands of solves: what the baselines are made of comes
-//! from a reference, a fit of a quarter of the tolerance over more than the tool's reach, whose own error at
-//! the same positions is shown; `--real` solves it instead, at the count that was found.
+//! Every method is queried at the same new positions, solved by finite elements and used by no fit. For
+//! adaptive sampling the configurations are solved. A lattice may need thousands of solves, so the baselines
+//! use the forces of a reference: a fit with a quarter of the tolerance over more than the tool's reach. Its
+//! own error at the same positions is shown. `--real` also solves the configurations of a baseline at the
+//! count found.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
@@ -52,19 +53,19 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// Share of the positions that must be within the tolerance.
+/// Required share of the positions within the tolerance.
 const ENOUGH: f64 = 0.99;
-/// From one lattice, or set of centres, to the next.
+/// Refinement factor from one lattice, or set of centres, to the next.
 const FINER: f64 = 1.08;
 const MORE: f64 = 1.15;
-/// Beyond so many points, or centres, nothing is looked at any more.
+/// Largest number of points, or centres, that is tried.
 const MOST_POINTS: usize = 20_000;
 const MOST_CENTRES: usize = 1_500;
-/// The reference goes so many times beyond the force limit; the first that is good enough is taken.
+/// Ratios of the reference's force limit to that of the scene; the first sufficiently accurate one is used.
 const WIDER: [f64; 3] = [1.5, 1.2, 1.0];
-/// Good enough: the 99th percentile of its error by the tolerance.
+/// Sufficient accuracy: the 99th percentile of its error relative to the tolerance.
 const GOOD: f64 = 0.2;
-/// Positions among which centres are chosen.
+/// Candidate positions for centres.
 const CANDIDATES: u32 = 6000;
 
 /// A node of a scene.
@@ -73,30 +74,30 @@ pub(super) struct Case<'b> {
     pub(super) active: usize,
 }
 
-/// What one of the ways needs.
+/// Configurations that one method needs.
 #[derive(Debug, Clone, Serialize)]
 struct Need {
     way: &'static str,
-    /// Configurations; none if more than were looked at.
+    /// Number of configurations; `None` if it exceeds the largest number tried.
     configurations: Option<usize>,
     /// Share of the positions within the tolerance.
     within: f64,
-    /// The same with solved configurations, where asked for; none where some could not be solved.
+    /// The same share with solved configurations, if requested; `None` if some could not be solved.
     within_real: Option<f64>,
 }
 
-/// What was found of a node.
+/// Results of a node.
 #[derive(Debug, Clone, Serialize)]
 struct Row {
     scene: String,
     active: String,
     positions: usize,
     verdict: &'static str,
-    /// The blind loop: all that it solved, and what its packed table is worth.
+    /// Adaptive sampling: the number of solves, and the error of the packed table.
     solved: usize,
     within: f64,
-    /// Of the reference: configurations, how far beyond f_max, and the 99th percentile of its error by the
-    /// tolerance.
+    /// The reference: number of configurations, ratio of its force limit to f_max, and the 99th percentile of
+    /// its error relative to the tolerance.
     reference: (usize, f64, f64),
     needs: Vec<Need>,
 }
@@ -181,11 +182,11 @@ impl Case<'_> {
         })
     }
 
-    /// Fresh positions within reach, solved.
+    /// Solves new positions within reach.
     pub(super) fn truths(&self, reference: &Alone, wanted: &Wanted, count: usize) -> Vec<Place> {
         let mut solver = self.solver();
         let mut places = Vec::new();
-        // Other numbers than those of the candidates.
+        // Sequence numbers that the candidates do not use.
         for n in 1_000_000..1_000_000 + 400 * count as u32 {
             let at = in_ball(n, wanted.radius_m);
             let said = reference.search.fit().force_n(at);
@@ -204,14 +205,14 @@ impl Case<'_> {
     }
 }
 
-/// The ways of the paper, with what they are made of.
+/// The paper's methods, and the data for their tables.
 struct Baselines<'p> {
     reference: KernelFit,
     wanted: Wanted,
     places: &'p [Place],
 }
 
-/// Who solves configurations in reality.
+/// The solver for real configurations, if requested.
 type Real<'r> = Option<(&'r Case<'r>, &'r Alone)>;
 
 impl Baselines<'_> {
@@ -232,7 +233,7 @@ impl Baselines<'_> {
         ]
     }
 
-    /// The coarsest lattice that is enough.
+    /// The coarsest lattice that is sufficient.
     fn on_lattice(
         &self,
         way: &'static str,
@@ -272,7 +273,7 @@ impl Baselines<'_> {
         tables.share_within(method, self.places, &self.wanted.tolerance).unwrap_or(0.0)
     }
 
-    /// Corners of the cells that the tool gets into.
+    /// Corners of the cells within the tool's reach.
     fn in_region(&self, grid: &SpaceGrid) -> Vec<Sample> {
         let reach = grid.lattice.reach();
         let mut known: HashMap<GridIndex, bool> = HashMap::new();
@@ -314,7 +315,7 @@ impl Baselines<'_> {
         sample
     }
 
-    /// Centres within reach, each the farthest from those before it: as many as are enough.
+    /// Centres within reach, each the farthest from those before it, until their number is sufficient.
     fn by_centres(&self, way: &'static str, real: Real<'_>) -> Need {
         let candidates: Vec<[f64; 3]> = (0..CANDIDATES)
             .map(|n| in_ball(n, self.wanted.radius_m))
@@ -353,8 +354,8 @@ impl Baselines<'_> {
         Need { way, configurations: None, within: last, within_real: None }
     }
 
-    /// Share of the positions within the tolerance, by the paper's sum of cubes; none if the weights cannot
-    /// be found.
+    /// Share of the positions within the tolerance, by the paper's sum of cubes; `None` if there is no
+    /// solution for the weights.
     fn share_of_centres(&self, centres: &[Centre], unit_m: f64) -> Option<f64> {
         let RbfFit { centres, weights, .. } = fit_rbf(Kernel::Cubic, centres, 1).ok()?;
         let is_within = |place: &&Place| {
@@ -370,7 +371,7 @@ impl Baselines<'_> {
     }
 }
 
-/// The same samples by finite elements, each from the nearest state that is known.
+/// Solves the same samples by finite elements, each from the nearest known state.
 fn solved(real: (&Case<'_>, &Alone), grid: &SpaceGrid, samples: &[Sample]) -> Option<Vec<Sample>> {
     let places: Vec<[f64; 3]> = samples.iter().map(|s| grid.displacement_m(s.index)).collect();
     let jets = solve_all(real, &places)?;
@@ -395,7 +396,7 @@ fn is_inside(wanted: &Wanted, at: [f64; 3]) -> bool {
     wanted.workspace_m.is_none_or(|[low, high]| (0..3).all(|i| (low[i]..=high[i]).contains(&at[i])))
 }
 
-/// Whether a force is one that the tool meets.
+/// Whether the tool can cause this force.
 fn is_reached(wanted: &Wanted, force_n: [f64; 3]) -> bool {
     let along = |normal: [f64; 3]| force_n.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
     norm(force_n) <= wanted.max_force_n && wanted.push.is_none_or(|normal| along(normal) <= 0.0)
@@ -405,7 +406,7 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
     norm(std::array::from_fn(|i| a[i] - b[i]))
 }
 
-/// Number `n` of points spread evenly in a ball (R3 sequence: Roberts 2018).
+/// Point `n` of a uniform low-discrepancy sequence in a ball (R3 sequence: Roberts 2018).
 fn in_ball(n: u32, radius_m: f64) -> [f64; 3] {
     const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5];
     let [r, z, turn] = STEPS.map(|step| (0.5 + f64::from(n) * step).fract());

@@ -1,4 +1,4 @@
-//! `palpate bench scheduler`: how far the expansion of spaces scales, and where it stops.
+//! `palpate bench scheduler`: parallel scaling of the expansion of spaces, and its limit.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -60,20 +60,20 @@ struct Row {
     case: String,
     points: usize,
     tries: usize,
-    /// Levels and rounds that have tries.
+    /// Number of levels and rounds with attempts.
     levels: usize,
     workers: usize,
     makespan_s: f64,
     speed_up: f64,
     efficiency: f64,
-    /// No hand-out can be faster: the work shared evenly, or the longest chain of solves.
+    /// Lower bound of the makespan: the evenly distributed work, or the longest chain of solves.
     bound_s: f64,
-    /// Longest chain of solves, each starting from the one before.
+    /// Longest chain of solves, each of which starts from the one before.
     chain_s: f64,
-    /// What rounds with a barrier between them would take: the sum over levels of ceil(tries / workers) mean
+    /// Duration of rounds with a barrier between them: the sum over levels of ceil(attempts / workers) mean
     /// solves.
     barrier_s: f64,
-    /// Share of the makespan that rank 0 is busy.
+    /// Share of the makespan in which rank 0 is busy.
     rank0_busy: f64,
 }
 
@@ -114,7 +114,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let rank0_us = args.rank0_us.or(rank0.as_ref().map(|r| r.us_per_try)).unwrap_or(350.0);
     let costs = Costs {
-        // Rank 0 plans and reads before it gives, and stores after it takes.
+        // Rank 0 plans and reads before it sends a job, and stores after it receives an outcome.
         give: nanoseconds((rank0_us / 2.0 + args.send_us) * 1e-6),
         take: nanoseconds(rank0_us / 2.0 * 1e-6),
         message: nanoseconds(args.message_us * 1e-6),
@@ -169,7 +169,7 @@ fn grid_of(points: usize) -> Result<SpaceGrid, Failure> {
     SpaceGrid::new(0.05 / cells, 0.05).map_err(Failure::input)
 }
 
-/// A store that holds nothing yet, of a body that does not matter.
+/// An empty store of an arbitrary body.
 fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) -> Result<Store, Failure> {
     let mesh = TetMesh::cuboid([1; 3], 0.1);
     let identity = StoreIdentity {

@@ -1,5 +1,4 @@
-//! A crew in simulated time: the real expansion hands out to it, nothing is solved. Times are whole
-//! nanoseconds.
+//! An executor in simulated time for the real expansion; nothing is solved. Times are integer nanoseconds.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
@@ -12,48 +11,48 @@ use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, StoredSeed, Task, Work};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
-/// What takes time beside the solves, ns.
+/// Costs other than the solves, ns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Costs {
-    /// Rank 0 before and while it gives a job.
+    /// Time of rank 0 to prepare and send a job.
     pub give: u64,
-    /// Rank 0 with an outcome.
+    /// Time of rank 0 for an outcome.
     pub take: u64,
-    /// A message under way, either way.
+    /// Latency of a message in either direction.
     pub message: u64,
 }
 
-/// A try: active node, grid point, attempt.
+/// An attempt: active node, grid point, attempt number.
 pub(super) type Try = (u32, GridIndex, u32);
 
-/// How long solves take and what they give.
+/// Durations and results of the solves.
 #[derive(Debug)]
 pub(super) enum Solves<'a> {
-    /// Every point is solved at its first try; durations are drawn from these, ns, the same ones for a point
-    /// in every run.
+    /// Every point is solved at the first attempt. Durations are drawn from these values, ns, with the same
+    /// duration for a point in every run.
     Drawn(&'a [u64]),
-    /// As they were.
+    /// The recorded attempts.
     Known(&'a HashMap<Try, Record>),
 }
 
-/// What a simulated run took, ns.
+/// Times of a simulated run, ns.
 #[derive(Debug)]
 pub(super) struct Ran {
-    /// From the first job to the last outcome in the store.
+    /// Time from the first job to the last stored outcome.
     pub makespan: u64,
     /// Sum of all solves.
     pub work: u64,
-    /// Longest chain of solves of which each starts from the one before.
+    /// Longest chain of solves, each of which starts from the one before.
     pub chain: u64,
-    /// What rank 0 was busy.
+    /// Busy time of rank 0.
     pub rank0_busy: u64,
-    /// Tries.
+    /// Number of attempts.
     pub tries: usize,
-    /// Tries of each active node's levels and rounds.
+    /// Number of attempts by active node, level and round.
     pub levels: BTreeMap<(u32, u32), usize>,
 }
 
-/// Workers that take the time and do nothing.
+/// Workers that take time and compute nothing.
 #[derive(Debug)]
 pub(super) struct Simulated<'a> {
     costs: Costs,
@@ -62,12 +61,12 @@ pub(super) struct Simulated<'a> {
     seed: StoredSeed,
     /// Rank 0's clock.
     now: u64,
-    /// When each worker has done all that it was given.
+    /// Time at which each worker has finished its jobs.
     free: Vec<u64>,
-    /// Outcomes by arrival at rank 0; the number keeps the order of what arrives at once.
+    /// Outcomes by their arrival at rank 0; the number keeps the order of simultaneous arrivals.
     under_way: BinaryHeap<Reverse<(u64, usize, usize)>>,
     outcomes: HashMap<usize, Outcome>,
-    /// End of the chain that leads to a try.
+    /// End of the chain that leads to an attempt.
     chains: HashMap<Try, u64>,
     ran: Ran,
 }
@@ -77,7 +76,7 @@ pub(super) fn nanoseconds(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
 }
 
-/// The least that the store takes as a state.
+/// The smallest state that the store accepts.
 pub(super) fn blank_seed() -> StoredSeed {
     StoredSeed::pack(&Seed {
         pose: Pose::translation([0.0; 3]),
@@ -88,7 +87,7 @@ pub(super) fn blank_seed() -> StoredSeed {
 }
 
 impl<'a> Simulated<'a> {
-    /// A crew of `workers` that have nothing to do yet.
+    /// An executor with `workers` idle workers.
     pub(super) fn new(workers: usize, costs: Costs, solves: &'a Solves<'a>, grid: SpaceGrid) -> Self {
         Self {
             costs,
@@ -104,7 +103,7 @@ impl<'a> Simulated<'a> {
         }
     }
 
-    /// What it took.
+    /// The result of the run.
     pub(super) fn ran(self) -> Ran {
         Ran { makespan: self.now, ..self.ran }
     }
@@ -127,7 +126,7 @@ impl<'a> Simulated<'a> {
     }
 }
 
-/// A good mixture of the bits (the finaliser of splitmix64).
+/// A mixing function (the finaliser of splitmix64).
 fn scramble(mut x: u64) -> u64 {
     x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -135,7 +134,7 @@ fn scramble(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// The point of a spring of 1 N/m: solved, and smooth to its neighbours.
+/// A point of a spring of 1 N/m: solved, and consistent with its neighbours.
 fn harmonic(task: &Task, grid: &SpaceGrid) -> Record {
     let d = grid.displacement_m(task.target);
     let mut record = Record {
@@ -218,7 +217,7 @@ mod tests {
         let grid = SpaceGrid::new(0.01, 0.02).expect("a grid");
         let solves = Solves::Drawn(&[1000]);
         let mut crew = Simulated::new(2, Costs { give: 10, take: 20, message: 5 }, &solves, grid);
-        // Given at 10 and 20; the third waits behind the first, which ends at 10 + 5 + 1000.
+        // The jobs arrive at 10 and 20. The third waits for the first, which ends at 10 + 5 + 1000.
         for (worker, target) in [(0, [0, 0, 1]), (1, [0, 0, 2]), (0, [0, 1, 0])] {
             let parent = (target == [0, 0, 2]).then_some([0, 0, 1]);
             crew.give(worker, job(target, parent)).expect("it is taken");
@@ -228,7 +227,7 @@ mod tests {
         assert_eq!(order, [0, 1, 0]);
         assert!(take().is_err());
         let ran = crew.ran();
-        // The last one ends at 2015, arrives at 2020 and is stored at 2040.
+        // The last job ends at 2015, arrives at 2020 and is stored at 2040.
         assert_eq!((ran.makespan, ran.work, ran.chain, ran.rank0_busy), (2040, 3000, 2000, 90));
     }
 }

@@ -1,4 +1,4 @@
-//! `palpate bench fem-sizes`: time and memory of a solve against the number of equations.
+//! `palpate bench fem-sizes`: time and memory of a solve as functions of the number of equations.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -22,7 +22,7 @@ pub(crate) struct Args {
     largest: usize,
 }
 
-/// Runs the command: a line per body as it is done.
+/// Runs the command and prints a line after each body.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let law = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
     let barrier = Material::NeoHookean(NeoHookean {

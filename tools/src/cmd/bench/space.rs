@@ -1,4 +1,4 @@
-//! `palpate bench space`: what configuration spaces cost on this machine.
+//! `palpate bench space`: cost of configuration spaces on this machine.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -50,13 +50,13 @@ struct Row {
     points: usize,
     solved: usize,
     failed: usize,
-    /// Tries, those from other neighbours among them.
+    /// Number of attempts, including those from other neighbours.
     tries: usize,
     seconds: f64,
     per_second: f64,
     iterations: f64,
     factorisations: f64,
-    /// Share of the workers' time that they spent solving.
+    /// Share of the workers' time that is spent solving.
     busy: f64,
     folds: usize,
     peak_mb: Option<u64>,
@@ -113,7 +113,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         for &threads in &crews {
             let space = Output::in_scratch(&dir, &format!("{name}-{threads}.space"));
             rows.push(measure(name, case, threads, &args.assets, &space, &stop)?);
-            // Spaces of many points are large.
+            // Spaces of many points need much disk space.
             let _ = std::fs::remove_file(space.path());
         }
     }

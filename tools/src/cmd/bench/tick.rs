@@ -1,4 +1,5 @@
-//! `palpate bench tick`: one whole tick of the loop, contact over many active nodes and a surface included.
+//! `palpate bench tick`: time of one whole tick of the loop, including contact over many active nodes and a
+//! surface.
 
 use std::f64::consts::TAU;
 use std::hint::black_box;
@@ -17,11 +18,11 @@ use super::core::tables::Tables;
 use crate::failure::Failure;
 use crate::output;
 
-/// Radius of the made-up organ, m.
+/// Radius of the synthetic organ, m.
 const RADIUS_M: f64 = 0.06;
-/// Ticks by which the hand must have touched; it comes down once in 830.
+/// Maximum number of ticks before contact; the hand comes down once in 830.
 const PATIENCE: u64 = 2_000;
-/// More than the last level of most caches holds.
+/// More than the last-level cache of most processors.
 const EVICTED_BYTES: usize = 64 << 20;
 
 /// Nanoseconds of one whole tick: device, contact with the surface, sliding over blended spaces, limits,
@@ -62,14 +63,14 @@ struct Row {
     active: usize,
     surface_vertices: usize,
     ticks: u64,
-    /// Share of the ticks in touch, and of those the share with more than one space.
+    /// Share of the ticks in contact, and of those the share with more than one space.
     touching: f64,
     blended: f64,
     p50_ns: u64,
     p99_ns: u64,
     p999_ns: u64,
     max_ns: u64,
-    /// Largest change of the force for the hand a tick, N.
+    /// Largest change per tick of the force on the hand, N.
     largest_step_n: f32,
 }
 
@@ -88,7 +89,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     for &method in &args.method {
         for (caches, ticks) in [("hot", args.ticks), ("cold", args.ticks / 50)] {
             let row = measure(&organ, method, caches, ticks.max(1))?;
-            // As soon as it is known: a row takes a while.
+            // Printed at once, because each row takes a while.
             eprintln!("palpate: {} {caches}: p50 {} ns, p99 {} ns", row.method, row.p50_ns, row.p99_ns);
             rows.push(row);
         }
@@ -150,8 +151,8 @@ fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) 
     let mut touch = palpate_host::session::TouchStatistics::default();
     let (mut blended, mut evicted) = (0_u64, vec![1_u8; if caches == "cold" { EVICTED_BYTES } else { 0 }]);
     let mut begin = 0;
-    // Arming inside gives no force, so the hand has to come from outside first; a few cold ticks would be all
-    // without touch.
+    // Arming inside the organ gives no force, so the hand must first come from outside. Otherwise all of the
+    // few cold ticks would be without contact.
     loop {
         clock.wait_until(begin * 1_000_000, 0);
         haptic.tick(begin, 0, begin * 1_000_000).map_err(Failure::work)?;
@@ -194,7 +195,7 @@ fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) 
     })
 }
 
-/// A hand that presses, strokes and leaves the top of the ball, over and over at other places.
+/// A hand that presses, strokes and leaves the top of the ball repeatedly at different positions.
 #[derive(Debug, Default)]
 struct Stroke {
     calls: u64,
@@ -204,11 +205,11 @@ impl Device for Stroke {
     fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
         let t = self.calls as f64 * 1e-3;
         self.calls += 1;
-        // Slow, of unrelated periods: never the same way twice. 8 mm deep at most, at 0.1 m/s along the
+        // Slow motions with unrelated periods, which do not repeat: at most 8 mm deep, 0.1 m/s along the
         // surface.
         let (tilt, turn) = (0.26 * (TAU * t / 3.7).sin(), 0.26 * (TAU * t / 2.9).cos());
         let depth_m = 0.005 + 0.008 * (TAU * t / 0.83).sin();
-        // Within the first 200 vertices of 2,000, but for the corners.
+        // Within the first 200 vertices of 2,000, except the corners.
         let direction = [tilt.sin(), turn.sin() * tilt.cos(), tilt.cos() * turn.cos()];
         let position_m = direction.map(|x| (x * (RADIUS_M - depth_m)) as f32);
         Ok(Some(Sample { t_us: now_us, position_m, buttons: 0 }))
@@ -227,7 +228,7 @@ impl Device for Stroke {
     }
 }
 
-/// A sphere of rings; its vertices in the order of their height, so that the first are the top.
+/// A sphere of rings. Its vertices are in the order of their height, so the first ones are at the top.
 struct Ball {
     node: Vec<u32>,
     planes: [Vec<f32>; 3],
@@ -304,7 +305,7 @@ impl Ball {
 mod tests {
     use super::*;
 
-    /// Few cold ticks are measured: were they before the first touch, nothing would be.
+    /// Few cold ticks are measured. Before the first contact they would measure nothing.
     #[test]
     fn both_rows_begin_in_touch() {
         let ball = Ball::new(300, 30).expect("small enough");

@@ -1,5 +1,5 @@
-//! `palpate bench core`: nanoseconds of one force, every method on every set of instructions, beside two
-//! crates that do the same.
+//! `palpate bench core`: nanoseconds per force query for every method and instruction set, compared with two
+//! public crates.
 
 #[cfg(feature = "peers")]
 mod peers;
@@ -49,7 +49,7 @@ pub(crate) struct Args {
     out: Out,
 }
 
-/// All of it.
+/// All figures.
 #[derive(Debug, Serialize)]
 struct Figures {
     processor: String,
@@ -58,11 +58,11 @@ struct Figures {
     pinned: String,
     rounds: usize,
     rows: Vec<Row>,
-    /// Of the viewer's thread, not of the tick.
+    /// Time in the viewer's thread, not in the loop.
     surface: surface::SurfaceTime,
 }
 
-/// One method on one set of instructions, or a peer.
+/// One method with one instruction set, or a peer.
 #[derive(Debug, Serialize)]
 struct Row {
     grid: usize,
@@ -70,11 +70,11 @@ struct Row {
     instructions: &'static str,
     median_ns: f64,
     min_ns: f64,
-    /// Median where every query waits for the answer before it.
+    /// Median of dependent queries, each of which needs the result of the one before.
     waits_ns: Option<f64>,
-    /// Largest |h - h in f64|, N; none where the weights are made up.
+    /// Largest |h - h in f64|, N; `None` if the weights are synthetic.
     off_n: Option<f64>,
-    /// Bytes of the tables it reads.
+    /// Bytes of its tables.
     bytes: usize,
 }
 
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
 }
 
-/// Everything on one space. `fitted` says whether the RBF weights are such that they cancel as real ones do.
+/// Measures every method on one space. `fitted`: whether the RBF weights cancel like those of a real fit.
 fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
     let grid = space.flags().iter().filter(|bits| **bits & flags::SOLVED != 0).count() - 1;
     let queries = timing::queries(space.lattice().radius_m());
@@ -158,7 +158,7 @@ fn largest_difference(space: &Space<'_>, run: &mut Run<'_>, queries: &[Vec3]) ->
     queries.iter().take(COMPARED).map(difference).fold(0.0, f64::max)
 }
 
-/// Bytes of the tables that a method reads.
+/// Bytes of the tables of a method.
 pub(super) fn bytes(space: &Space<'_>, method: Method) -> usize {
     let slots = space.lattice().slots();
     let planes = space.planes();
@@ -177,7 +177,7 @@ pub(super) fn bytes(space: &Space<'_>, method: Method) -> usize {
     }
 }
 
-/// The name the processor gives itself.
+/// The model name of the processor.
 fn processor() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
@@ -210,8 +210,8 @@ fn table(figures: &Figures) -> String {
     text + &ratios(rows)
 }
 
-/// How many times as long a peer takes as the method that answers the same question, on the baseline and on
-/// the best.
+/// Ratios of a peer's time to that of the method with the same interpolant, for the baseline and the best
+/// instruction set.
 fn ratios(rows: &[Row]) -> String {
     let mut text = String::new();
     for peer in rows.iter().filter(|row| row.instructions == PEER) {
@@ -225,7 +225,7 @@ fn ratios(rows: &[Row]) -> String {
     if text.is_empty() { text } else { format!("\n{text}") }
 }
 
-/// In the column of the instructions.
+/// Entry of a peer in the column of the instruction sets.
 const PEER: &str = "peer";
 
 impl<'r> Run<'r> {

@@ -1,5 +1,5 @@
-//! The same interpolants by two public crates, asked as their documentation says: one query at a time, built
-//! once.
+//! The same interpolants by two public crates, used as their documentation recommends: built once, one query
+//! at a time.
 
 use std::rc::Rc;
 
@@ -11,17 +11,17 @@ use rbf_interp::{Basis, Scatter};
 use super::PEER;
 use super::timing::Run;
 
-/// rbf-interp takes a pseudo-inverse by singular values: for hundreds of centres only.
+/// rbf-interp computes a pseudo-inverse by singular values, which limits it to hundreds of centres.
 const MOST_CENTRES: usize = 600;
 
-/// What the peers need, in the form they want it.
+/// The data of the peers, in their own types.
 pub(super) struct Peers {
     /// Planes x, y, z of the force on the box.
     planes: Option<[Vec<f32>; 3]>,
     side: usize,
     spacing_m: f32,
     low_m: f32,
-    /// Those of phi = r and phi = r^3.
+    /// The interpolants for phi = r and phi = r^3.
     scattered: Vec<(Method, Scatter, usize)>,
 }
 
@@ -35,7 +35,7 @@ impl Peers {
             for (method, exponent) in [(Method::RbfLinear, 1), (Method::RbfCubic, 3)] {
                 let solved = || (0..lattice.slots()).filter(|&slot| space.flags()[slot] & flags::SOLVED != 0);
                 let vector = |values: [f64; 3]| DVector::from_column_slice(&values);
-                // In cells, as ours: metres would make r^3 vanish beside its tolerance.
+                // In units of cells, as in the core: in metres r^3 would be small relative to its tolerance.
                 let centres: Vec<_> = solved().map(|slot| vector(lattice.ijk(slot).map(f64::from))).collect();
                 let values = solved().map(|slot| vector(force_n[slot].map(f64::from))).collect();
                 let bytes = centres.len() * 6 * size_of::<f64>();

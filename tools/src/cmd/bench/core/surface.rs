@@ -1,4 +1,5 @@
-//! The displacements of a surface, as large as a scene may ask for. The viewer has 33 ms for a frame.
+//! Time of the surface displacements, for the largest surface that a scene may request. The viewer has 33 ms
+//! per frame.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -13,7 +14,7 @@ use crate::failure::Failure;
 const VERTICES: usize = 2_000;
 const MODES: usize = 64;
 
-/// What one surface takes.
+/// Time of one surface.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub(super) struct SurfaceTime {
     pub vertices: usize,
@@ -22,7 +23,7 @@ pub(super) struct SurfaceTime {
     pub min_us: f64,
 }
 
-/// Times `rounds` surfaces at different displacements; every mode has slopes, the numbers mean nothing.
+/// Times `rounds` surfaces at different displacements. Every mode has slopes. The values are arbitrary.
 pub(super) fn measure(rounds: usize) -> Result<SurfaceTime, Failure> {
     let lattice = SpaceGrid::new(0.01, 0.05).map_err(Failure::work)?.lattice;
     let numbers = |count: usize| -> Vec<i16> { (0..count).map(|n| (n * 31_417 % 65_521) as i16).collect() };

@@ -1,4 +1,4 @@
-//! Tables of a made-up smooth energy, by the fits that make those of a real one.
+//! Tables of a synthetic smooth energy, made by the fits for real tables.
 
 use palpate_core::method::baseline::rbf::{LANES, RbfPlanes};
 use palpate_core::method::hermite::HermitePlanes;
@@ -13,10 +13,10 @@ use crate::failure::Failure;
 
 /// r_G, m.
 const RADIUS_M: f64 = 0.05;
-/// Beyond so many centres a dense fit takes minutes and gigabytes.
+/// With more centres than this a dense fit takes minutes and gigabytes.
 const MOST_FITTED: usize = 5_000;
 
-/// Everything a space points at.
+/// The data that a space refers to.
 #[derive(Clone)]
 pub(in crate::cmd::bench) struct Tables {
     grid: SpaceGrid,
@@ -24,7 +24,7 @@ pub(in crate::cmd::bench) struct Tables {
     linear: [Vec<Vec<f32>>; 2],
     cubic: [Vec<Vec<f64>>; 2],
     hermite: HermiteNodes,
-    /// Whether the RBF weights interpolate the field, and cancel as such weights do.
+    /// Whether the RBF weights interpolate the field, so that they cancel as real weights do.
     pub(super) fitted: bool,
 }
 
@@ -62,7 +62,7 @@ impl Tables {
         })
     }
 
-    /// As the tick sees them.
+    /// The view of the tables that the loop uses.
     pub(in crate::cmd::bench) fn space(&self) -> Space<'_> {
         let planes = SpacePlanes {
             flags: &self.values.flags,
@@ -77,8 +77,8 @@ impl Tables {
     }
 }
 
-/// W = a |d|^2 / 2 + sum of c_n (1 - cos k_n . d): a few newtons at the rim, no force at rest, every
-/// derivative known.
+/// W = a |d|^2 / 2 + sum of c_n (1 - cos k_n . d): some newtons at the rim, zero force at rest, all
+/// derivatives known.
 const STIFFNESS_N_M: f64 = 150.0;
 const WAVES: [([f64; 3], f64); 3] =
     [([40.0, 10.0, -15.0], 0.03), ([-5.0, 35.0, 20.0], 0.04), ([15.0, -20.0, 45.0], 0.025)];
@@ -117,7 +117,7 @@ fn sample(grid: &SpaceGrid, index: GridIndex) -> Sample {
     Sample { index, attempt: 0, jet, terminating: false, inverted: false }
 }
 
-/// Centres as they are, weights of no meaning.
+/// The real centres with arbitrary weights.
 fn unfitted(samples: &[Sample]) -> RbfFit {
     let plane = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(of).collect::<Vec<f64>>();
     RbfFit {

@@ -1,34 +1,33 @@
-//! Batches that take turns.
+//! Timing by interleaved batches.
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use palpate_core::{Method, Vec3};
 
-/// Positions, so many that a branch predictor cannot learn their order.
+/// Number of positions: too many for a branch predictor to learn their order.
 const QUERIES: usize = 1 << 16;
-/// A batch should take about this long: much longer than the clock's resolution, much shorter than a time
-/// slice.
+/// Approximate duration of a batch: much longer than the clock's resolution, much shorter than a time slice.
 const BATCH_NS: f64 = 40_000.0;
 
-/// Answers a batch of positions; the second form hands each answer to the next question.
+/// Evaluates a batch of positions. In the second form each query depends on the result of the one before.
 type Batch<'r> = Box<dyn FnMut(&[Vec3], &mut [Vec3]) + 'r>;
 
-/// Something to be timed.
+/// A function to be timed.
 pub(in crate::cmd::bench) struct Run<'r> {
-    /// What it is called; its last word names our method.
+    /// Its name; the last word is that of the project's method.
     pub(in crate::cmd::bench) name: String,
-    /// What it runs on.
+    /// Its instruction set.
     pub(in crate::cmd::bench) instructions: &'static str,
-    /// Our method that answers the same question.
+    /// The project's method with the same interpolant.
     pub(in crate::cmd::bench) compared: Method,
-    /// Bytes of the tables it reads.
+    /// Bytes of its tables.
     pub(in crate::cmd::bench) bytes: usize,
     batch: Batch<'r>,
     chain: Batch<'r>,
 }
 
-/// What it came to.
+/// The timing of a run.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::cmd::bench) struct Timing {
     pub(in crate::cmd::bench) median_ns: f64,
@@ -53,7 +52,7 @@ impl<'r> Run<'r> {
         let chain = move |queries: &[Vec3], answers: &mut [Vec3]| {
             let mut before = [0.0_f32; 3];
             for query in queries {
-                // Adds nothing, but only the processor finds that out, and late.
+                // The term rounds to zero, but the processor must wait for the previous result to compute it.
                 let [x, y, z] = *query;
                 let [hx, hy, hz] = before;
                 before = ask_in_turn(&[x + hx * 1e-30, y + hy * 1e-30, z + hz * 1e-30]);
@@ -65,7 +64,7 @@ impl<'r> Run<'r> {
         Self { name, instructions, compared, bytes, batch: Box::new(batch), chain: Box::new(chain) }
     }
 
-    /// One answer.
+    /// One query.
     pub(in crate::cmd::bench) fn ask(&mut self, query: &Vec3) -> Vec3 {
         let mut answer = [[0.0; 3]];
         (self.batch)(std::slice::from_ref(query), &mut answer);
@@ -73,7 +72,7 @@ impl<'r> Run<'r> {
     }
 }
 
-/// Uniform in the ball, fixed seed, none on the rim.
+/// Uniform positions in the ball with a fixed seed, none on the rim.
 pub(in crate::cmd::bench) fn queries(radius_m: f32) -> Vec<Vec3> {
     let mut seed = 7_u64;
     let mut next = || {
@@ -87,7 +86,7 @@ pub(in crate::cmd::bench) fn queries(radius_m: f32) -> Vec<Vec3> {
         .collect()
 }
 
-/// `rounds` batches of each, in turns.
+/// Runs `rounds` batches of each function, interleaved.
 pub(in crate::cmd::bench) fn take_turns(
     runs: &mut [Run<'_>],
     queries: &[Vec3],
@@ -108,7 +107,7 @@ pub(in crate::cmd::bench) fn take_turns(
         black_box(&answers);
         ns
     };
-    // How many queries make a batch, from the best of a few short ones.
+    // Number of queries per batch, from the best of a few short batches.
     let counts: Vec<usize> = runs
         .iter_mut()
         .map(|run| {

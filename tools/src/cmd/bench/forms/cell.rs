@@ -1,8 +1,8 @@
-//! The energy's table once more, one polynomial a cell: what the core would read if it kept cells instead of
-//! nodes. Measured, not packed.
+//! The energy's table as one polynomial per cell: the data that the core would read if it stored cells
+//! instead of nodes. It is measured, not packed.
 //!
-//! W(t) = sum_abc C_abc tx^a ty^b tz^c, a, b, c in 0..=5: 216 coefficients a cell, rows along c filled up to
-//! eight, 1,152 bytes. The very polynomial that the core makes of the eight nodes in its tick.
+//! W(t) = sum_abc C_abc tx^a ty^b tz^c, a, b, c in 0..=5: 216 coefficients per cell, rows along c padded to
+//! eight, 1,152 bytes. In the loop the core computes the same polynomial from the eight nodes.
 
 use palpate_core::grid::CORNERS;
 use palpate_core::lanes::{Baseline, Machine};
@@ -22,7 +22,7 @@ const QUINTIC: [[f64; 6]; 6] = [
     [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
 ];
 
-/// Every cell that the ball reaches into.
+/// Every cell that intersects the ball.
 pub(super) struct CellTable {
     lattice: BallLattice,
     /// The cell of a slot.
@@ -31,7 +31,7 @@ pub(super) struct CellTable {
 }
 
 impl CellTable {
-    /// Of the nodes of a space; `None` where it has none.
+    /// The cells from the nodes of a space; `None` if it has none.
     pub(super) fn of(space: &Space<'_>) -> Option<Self> {
         let (lattice, planes) = (*space.lattice(), space.planes().hermite?);
         let (mut row, mut cells) = (vec![0; lattice.slots()], vec![[[[0.0; 8]; 6]; 6]]);
@@ -67,7 +67,7 @@ impl CellTable {
         Some(Self { lattice, row, cells })
     }
 
-    /// Of both planes.
+    /// Bytes of both planes.
     pub(super) fn bytes(&self) -> usize {
         size_of_val(self.row.as_slice()) + size_of_val(self.cells.as_slice())
     }

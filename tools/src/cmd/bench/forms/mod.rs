@@ -1,5 +1,5 @@
-//! `palpate bench forms`: the forms in which a fitted energy can go into a blob, side by side: bytes,
-//! nanoseconds and error in one run.
+//! `palpate bench forms`: compares the storage forms of a fitted energy in one run: bytes, nanoseconds and
+//! error.
 
 mod cell;
 
@@ -42,7 +42,7 @@ pub(crate) struct Args {
     out: Out,
 }
 
-/// One form of one node on one set of instructions.
+/// One form for one node and one instruction set.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct FormRow {
     pub(crate) active: String,
@@ -50,20 +50,20 @@ pub(crate) struct FormRow {
     pub(crate) configurations: usize,
     pub(crate) form: &'static str,
     pub(crate) instructions: &'static str,
-    /// Of what it reads; flags and displacements, which all have, come on top.
+    /// Bytes of the data that it reads, without flags and displacements, which every form has.
     pub(crate) bytes: usize,
     pub(crate) median_ns: f64,
-    /// Where every query waits for the answer before it.
+    /// Median of dependent queries, each of which needs the result of the one before.
     pub(crate) waits_ns: Option<f64>,
-    /// Held-out positions away from folds, and the errors there.
+    /// Number of held-out positions away from branch jumps, and the errors there.
     pub(crate) positions: usize,
     pub(crate) mean_n: f64,
     pub(crate) p99_n: f64,
     pub(crate) max_n: f64,
-    /// From the fit in f64, at places within reach.
+    /// Difference from the fit in f64, at positions within reach.
     pub(crate) from_fit_p99_n: f64,
     pub(crate) from_fit_max_n: f64,
-    /// From itself in f64.
+    /// Difference from the same form in f64.
     pub(crate) rounding_n: f64,
 }
 
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     out.write(|| output::csv(&rows), &rows, || table(&rows, &pinned))
 }
 
-/// Every form of every node that has a fit.
+/// Measures every form of every node that has a fit.
 pub(crate) fn measure(store: &Store, wanted: Option<&str>, rounds: usize) -> Result<Vec<FormRow>, Failure> {
     let methods = &[Method::Energy, Method::Kernel];
     let file =
@@ -127,7 +127,7 @@ fn of_space(
         |at: &Vec3| cells.force_n(at),
     )];
     for (form, method) in [("node", Method::Energy), ("kernel", Method::Kernel)] {
-        // The cell table has no flags either.
+        // Without flags, as for the cell table.
         let bytes = match method {
             Method::Kernel => super::core::bytes(space, Method::Kernel),
             _ => super::core::bytes(space, Method::Hermite),
@@ -182,7 +182,7 @@ fn of_space(
     runs.iter_mut().zip(timings).map(row).collect()
 }
 
-/// So many of them that no order can be learnt, fixed seed.
+/// Positions repeated in random order, too many for a branch predictor to learn, with a fixed seed.
 fn shuffled(places: &[Vec3]) -> Vec<Vec3> {
     let mut seed = 7_u64;
     let next = || {
