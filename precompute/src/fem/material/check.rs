@@ -1,4 +1,4 @@
-//! A law against itself: each derivative against differences of the one before it.
+//! Consistency check of a law: each derivative against finite differences of the previous one.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -7,28 +7,31 @@ use crate::fem::kinematics::Kinematics;
 use crate::num::jet::THIRD_INDICES;
 use crate::num::tensor::Mat3;
 
-/// Worst relative errors that [`check`] found.
+/// Largest relative errors found by [`check`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LawCheck {
-    /// First Piola stress against differences of the energy, by the norm of the stress.
+    /// First Piola stress against differences of the energy, relative to the norm of the stress.
     pub stress: f64,
-    /// Elasticity against differences of the stress, by its largest entry.
+    /// Elasticity against differences of the stress, relative to its largest entry.
     pub elasticity: f64,
-    /// Asymmetry of the elasticity, by its largest entry.
+    /// Asymmetry of the elasticity, relative to its largest entry.
     pub symmetry: f64,
-    /// Third derivatives against differences of the elasticity, by the largest of them and of the shear modulus.
+    /// Third derivatives against differences of the elasticity, relative to the larger of the largest third
+    /// derivative and the shear modulus.
     pub third: f64,
     /// Energy and stress of [`Law::response`] against those of [`Law::stress`].
     pub agreement: f64,
-    /// Change of the energy and of F^-1 P by a rotation, by the shear modulus.
+    /// Change of the energy and of F^-1 P under a rotation, relative to the shear modulus.
     pub rotation: f64,
-    /// Energy and stress at rest, and the stiffness in simple shear less the shear modulus, by the shear modulus.
+    /// Energy and stress at rest, and the difference of the stiffness in simple shear from the shear modulus,
+    /// relative to the shear modulus.
     pub rest: f64,
 }
 
 impl LawCheck {
-    /// What is above its limit, one line each: empty for a sound law. The limits are 1e-7 for the stress and the
-    /// elasticity, 1e-6 for the third derivatives, 1e-11 for rotations, and 1e-12 for the rest.
+    /// The errors above their limits, one line each; empty for a consistent law. The limits are 1e-7 for the
+    /// stress and the elasticity, 1e-6 for the third derivatives, 1e-11 for rotations, and 1e-12 for the
+    /// others.
     pub fn faults(&self) -> Vec<String> {
         [
             ("the stress is not the derivative of the energy", self.stress, 1e-7),
@@ -48,10 +51,10 @@ impl LawCheck {
     }
 }
 
-/// Checks that a law is consistent: stress, elasticity and third derivatives are derivatives of the energy, the
-/// elasticity is symmetric, rotations do not matter, and the undeformed body is at rest with the shear modulus that the
-/// law says. The deformations are general ones of some 30 % strain, a small one, and one with J < 0, which is
-/// left out if the energy is not a number there.
+/// Checks that a law is consistent: stress, elasticity and third derivatives are derivatives of the energy,
+/// the elasticity is symmetric, and the law is objective. The undeformed body must be free of stress and have
+/// the stated shear modulus. The deformations are general ones of about 30 % strain, a small one, and one
+/// with J < 0. The last one is excluded if its energy is NaN.
 ///
 /// ```
 /// use palpate_precompute::fem::material::{MooneyRivlin, check};
@@ -76,7 +79,7 @@ pub fn check<L: Law>(law: &L) -> LawCheck {
     found
 }
 
-/// Displacement gradients: a general one, one that shortens most fibres, a small one, one inverted.
+/// Displacement gradients: a general one, one that shortens most fibres, a small one, one with inversion.
 fn gradients() -> [Matrix3<f64>; 4] {
     [
         Matrix3::new(0.2, -0.3, 0.1, 0.05, -0.2, 0.25, 0.3, 0.15, 0.1),
@@ -86,10 +89,10 @@ fn gradients() -> [Matrix3<f64>; 4] {
     ]
 }
 
-/// Step of the differences, of the displacement gradient.
+/// Finite-difference step of the displacement gradient.
 const STEP: f64 = 1e-6;
 
-/// Raises `worst` to `error`; what is not a number is infinitely wrong.
+/// Raises `worst` to `error`; NaN counts as infinite.
 fn raise(worst: &mut f64, error: f64) {
     *worst = worst.max(if error.is_nan() { f64::INFINITY } else { error });
 }
@@ -100,7 +103,7 @@ fn along(h: &Matrix3<f64>, component: usize, step: f64) -> Kinematics {
     Kinematics::of(&moved)
 }
 
-/// A as a 9 x 9 matrix, from its blocks along the axes; component (i, K) of a 3 x 3 tensor is number 3 K + i.
+/// A as a 9 x 9 matrix, from its blocks along the axes; component (i, K) of a 3 x 3 tensor has index 3 K + i.
 pub(super) fn matrix(tangent: &Tangent) -> [[f64; 9]; 9] {
     let axes = [0, 1, 2].map(|k| tangent.node(Vector3::ith(k, 1.0).into()));
     let mut full = [[0.0; 9]; 9];
@@ -153,7 +156,7 @@ fn check_third<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawChec
     let dq_pa = law.rest_pressure_pa().map_or([0.0; 3], |_| [0.04, -0.1, 0.06].map(|share| share * shear_pa));
     let gradients = directions.map(|direction| Mat3::from(&direction));
     let third = law.third_along(&Kinematics::of(h), q_pa, &gradients, &dq_pa);
-    // Second derivative along (F, q) in directions a and b, moved along direction l.
+    // Second derivative along (F, q) in directions a and b, at a state shifted along direction l.
     let second = |shift: f64, l: usize, a: usize, b: usize| -> f64 {
         let k = Kinematics::of(&(h + directions[l] * shift));
         let elasticity = matrix(&law.response(&k, q_pa + dq_pa[l] * shift).2);

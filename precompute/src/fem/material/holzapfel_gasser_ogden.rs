@@ -9,11 +9,15 @@ use crate::num::lanes::Real;
 
 /// W = C10 (I1 - 3) + k1/(2 k2) [ exp(k2 s(E)^2) - 1 ] with the multiplier (p0 + q)(1 - J),
 ///
-/// E = kappa (I1 - 3) + (1 - 3 kappa)(I4 - 1),   I4 = |F a|^2: the fibre strain, with dispersion kappa in 0 ..= 1/3.
+/// E = kappa (I1 - 3) + (1 - 3 kappa)(I4 - 1),   I4 = |F a|^2:
+///
+/// the fibre strain, with dispersion kappa in 0 ..= 1/3.
 ///
 /// S = dW/dgamma = 2 C10 I + 2 g'(E) [ kappa I + (1 - 3 kappa) a (x) a ] - (p0 + q) J C^-1
 ///
-/// dS/dgamma = 4 g''(E) M (x) M - (p0 + q) J (C^-1 (x) C^-1 - 2 C^-1 o C^-1),   M = kappa I + (1 - 3 kappa) a (x) a,
+/// dS/dgamma = 4 g''(E) M (x) M - (p0 + q) J (C^-1 (x) C^-1 - 2 C^-1 o C^-1),
+///
+/// M = kappa I + (1 - 3 kappa) a (x) a,
 ///
 /// where g(E) = k1/(2 k2) [ exp(k2 s^2) - 1 ]:
 ///
@@ -21,20 +25,22 @@ use crate::num::lanes::Real;
 ///
 /// g''' = k1 e [ (6 k2 s + 4 k2^2 s^3) s'^3 + 3 (1 + 2 k2 s^2) s' s'' + s s''' ],   e = exp(k2 s^2).
 ///
-/// Fibres do not bear compression. The usual switch, s = max(E, 0), leaves a jump in g''; here s is smooth: 0 below E = 0,
-/// E above E = w, and w t^4 (20 - 45 t + 36 t^2 - 10 t^3), t = E / w, between, which meets both ends with three
-/// derivatives. W is C3, so the third derivatives of the condensed energy are continuous.
+/// Fibres do not carry compression. The usual switch, s = max(E, 0), makes g'' discontinuous. Here s is
+/// smooth: s = 0 for E < 0, s = E for E > w, and s = w t^4 (20 - 45 t + 36 t^2 - 10 t^3) with t = E / w in
+/// between. Its first three derivatives are continuous at both ends. W is C3, so the third derivatives of the
+/// condensed energy are continuous.
 ///
-/// Source: Gasser, Ogden and Holzapfel 2006, Eqs. (3.2) and (4.3). Deviation: the smooth switch, and unreduced invariants.
+/// Source: Gasser, Ogden and Holzapfel 2006, Eqs. (3.2) and (4.3). Deviations: the smooth switch, and
+/// unreduced invariants.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct HolzapfelGasserOgden {
     /// Coefficient of I1 - 3 (the matrix), Pa.
     pub c10_pa: f64,
     /// Fibre stiffness, Pa.
     pub k1_pa: f64,
-    /// Fibre stiffening, dimensionless, above zero.
+    /// Fibre stiffening, dimensionless, positive.
     pub k2: f64,
-    /// Dispersion kappa: 0 all fibres parallel, 1/3 isotropic.
+    /// Dispersion kappa: 0 for parallel fibres, 1/3 for isotropy.
     pub dispersion: f64,
     /// Fibre direction in the undeformed body, a unit vector.
     pub fibre: [f64; 3],
@@ -44,7 +50,7 @@ pub struct HolzapfelGasserOgden {
 const SWITCH_WIDTH: f64 = 0.02;
 
 impl HolzapfelGasserOgden {
-    /// Slopes of E by I1 and I4.
+    /// Derivatives of E with respect to I1 and I4.
     #[inline(always)]
     fn strain_slopes(&self) -> [f64; 2] {
         [self.dispersion, 1.0 - 3.0 * self.dispersion]
@@ -83,7 +89,7 @@ impl Describe for HolzapfelGasserOgden {
         2.0 * self.c10_pa
     }
 
-    /// p0 = 2 C10: the fibres are slack at rest.
+    /// p0 = 2 C10: the fibres have no stress at rest.
     fn rest_pressure_pa(&self) -> Option<f64> {
         Some(2.0 * self.c10_pa)
     }

@@ -1,4 +1,5 @@
-//! Laws of invariants, W = f(I1, I2, J, I4): what they give, and the chain rule from the derivatives of f to those of W.
+//! Laws of invariants, W = f(I1, I2, J, I4): the trait for their derivatives, and the chain rule from the
+//! derivatives of f to those of W.
 
 use super::{Describe, Law, Tangent};
 use crate::fem::kinematics::{Kinematics, mixed_cofactor};
@@ -15,7 +16,7 @@ pub const J: usize = 2;
 /// Position of I4 = |F a|^2, a the fibre direction.
 pub const I4: usize = 3;
 
-/// Invariants of the deformation less their values at rest.
+/// Invariants of the deformation minus their values at rest.
 #[derive(Debug, Clone, Copy)]
 pub struct Invariants<R> {
     /// I1 - 3.
@@ -28,7 +29,7 @@ pub struct Invariants<R> {
     pub i4: R,
 }
 
-/// Value of f and its first and second derivatives by (I1, I2, J, I4), Pa.
+/// f and its first and second derivatives with respect to (I1, I2, J, I4), Pa.
 #[derive(Debug, Clone, Copy)]
 pub struct Derivatives<R> {
     /// f, J/m^3, zero at rest.
@@ -40,7 +41,7 @@ pub struct Derivatives<R> {
 }
 
 impl<R: Real> Derivatives<R> {
-    /// f alone; its derivatives are zero until they are filled in.
+    /// f with all derivatives zero.
     #[inline(always)]
     pub fn of_energy(energy: R) -> Self {
         let zero = energy.constant(0.0);
@@ -48,23 +49,24 @@ impl<R: Real> Derivatives<R> {
     }
 }
 
-/// Third derivatives of f by three positions, Pa; only the upper part m <= n <= o is read.
+/// Third derivatives of f by three positions, Pa. Only the entries with m <= n <= o are read.
 pub type Third<R> = [[[R; 4]; 4]; 4];
 
-/// No third derivatives; `like` is any number.
+/// Third derivatives that are all zero; `like` is any number.
 #[inline(always)]
 pub fn no_third<R: Real>(like: R) -> Third<R> {
     [[[like.constant(0.0); 4]; 4]; 4]
 }
 
-/// A law that is a function f of invariants: every such law is a [`Law`].
+/// A law that is a function f of invariants. Every such law is a [`Law`].
 ///
-/// f is zero at rest, and so is its stress: 2 f1 + 4 f2 + fJ = 0 and f4 = 0. A law with a pressure has the term
-/// -p0 (J - 1) in f, with p0 its [`Describe::rest_pressure_pa`]; the excess pressure comes from the solver. What is
-/// constantly zero is said in the constants, so that the compiler leaves out whatever would be multiplied by it.
+/// At rest f and its stress are zero: 2 f1 + 4 f2 + fJ = 0 and f4 = 0. A law with a pressure has the term
+/// -p0 (J - 1) in f, with p0 its [`Describe::rest_pressure_pa`]. The solver adds the excess pressure. The
+/// constants declare which terms are always zero, so that the compiler omits their products.
 /// `precompute/examples/own_law.rs` is such a law from outside this crate, and [`super::check`] tests one.
 pub trait OfInvariants: Describe {
-    /// Invariants in which f has second derivatives, by position; only those of [`Derivatives::second`] are read.
+    /// Invariants in which f has second derivatives, by position. Only these entries of
+    /// [`Derivatives::second`] are read.
     const CURVED: [bool; 4] = [false; 4];
     /// Whether f has third derivatives.
     const THIRD: bool = false;
@@ -89,7 +91,7 @@ pub trait OfInvariants: Describe {
     }
 }
 
-/// The fibre direction as wide as the numbers of `k`.
+/// The fibre direction as vectors of the same width as `k`.
 #[inline(always)]
 fn fibre<R: Real, L: OfInvariants>(law: &L, k: &Kinematics<R>) -> Vec3<R> {
     Vec3::constant(k.volume_change, law.fibre())
@@ -108,7 +110,7 @@ fn invariants<R: Real, L: OfInvariants>(law: &L, k: &Kinematics<R>) -> Invariant
     Invariants { i1: k.first_invariant, i2: k.second_invariant, j: k.volume_change, i4 }
 }
 
-/// P of the derivatives of f, with fJ less the excess pressure.
+/// First Piola stress from the derivatives of f; `f_j` is fJ minus the excess pressure.
 #[inline(always)]
 fn stress_of<R: Real, L: OfInvariants>(law: &L, k: &Kinematics<R>, [f1, f2, f_j, f4]: [R; 4]) -> Mat3<R> {
     let f = k.deformation_gradient;
@@ -165,7 +167,8 @@ impl<L: OfInvariants> Law for L {
 
     /// With `I[i]`, `I[ij]`, `I[ijk]` the derivatives of an invariant along the directions G_i,
     ///
-    /// `D3 W = sum_m f_m I_m[ijk] + sum_mn f_mn (I_m[ij] I_n[k] + 2 permutations) + sum_mno f_mno I_m[i] I_n[j] I_o[k]`,
+    /// `D3 W = sum_m f_m I_m[ijk] + sum_mn f_mn (I_m[ij] I_n[k] + 2 permutations)`
+    /// `+ sum_mno f_mno I_m[i] I_n[j] I_o[k]`,
     ///
     /// and the multiplier adds `- q J[ijk] - (q_i J[jk] + 2 permutations)`.
     #[inline(always)]
@@ -236,12 +239,12 @@ fn second_invariant_slope<R: Real>(k: &Kinematics<R>) -> Mat3<R> {
 
 /// Derivatives of the four invariants along three directions of F.
 struct InvariantsAlong<R> {
-    /// [direction][invariant].
+    /// By direction and invariant.
     linear: [[R; 4]; 3],
-    /// [pair of directions][invariant], pairs in the order 00 01 02 11 12 22.
+    /// By pair of directions and invariant; the pairs are in the order 00 01 02 11 12 22.
     squares: [[R; 4]; 6],
     directions: [Mat3<R>; 3],
-    /// Derivatives of cof F along one direction, and along two.
+    /// Derivatives of cof F along one direction; those along two directions follow.
     cofactor_slopes: [Mat3<R>; 3],
     cofactor_curvatures: [Mat3<R>; 6],
 }
@@ -311,7 +314,7 @@ impl<R: Real> InvariantsAlong<R> {
         &self.squares[pair(i, j)]
     }
 
-    /// Third derivatives; I1 and I4 are quadratic in F and have none.
+    /// Third derivatives. Those of I1 and I4 are zero, because these are quadratic in F.
     #[inline(always)]
     fn cubic<L: OfInvariants>(&self, i: usize, j: usize, l: usize) -> [R; 4] {
         let (slope, curvature) = (&self.cofactor_slopes, &self.cofactor_curvatures);

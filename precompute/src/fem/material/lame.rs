@@ -1,4 +1,4 @@
-//! Lame's constants, which four laws have.
+//! Lame's constants, the parameters of four laws.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ pub struct Lame {
 }
 
 impl Lame {
-    /// From Young's modulus E and Poisson's ratio nu:
+    /// Converts Young's modulus E and Poisson's ratio nu:
     /// lambda = E nu / ((1 + nu)(1 - 2 nu)),  mu = E / (2 (1 + nu)).
     pub fn from_young_poisson(young_pa: f64, poisson: f64) -> Self {
         Self {
@@ -28,7 +28,7 @@ impl Lame {
         vec![("lambda_pa", self.lambda_pa.into()), ("mu_pa", self.mu_pa.into())]
     }
 
-    /// From themselves, or from Young's modulus and Poisson's ratio.
+    /// Reads Lame's constants, or converts Young's modulus and Poisson's ratio.
     pub(super) fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
         if given.has("young_pa") || given.has("poisson") {
             given.only(&["young_pa", "poisson"])?;

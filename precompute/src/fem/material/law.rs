@@ -1,4 +1,4 @@
-//! What makes a law: its energy with the derivatives, and what describes it.
+//! The traits of a law: its energy with derivatives, and its description.
 
 use std::fmt::Debug;
 
@@ -10,14 +10,14 @@ use crate::num::tensor::Mat3;
 /// Value of a parameter of a law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Value {
-    /// A number, in the unit that the parameter's name ends with.
+    /// A number in the unit at the end of the parameter's name.
     Number(f64),
     /// A direction in the undeformed body.
     Vector([f64; 3]),
 }
 
 impl Value {
-    /// The numbers in it.
+    /// The numbers of the value.
     pub fn numbers(&self) -> &[f64] {
         match self {
             Self::Number(number) => std::slice::from_ref(number),
@@ -40,10 +40,11 @@ impl From<[f64; 3]> for Value {
 
 /// Parameters and moduli of a law.
 pub trait Describe: Debug + Send + Sync + 'static {
-    /// Every parameter by name, in a fixed order. Two laws of one kind are the same if these are.
+    /// Every parameter by name, in a fixed order. Two laws of one type are equal if these are equal.
     fn parameters(&self) -> Vec<(&'static str, Value)>;
 
-    /// Shear modulus at rest, Pa (of the matrix, where there are fibres): the scale of residuals and pressures.
+    /// Shear modulus at rest, Pa (of the matrix, for a law with fibres): the scale of residuals and
+    /// pressures.
     fn shear_modulus_pa(&self) -> f64;
 
     /// Pressure p0 at rest of an incompressible law, Pa; `None` if the law needs no pressure field.
@@ -52,13 +53,13 @@ pub trait Describe: Debug + Send + Sync + 'static {
     }
 }
 
-/// A hyperelastic law at a point, or at the points of several elements side by side ([`Real`]).
+/// A hyperelastic law at one point, or at the points of several elements in parallel ([`Real`]).
 ///
-/// W is the strain energy density; q is the excess of the pressure over the rest pressure, zero for a law without a
-/// pressure. A law of invariants gives its derivatives by [`super::invariants::OfInvariants`] and has this trait by them;
-/// [`super::check`] tests the implementation of either.
+/// W is the strain energy density. q is the excess of the pressure over the rest pressure, zero for a law
+/// without a pressure. A law of invariants implements [`super::invariants::OfInvariants`], which provides
+/// this trait. [`super::check`] tests the implementation of either.
 pub trait Law: Describe {
-    /// W + q (1 - J), J/m^3, and its derivative by F, the first Piola stress, Pa.
+    /// W + q (1 - J), J/m^3, and its derivative with respect to F, the first Piola stress, Pa.
     fn stress<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>);
 
     /// [`Law::stress`] with the elasticity dP/dF at fixed pressure.

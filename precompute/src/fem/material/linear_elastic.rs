@@ -16,8 +16,9 @@ use crate::num::tensor::Mat3;
 ///
 /// dsigma/deps = lambda I (x) I + 2 mu Is, constant; d3W = 0.
 ///
-/// At small strain the stress measures agree, so sigma stands for the first and the second Piola stress. The law is not
-/// objective: a rotation strains it. It is here to be compared with (paper, Fig. 5). Source: any textbook. Deviation: none.
+/// All stress measures agree at small strain, so sigma is both the first and the second Piola stress. The law
+/// is not objective: a rotation causes strain. It serves for comparisons (paper, Fig. 5). Source: any
+/// textbook. Deviation: none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LinearElastic {
     /// Lame's constants.

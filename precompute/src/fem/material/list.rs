@@ -1,7 +1,7 @@
-//! The list of laws: what follows from each line of it.
+//! The list of laws, and the code generated from each of its lines.
 
-/// Makes [`super::Material`], [`super::LAWS`] and all that depends on which laws there are, from lines
-/// `"name in scenes" => Type`. Each type has [`super::Law`] and [`super::parameters::BuiltIn`].
+/// Generates [`super::Material`], [`super::LAWS`] and all other code that depends on the list, from lines
+/// `"name in scenes" => Type`. Each type implements [`super::Law`] and [`super::parameters::BuiltIn`].
 macro_rules! laws {
     ($($(#[$doc:meta])* $name:literal => $law:ident),* $(,)?) => {
         $crate::fem::material::list::laws! { @with ($) $($(#[$doc])* $name => $law),* }
@@ -11,14 +11,14 @@ macro_rules! laws {
         #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
         pub enum Material {
             $($(#[$doc])* $law($law),)*
-            /// A law of one's own.
+            /// A user-defined law.
             Own(OwnLaw),
         }
 
-        /// Every law by its name in the scene file.
+        /// Names of all laws in the scene file.
         pub const LAWS: &[&str] = &[$($name),*];
 
-        /// Evaluates an expression with the law inside a [`Material`], once compiled for each law.
+        /// Evaluates an expression with the law inside a [`Material`]; compiled once for each law.
         macro_rules! with_law {
             ($d material:expr, $d law:ident => $d work:expr) => {
                 match $d material {
@@ -38,12 +38,12 @@ macro_rules! laws {
                 }
             }
 
-            /// Every law of [`LAWS`], in its order, with constants like those of a liver.
+            /// Every law of [`LAWS`], in the same order, with constants similar to those of a liver.
             pub fn livers() -> Vec<Self> {
                 vec![$(Self::$law(parameters::BuiltIn::liver())),*]
             }
 
-            /// The law of [`LAWS`] called `name` with these parameters, by the keys of the scene file.
+            /// The law of [`LAWS`] called `name`, with parameters named by the keys of the scene file.
             pub fn from_parameters(name: &str, given: &[(&str, Value)]) -> Result<Self, ParameterError> {
                 match name {
                     $($name => {
@@ -58,7 +58,7 @@ macro_rules! laws {
                 }
             }
 
-            /// What is odd about the parameters but can be solved.
+            /// Warnings about unusual but solvable parameters.
             pub(crate) fn warnings(&self) -> Vec<String> {
                 match self {
                     $(Self::$law(law) => parameters::BuiltIn::warnings(law),)*
@@ -66,7 +66,8 @@ macro_rules! laws {
                 }
             }
 
-            /// Moduli at small strain; `None` if there is no isotropic law with these moduli, or none is known.
+            /// Moduli at small strain. `None` if there is no isotropic law with these moduli, or if they are
+            /// not known.
             pub(crate) fn small_strain(&self, bulk_modulus_pa: Option<f64>) -> Option<SmallStrain> {
                 match self {
                     $(Self::$law(law) => parameters::BuiltIn::small_strain(law, bulk_modulus_pa),)*
@@ -82,7 +83,7 @@ macro_rules! laws {
                 }
             }
 
-            /// Every parameter that some law may be given, each once.
+            /// The parameters of all laws, without duplicates.
             pub(crate) fn keys() -> Vec<Key> {
                 let mut keys: Vec<Key> = Vec::new();
                 for key in [$(<$law as parameters::BuiltIn>::KEYS),*].concat() {

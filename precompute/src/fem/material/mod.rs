@@ -1,21 +1,23 @@
-//! Hyperelastic laws: strain energy density W, stress, material tangent, and the third derivative along given directions.
+//! Hyperelastic laws: strain energy density W, stress, material tangent, and the third derivative along given
+//! directions.
 //!
-//! Two traits make a law: [`Describe`], its parameters and moduli, and [`Law`], its derivatives; [`check`] tests them.
-//! [`Material::own`] takes a law from outside this crate. A law that scenes can name is one file with both and
-//! `BuiltIn`, how its parameters are given, and one line in the list [`LAWS`].
+//! A law implements two traits: [`Describe`] (its parameters and moduli) and [`Law`] (its derivatives).
+//! [`check`] tests them. [`Material::own`] accepts a law from outside this crate. A law for scene files is
+//! one file with both traits and `BuiltIn` (the input of its parameters), and one line in the list [`LAWS`].
 //!
-//! Every law of the list but the linear one is a function of invariants,
+//! Every law of the list except the linear one is a function of invariants,
 //!
 //! W = f(I1, I2, J, I4),   I1 = tr C,  I2 = cof F : cof F,  J = det F,  I4 = |F a|^2,
 //!
-//! and its file has f, its derivatives, the second Piola stress and the material tangent they make. [`invariants`]
-//! turns derivatives of f into those of W by the chain rule:
+//! Its file contains f, the derivatives of f, the second Piola stress and the material tangent.
+//! [`invariants`] converts derivatives of f to those of W by the chain rule:
 //!
 //! - second Piola stress S = dW/dgamma = 2 f1 I + 2 f2 (I1 I - C) + fJ J C^-1 + 2 f4 a (x) a,
 //! - material tangent dS/dgamma = sum_mn f_mn (dI_m/dgamma) (x) (dI_n/dgamma) + 4 f2 (I (x) I - Is)
 //!   + fJ J (C^-1 (x) C^-1 - 2 C^-1 o C^-1), Is the symmetric identity, o the symmetrised product;
 //!
-//! the assembly takes them in their F form, first Piola P = F S and elasticity A = dP/dF, which divide by nothing:
+//! The assembly uses them in terms of F, first Piola stress P = F S and elasticity A = dP/dF, without
+//! divisions:
 //!
 //! - P = 2 f1 F + 2 f2 (I1 F - F F^T F) + fJ cof F + 2 f4 (F a) (x) a
 //! - A = sum_mn f_mn (dI_m/dF) (x) (dI_n/dF) + f1 I1'' + f2 I2'' + fJ J'' + f4 I4''
@@ -23,8 +25,8 @@
 //! with I1'' = 2 d_ij d_KL,  I4'' = 2 d_ij a_K a_L,  J'' = e_ijm e_KLM F_mM  and
 //! I2'' = 4 F_iK F_jL + 2 I1 d_ij d_KL - 2 (d_ij C_KL + F_iL F_jK + (F F^T)_ij d_KL).
 //!
-//! An incompressible law carries the multiplier term (p0 + q)(1 - J): the rest pressure p0, which makes the undeformed
-//! state free of stress, is part of f; the excess q over it comes from [`crate::fem::pressure`].
+//! An incompressible law has the multiplier term (p0 + q)(1 - J). The rest pressure p0, which makes the
+//! undeformed state free of stress, is part of f. The excess pressure q comes from [`crate::fem::pressure`].
 
 mod check;
 mod holzapfel_gasser_ogden;
@@ -69,7 +71,7 @@ laws! {
     "linear" => LinearElastic,
     /// Geometrically nonlinear, linear material (paper, Eq. 6).
     "st-venant-kirchhoff" => StVenantKirchhoff,
-    /// The same with J = 1 by a multiplier (the paper's "modified St. Venant").
+    /// St. Venant-Kirchhoff with J = 1 by a multiplier (the paper's "modified St. Venant").
     "modified-st-venant-kirchhoff" => ModifiedStVenantKirchhoff,
     /// Incompressible, unreduced invariants (paper, Eq. 7 with its misprint corrected).
     "mooney-rivlin" => MooneyRivlin,
@@ -82,20 +84,20 @@ laws! {
 }
 
 impl Material {
-    /// A law of one's own: `name` stands in messages and tables.
+    /// A user-defined law; `name` is used in messages and tables.
     ///
-    /// Such a material is solved like any other by [`crate::fem::solve::Solver`]. It is code, so it can be neither
-    /// serialised nor kept: no `.space` file is made for a scene that holds one, and no scene file can name it.
+    /// [`crate::fem::solve::Solver`] solves such a material like any other. It is code and cannot be
+    /// serialised. So a scene with it has no `.space` file, and no scene file can name it.
     pub fn own(name: &'static str, law: impl Law) -> Self {
         Self::Own(OwnLaw::new(name, law))
     }
 
-    /// Every parameter of the law by name, in a fixed order: [`Material::from_parameters`] takes them.
+    /// Every parameter of the law by name, in a fixed order, as input of [`Material::from_parameters`].
     pub fn parameters(&self) -> Vec<(&'static str, Value)> {
         with_law!(self, law => law.parameters())
     }
 
-    /// The numbers of [`Material::parameters`]: what a hash of the model takes in.
+    /// The numbers of [`Material::parameters`], for the hash of the model.
     pub fn numbers(&self) -> Vec<f64> {
         self.parameters().iter().flat_map(|(_, value)| value.numbers().to_vec()).collect()
     }
@@ -105,18 +107,19 @@ impl Material {
         with_law!(self, law => law.rest_pressure_pa())
     }
 
-    /// Shear modulus at rest, Pa (of the matrix, where there are fibres): the scale of residuals and pressures.
+    /// Shear modulus at rest, Pa (of the matrix, for a law with fibres): the scale of residuals and
+    /// pressures.
     pub fn shear_modulus_pa(&self) -> f64 {
         with_law!(self, law => law.shear_modulus_pa())
     }
 
-    /// [`check`] of the law.
+    /// Result of [`check`] for the law.
     pub fn check(&self) -> LawCheck {
         with_law!(self, law => check(law))
     }
 }
 
-/// A law at one point, for callers that do not care about the last nanosecond.
+/// Evaluation at one point, for callers outside the assembly loops.
 impl Material {
     /// Energy density with the multiplier term of the excess pressure `q`, J/m^3, and first Piola stress, Pa.
     pub fn stress(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>) {
@@ -130,7 +133,8 @@ impl Material {
         (energy, stress.into(), tangent)
     }
 
-    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`crate::num::jet::THIRD_INDICES`], J/m^3.
+    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of
+    /// [`crate::num::jet::THIRD_INDICES`], J/m^3.
     pub fn third_along(
         &self,
         k: &Kinematics,

@@ -7,7 +7,7 @@ use super::parameters::{BuiltIn, Key, ParameterError, Parameters, SmallStrain};
 use super::{Describe, Lame, Value};
 use crate::num::lanes::Real;
 
-/// Poisson's ratio that stands for incompressible in a law without a pressure, as in the paper.
+/// Poisson's ratio of a nearly incompressible material, for laws without a pressure, as in the paper.
 pub(crate) const NEARLY_INCOMPRESSIBLE: f64 = 0.49;
 
 /// W = C10 (I1 - 3) + C01 (I2 - 3), with C = I + 2 gamma, so that
@@ -22,11 +22,11 @@ pub(crate) const NEARLY_INCOMPRESSIBLE: f64 = 0.49;
 ///
 /// In invariants: f = C10 i1 + C01 i2 - p0 j,   f1 = C10,   f2 = C01,   fJ = -p0.
 ///
-/// The law is meant with J = 1, kept by the multiplier (p0 + q)(1 - J). Without the rest pressure p0 = 2 C10 + 4 C01 the
-/// undeformed body would not be at rest.
+/// The law requires J = 1, imposed by the multiplier (p0 + q)(1 - J). The rest pressure p0 = 2 C10 + 4 C01
+/// makes the undeformed body free of stress.
 ///
-/// Deviation: the paper prints 2 C01 before the bracket of Eq. (7); the standard form above is what gives its
-/// own E = 6 (C10 + C01) = 15.48 kPa and what its tool, GetFEM, computes.
+/// Deviation: the paper prints 2 C01 before the bracket of Eq. (7). The standard form above gives the paper's
+/// own E = 6 (C10 + C01) = 15.48 kPa, and its tool, GetFEM, computes this form.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MooneyRivlin {
     /// Coefficient of I1 - 3, Pa.
@@ -85,7 +85,7 @@ impl BuiltIn for MooneyRivlin {
         negative.map(warning).collect()
     }
 
-    /// E = 3 mu and nu = 0.49 without a bulk modulus, as in the paper.
+    /// E = 3 mu, and nu = 0.49 without a bulk modulus, as in the paper.
     fn small_strain(&self, bulk_modulus_pa: Option<f64>) -> Option<SmallStrain> {
         let mu_pa = self.shear_modulus_pa();
         let lame = match bulk_modulus_pa {
@@ -128,9 +128,10 @@ impl OfInvariants for MooneyRivlin {
 ///
 /// f1JJ = 10/9 C10 J^-8/3,   f2JJ = 28/9 C01 J^-10/3,   fJJJ = -80/27 C10 I1 J^-11/3 - 280/27 C01 I2 J^-13/3.
 ///
-/// Equal to [`MooneyRivlin`] where J = 1 everywhere; since the constraint holds weakly, the two differ by a few per mille of
-/// the force on the paper's P1/P1 meshes. GetFEM 5 has this form built in. The rest pressure is zero. NaN for J <= 0, which
-/// Newton's line search steps back from. Source: Holzapfel 2000, section 6.5. Deviation: none.
+/// Equal to [`MooneyRivlin`] where J = 1 everywhere. The constraint holds weakly, so the forces of the two
+/// differ by a few per mille on the paper's P1/P1 meshes. GetFEM 5 has this form built in. The rest pressure
+/// is zero. For J <= 0 the energy is NaN, and Newton's line search shortens the step. Source: Holzapfel 2000,
+/// section 6.5. Deviation: none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ReducedMooneyRivlin {
     /// Coefficient of the reduced I1 - 3, Pa.
@@ -164,7 +165,7 @@ impl ReducedMooneyRivlin {
     }
 }
 
-/// As [`MooneyRivlin`].
+/// Same parameters and moduli as [`MooneyRivlin`].
 impl BuiltIn for ReducedMooneyRivlin {
     const KEYS: &'static [Key] = MooneyRivlin::KEYS;
     const WANTED: &'static str = MooneyRivlin::WANTED;
@@ -198,7 +199,7 @@ impl OfInvariants for ReducedMooneyRivlin {
     fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
         let Self { c10_pa, c01_pa } = *self;
         let (i1, i2, jacobian) = (at.i1 + 3.0, at.i2 + 3.0, at.j + 1.0);
-        // a - 1 without cancellation, so that the energy of a small strain keeps its digits.
+        // a - 1 without cancellation, so that the energy of a small strain keeps its precision.
         let less = at.j.map(|j| (-2.0 / 3.0 * j.ln_1p()).exp_m1());
         let a = less + 1.0;
         let (b, inverse) = (a * a, jacobian.recip());

@@ -15,10 +15,13 @@ use crate::num::lanes::Real;
 ///
 /// In invariants, with l = ln J:
 ///
-/// f1 = mu/2,   fJ = (lambda l - mu) / J,   fJJ = (mu + lambda - lambda l) / J^2,   fJJJ = (2 lambda l - 2 mu - 3 lambda) / J^3.
+/// f1 = mu/2,   fJ = (lambda l - mu) / J,   fJJ = (mu + lambda - lambda l) / J^2,
 ///
-/// W -> infinity as J -> 0: no element can collapse, and J <= 0 is NaN, which Newton's line search steps back from. Agrees
-/// with linear elasticity at small strain. Source: Bonet and Wood 2008, section 6.4.3. Deviation: none.
+/// fJJJ = (2 lambda l - 2 mu - 3 lambda) / J^3.
+///
+/// W -> infinity as J -> 0, so no element can collapse. For J <= 0 the energy is NaN, and Newton's line
+/// search shortens the step. The law agrees with linear elasticity at small strain. Source: Bonet and Wood
+/// 2008, section 6.4.3. Deviation: none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct NeoHookean {
     /// Lame's constants at rest.

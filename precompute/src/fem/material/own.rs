@@ -1,4 +1,4 @@
-//! A law from outside this crate, behind a table of functions.
+//! A law from outside this crate, behind dynamic dispatch.
 
 use std::sync::Arc;
 
@@ -11,17 +11,17 @@ use crate::fem::kinematics::Kinematics;
 use crate::num::lanes::{MAX_LANES, Real};
 use crate::num::tensor::Mat3;
 
-/// A law of one's own with its name: [`super::Material::own`] makes one.
+/// A user-defined law with its name, made by [`super::Material::own`].
 ///
-/// Every evaluation is a call for each element through a table of functions, where the built-in laws are compiled into
-/// the assembly. Two of them are equal if their names and parameters are.
+/// Every evaluation is one dynamic call per element, while the built-in laws are compiled into the assembly.
+/// Two such laws are equal if their names and parameters are equal.
 #[derive(Debug, Clone)]
 pub struct OwnLaw {
     name: &'static str,
     law: Arc<dyn ErasedLaw>,
 }
 
-/// [`Law`] of one f64, which a table of functions can hold.
+/// [`Law`] for a single f64, as a dyn-compatible trait.
 trait ErasedLaw: Describe {
     fn stress_at(&self, k: &Kinematics, q_pa: f64) -> (f64, Mat3<f64>);
     fn response_at(&self, k: &Kinematics, q_pa: f64) -> (f64, Mat3<f64>, Tangent);
@@ -72,7 +72,7 @@ impl Describe for OwnLaw {
     }
 }
 
-/// What `at` gives for each lane of an `R`.
+/// `at` evaluated for each lane of an `R`.
 #[inline(always)]
 fn each_lane<R: Real, T: Copy>(mut at: impl FnMut(usize) -> T) -> [T; MAX_LANES] {
     let mut all = [at(0); MAX_LANES];
@@ -117,7 +117,7 @@ impl Law for OwnLaw {
     }
 }
 
-/// Always an error: a law is code, and code is not data.
+/// Always fails: a law is code, which cannot be serialised.
 impl Serialize for OwnLaw {
     fn serialize<S: Serializer>(&self, _: S) -> Result<S::Ok, S::Error> {
         let name = self.name;
@@ -127,7 +127,7 @@ impl Serialize for OwnLaw {
     }
 }
 
-/// Always an error, as [`Serialize`] is.
+/// Always fails, as [`Serialize`] does.
 impl<'de> Deserialize<'de> for OwnLaw {
     fn deserialize<D: Deserializer<'de>>(_: D) -> Result<Self, D::Error> {
         Err(D::Error::custom("a law of one's own cannot be read; build the material where it is used"))

@@ -1,8 +1,9 @@
-//! What a law of the list needs beside its energy: how its parameters are given, and how it compares with other laws.
+//! The parts of a law of the list besides its energy: input of its parameters, and comparison with other
+//! laws.
 
 use super::{Lame, Law, Value};
 
-/// A parameter that a scene may give.
+/// A parameter of a law in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Key {
     /// A number.
@@ -18,14 +19,14 @@ impl Key {
     }
 }
 
-/// Why parameters make no law.
+/// Why parameters are invalid.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ParameterError {
-    /// The parameter at fault; `None` if it is the law itself.
+    /// The parameter at fault; `None` if the law itself is.
     pub key: Option<String>,
-    /// What is wrong.
+    /// The error.
     pub what: String,
-    /// What to do about it.
+    /// The remedy.
     pub fix: String,
 }
 
@@ -39,23 +40,23 @@ impl std::error::Error for ParameterError {}
 
 /// A law of the list [`super::LAWS`].
 pub(crate) trait BuiltIn: Law + Sized {
-    /// Parameters that the law may be given.
+    /// Parameters that the law accepts.
     const KEYS: &'static [Key];
-    /// Which of them to give, in words.
+    /// Description of the required parameters.
     const WANTED: &'static str;
 
-    /// The law with these parameters, as a scene or [`super::Describe::parameters`] gives them.
+    /// The law with these parameters, from a scene or from [`super::Describe::parameters`].
     fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError>;
 
-    /// The law with constants like those of a liver.
+    /// The law with constants similar to those of a liver.
     fn liver() -> Self;
 
-    /// What is odd about the parameters but can be solved.
+    /// Warnings about unusual but solvable parameters.
     fn warnings(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// Moduli at small strain, with the bulk modulus where a law with a pressure is given one; `None` if there is no
+    /// Moduli at small strain, with the bulk modulus if a law with a pressure has one. `None` if there is no
     /// isotropic law with these moduli.
     fn small_strain(&self, _bulk_modulus_pa: Option<f64>) -> Option<SmallStrain> {
         None
@@ -67,21 +68,21 @@ pub(crate) trait BuiltIn: Law + Sized {
     }
 }
 
-/// An isotropic law at small strain.
+/// Moduli of an isotropic law at small strain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SmallStrain {
     /// Lame's constants.
     pub(crate) lame: Lame,
-    /// C10 and C01 of a law of Mooney and Rivlin, Pa.
+    /// C10 and C01 of a Mooney-Rivlin law, Pa.
     pub(crate) mooney_rivlin_pa: [f64; 2],
 }
 
-/// A law of Lame's two constants.
+/// A law with Lame's constants as its only parameters.
 pub(crate) trait OfLame: Law + Sized {
     fn lame(&self) -> Lame;
     fn with_lame(lame: Lame) -> Self;
 
-    /// Constants like those of a liver.
+    /// Constants similar to those of a liver.
     fn liver_lame() -> Lame {
         Lame::from_young_poisson(15480.0, 0.45)
     }
@@ -119,7 +120,7 @@ pub(crate) struct Parameters<'a> {
 }
 
 impl<'a> Parameters<'a> {
-    /// Those for the law `L` of this name.
+    /// The parameters `given` for the law `L` of this name.
     pub(crate) fn of<L: BuiltIn>(law: &'a str, given: &'a [(&'a str, Value)]) -> Self {
         Self { law, wanted: L::WANTED, given }
     }
@@ -129,7 +130,7 @@ impl<'a> Parameters<'a> {
         self.given.iter().any(|(given, _)| *given == key)
     }
 
-    /// Refuses keys of other laws.
+    /// Refuses all keys except these.
     pub(crate) fn only(&self, keys: &[&str]) -> Result<(), ParameterError> {
         let Some((key, _)) = self.given.iter().find(|(given, _)| !keys.contains(given)) else {
             return Ok(());
@@ -141,7 +142,7 @@ impl<'a> Parameters<'a> {
         })
     }
 
-    /// Numbers that must be given and finite.
+    /// Numbers that are required and must be finite.
     pub(crate) fn numbers<const N: usize>(&self, keys: [&str; N]) -> Result<[f64; N], ParameterError> {
         let mut numbers = [0.0; N];
         for (number, key) in numbers.iter_mut().zip(keys) {
@@ -150,7 +151,7 @@ impl<'a> Parameters<'a> {
         Ok(numbers)
     }
 
-    /// A number that must be finite if it is given.
+    /// An optional number, which must be finite.
     pub(crate) fn number(&self, key: &str) -> Result<Option<f64>, ParameterError> {
         match self.value(key) {
             None => Ok(None),
@@ -165,7 +166,7 @@ impl<'a> Parameters<'a> {
         }
     }
 
-    /// The unit vector along a direction that must be given; `example` is a value.
+    /// The unit vector along a required direction; `example` is a value for the message.
     pub(crate) fn direction(&self, key: &str, example: &str) -> Result<[f64; 3], ParameterError> {
         let fix = format!("give the {key} direction, for example `{key} = {example}`");
         let value = self.value(key).ok_or_else(|| self.lacks(key, fix))?;
@@ -181,7 +182,7 @@ impl<'a> Parameters<'a> {
         })
     }
 
-    /// A number is not one that the law can have.
+    /// Error for a number that is out of range for the law.
     pub(crate) fn wrong(&self, key: &str, number: f64, rule: &str, fix: &str) -> ParameterError {
         ParameterError { key: Some(key.into()), what: format!("`{key}` = {number} {rule}"), fix: fix.into() }
     }

@@ -1,4 +1,4 @@
-//! St. Venant-Kirchhoff: linear elasticity carried to large rotations (paper, Eq. 6).
+//! St. Venant-Kirchhoff: linear elasticity extended to large rotations (paper, Eq. 6).
 
 use serde::{Deserialize, Serialize};
 
@@ -15,10 +15,12 @@ use crate::num::lanes::Real;
 ///
 /// In invariants, with i1 = I1 - 3 = 2 tr gamma, i2 = I2 - 3 and gamma:gamma = i1^2/4 + i1 - i2/2:
 ///
-/// f = lambda/8 i1^2 + mu (i1^2/4 + i1 - i2/2),   f1 = (lambda/4 + mu/2) i1 + mu,   f2 = -mu/2,   f11 = lambda/4 + mu/2.
+/// f = lambda/8 i1^2 + mu (i1^2/4 + i1 - i2/2),
 ///
-/// It has no barrier at J -> 0: a compressed element can collapse, which is why half of the paper's loading paths
-/// end early with this law. Source: Peterlik 2010, section 2.1. Deviation: none.
+/// f1 = (lambda/4 + mu/2) i1 + mu,   f2 = -mu/2,   f11 = lambda/4 + mu/2.
+///
+/// It has no barrier at J -> 0: a compressed element can collapse. Therefore half of the paper's loading
+/// paths end early with this law. Source: Peterlik 2010, section 2.1. Deviation: none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct StVenantKirchhoff {
     /// Lame's constants.
@@ -26,7 +28,7 @@ pub struct StVenantKirchhoff {
 }
 
 impl StVenantKirchhoff {
-    /// From Young's modulus and Poisson's ratio.
+    /// Converts Young's modulus and Poisson's ratio.
     pub fn from_young_poisson(young_pa: f64, poisson: f64) -> Self {
         Self { lame: Lame::from_young_poisson(young_pa, poisson) }
     }
@@ -72,8 +74,8 @@ impl OfInvariants for StVenantKirchhoff {
     }
 }
 
-/// [`StVenantKirchhoff`] with J = 1: the multiplier q (1 - J) is added, lambda is kept, and the rest pressure is zero. The
-/// paper's "modified St. Venant". Source: Peterlik 2010, section 2.1. Deviation: none.
+/// [`StVenantKirchhoff`] with J = 1: it adds the multiplier q (1 - J) and keeps lambda; the rest pressure is
+/// zero. The paper's "modified St. Venant". Source: Peterlik 2010, section 2.1. Deviation: none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ModifiedStVenantKirchhoff {
     /// Lame's constants.

@@ -1,11 +1,11 @@
-//! The elasticity A = dP/dF in the form the assembly takes it.
+//! The elasticity A = dP/dF in the form that the assembly uses.
 
 use crate::num::lanes::Real;
 use crate::num::tensor::{Mat3, Vec3};
 
-/// The elasticity A = dP/dF, kept as the few numbers from which a block g_a . A . g_b is made.
+/// The elasticity A = dP/dF, stored as the few numbers that define a block g_a . A . g_b.
 ///
-/// With x_a = F g_a and m = F (g_a x g_b), term by term of the A of [`super`]:
+/// With x_a = F g_a and m = F (g_a x g_b), in the order of the terms of A in [`super`]:
 ///
 /// g_a . A . g_b = forward x_a x_b^T + crosswise x_b x_a^T + left (g_a . g_b) + determinant e_ijk m_k
 ///   + [ isotropic (g_a . g_b) + stretch (x_a . x_b) + along_fibre (a . g_a)(a . g_b) ] I
@@ -14,7 +14,7 @@ use crate::num::tensor::{Mat3, Vec3};
 /// Every law of [`super::invariants`] has an elasticity of this form.
 #[derive(Debug, Clone, Copy)]
 pub struct Tangent<R = f64> {
-    /// F of x_a = F g_a and m; the identity for a law of small strain.
+    /// F in x_a = F g_a and m; the identity for a law of small strain.
     pub map: Mat3<R>,
     /// Factor of x_a x_b^T, Pa.
     pub forward: R,
@@ -26,7 +26,7 @@ pub struct Tangent<R = f64> {
     pub stretch: R,
     /// Factor of (g_a . g_b) I, Pa.
     pub isotropic: R,
-    /// Factor of e_ijk m_k, Pa: the slope of W by J.
+    /// Factor of e_ijk m_k, Pa: the derivative of W with respect to J.
     pub determinant: R,
     /// Fibre direction a.
     pub fibre: Vec3<R>,
@@ -36,11 +36,11 @@ pub struct Tangent<R = f64> {
     pub second: [[R; 4]; 4],
     /// I_m' = dI_m/dF.
     pub slopes: [Mat3<R>; 4],
-    /// Rows of `second` that are not zero; the others are not read. The same for every deformation.
+    /// Nonzero rows of `second`; the others are not read. The same for every deformation.
     pub rows: [bool; 4],
 }
 
-/// What a [`Tangent`] needs of one shape function.
+/// The data of one shape function for the blocks of a [`Tangent`].
 #[derive(Debug, Clone, Copy)]
 pub struct TangentNode<R = f64> {
     gradient: Vec3<R>,
@@ -52,7 +52,7 @@ pub struct TangentNode<R = f64> {
 }
 
 impl<R: Real> Tangent<R> {
-    /// No elasticity, with F the identity; `like` is any number.
+    /// Zero elasticity, with F the identity; `like` is any number.
     #[inline(always)]
     pub fn zero(like: R) -> Self {
         let zero = like.constant(0.0);
@@ -72,7 +72,7 @@ impl<R: Real> Tangent<R> {
         }
     }
 
-    /// The elasticity that `value` gives for each lane; `like` is any number.
+    /// The elasticity with the lanes `value(lane)`; `like` is any number.
     pub(super) fn from_lanes<'t>(like: R, value: impl Fn(usize) -> &'t Tangent) -> Self {
         let number = |of: &dyn Fn(&Tangent) -> f64| like.from_lanes(|lane| of(value(lane)));
         Self {
@@ -117,8 +117,8 @@ impl<R: Real> Tangent<R> {
         node
     }
 
-    /// Blocks (k, l), l <= k, of four gradients. Written out: with indices known at compile time the nodes, a kilobyte each,
-    /// need not be copied to where a loop could index them (a tenth of the time).
+    /// Blocks (k, l), l <= k, of four gradients. The loop is unrolled by hand. With indices known at compile
+    /// time the nodes (1 kB each) are not copied to an indexable array, which saves a tenth of the time.
     #[inline(always)]
     pub(crate) fn blocks(&self, gradients: &[Vec3<R>; 4], mut put: impl FnMut(usize, usize, [R; 9])) {
         let [a, b, c, d] = *gradients;

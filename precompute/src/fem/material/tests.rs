@@ -27,7 +27,8 @@ fn every_law_is_the_derivatives_of_one_energy() {
         let faults = if objective { found } else { LawCheck { rotation: 0.0, ..found } }.faults();
         assert_eq!(faults, [""; 0], "{law:?}");
         assert!(objective || found.rotation > 1e-3, "a rotation strains the linear law: {found:?}");
-        // The switch of the fibres is narrow: its fourth derivative, which the difference sees, is large.
+        // The smooth switch of the fibres is narrow. The difference has an error proportional to its fourth
+        // derivative, which is large.
         assert!(found.third < 1e-7 || law.name() == "holzapfel-gasser-ogden", "{law:?}: {found:?}");
         println!("{}: {found:?}", law.name());
     }
