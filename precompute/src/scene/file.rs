@@ -1,4 +1,4 @@
-//! The scene file as it is written: its tables and keys, each value with its place in the text.
+//! The scene file as written: its tables and keys, each value with its place in the text.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -60,15 +60,15 @@ pub(super) struct BoxTable {
 #[derive(Debug, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ActiveTable {
-    /// A group's own name does where none is given.
+    /// Default: the name of the group.
     pub(super) name: Option<Spanned<String>>,
     pub(super) node: Option<Spanned<i64>>,
-    /// In metres, whatever the mesh file's unit.
+    /// In metres, for any unit of the mesh file.
     pub(super) nearest: Option<Spanned<[f64; 3]>>,
     pub(super) group: Option<Spanned<String>>,
     /// Nodes that move with the node as a rigid body.
     pub(super) patch: Option<Spanned<Vec<Spanned<i64>>>>,
-    /// The same for every surface node this near.
+    /// Distance within which all surface nodes belong to the patch.
     pub(super) patch_radius_m: Option<Spanned<f64>>,
 }
 
@@ -79,18 +79,18 @@ pub(super) struct GridTable {
     pub(super) spacing_m: Option<Spanned<f64>>,
     pub(super) points: Option<Spanned<i64>>,
     pub(super) complete_cells: Option<bool>,
-    /// Equal parts of every transition, whose states are kept.
+    /// Number of equal parts of every transition, whose intermediate states are stored.
     pub(super) increments: Option<Spanned<i64>>,
     pub(super) tolerance_n: Option<Spanned<f64>>,
     pub(super) tolerance_relative: Option<Spanned<f64>>,
     pub(super) cannot_be_felt: Option<Spanned<bool>>,
-    /// Corners of the box that the tool stays in, in the model's frame.
+    /// Corners of the box that bounds the tool's positions, in the model's frame.
     pub(super) workspace_min_m: Option<Spanned<[f64; 3]>>,
     pub(super) workspace_max_m: Option<Spanned<[f64; 3]>>,
 }
 
 impl GridTable {
-    /// The first key that asks for sampling driven by the error.
+    /// The first key that requests adaptive sampling.
     pub(super) fn error_driven(&self) -> Option<(Range<usize>, &'static str)> {
         let keys = [
             self.tolerance_n.as_ref().map(|v| (v.span(), "tolerance_n")),
@@ -105,7 +105,7 @@ impl GridTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct DeviceTable {
     pub(super) max_force_n: Option<Spanned<f64>>,
-    /// Name of a bundled device profile, or a file of one.
+    /// Name of a bundled device profile, or path of a profile file.
     pub(super) profile: Option<Spanned<String>>,
 }
 
@@ -114,7 +114,7 @@ pub(super) struct DeviceTable {
 pub(super) struct BodyForceTable {
     /// Per undeformed volume.
     pub(super) force_n_per_m3: Option<Spanned<[f64; 3]>>,
-    /// Or as weight: density times gravity.
+    /// Alternatively as weight: density times gravity.
     pub(super) density_kg_m3: Option<Spanned<f64>>,
     pub(super) gravity_m_s2: Option<Spanned<[f64; 3]>>,
 }
@@ -135,7 +135,7 @@ pub(super) struct NeedsTable {
     pub(super) visual: bool,
     /// any | push
     pub(super) contact: Option<Spanned<String>>,
-    /// How far packed displacements may be from the solver's, over the surface and at any node of it.
+    /// Error bounds of packed displacements: RMS over the surface, and maximum over its nodes.
     pub(super) displacement_rms_mm: Option<Spanned<f64>>,
     pub(super) displacement_max_mm: Option<Spanned<f64>>,
 }
@@ -146,16 +146,16 @@ impl Default for NeedsTable {
     }
 }
 
-/// `[material]` or `[[material]]`: one table or several of them.
+/// `[material]` or `[[material]]`: one table or several.
 ///
-/// Written by hand because serde's untagged enums buffer the value, which loses the places of the keys.
+/// Implemented by hand because serde's untagged enums buffer the value, which loses the places of the keys.
 #[derive(Debug)]
 pub(super) enum OneOrMany<T> {
     One(T),
     Many(Vec<Spanned<T>>),
 }
 
-/// A table and where it stands.
+/// A table with its place in the text.
 pub(super) struct Located<'a, T> {
     pub(super) span: Range<usize>,
     pub(super) table: &'a T,
@@ -199,7 +199,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
     }
 }
 
-/// The scene's path and text: what turns a span of bytes into a file and a line.
+/// Path and text of the scene; converts a byte range to a file and a line.
 #[derive(Debug)]
 pub(super) struct Place {
     pub(super) path: PathBuf,
@@ -207,7 +207,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// An error at a span of the text.
+    /// An error at a byte range of the text.
     pub(super) fn error(
         &self,
         span: Range<usize>,
@@ -221,19 +221,20 @@ impl Place {
         1 + self.text.as_bytes().iter().take(offset).filter(|&&b| b == b'\n').count()
     }
 
-    /// A path of the scene file, relative to where the scene is.
+    /// Resolves a path in the scene file relative to the folder of the scene.
     pub(super) fn relative(&self, file: &str) -> PathBuf {
         self.path.parent().map_or_else(|| PathBuf::from(file), |folder| folder.join(file))
     }
 
-    /// The file's tables.
+    /// Parses the tables of the file.
     pub(super) fn parse(&self) -> Result<SceneFile, InputError> {
         toml::from_str(&self.text).map_err(|error| self.explain(&error))
     }
 
-    /// The scene with sorted keys and without comments and layout, and with the force limit in the place of a device profile.
+    /// The scene with sorted keys, without comments and layout, and with the force limit instead of a device
+    /// profile.
     ///
-    /// A store keeps this text: it must say the same when the profile is another one, or not there.
+    /// A store keeps this text. Its meaning must not depend on the profile, which can change or be missing.
     pub(super) fn canonical(&self, max_force_n: f64) -> String {
         let mut table: toml::Table = self.text.parse().expect("the text was parsed before");
         let device = table.get_mut("device").and_then(toml::Value::as_table_mut);
@@ -243,7 +244,7 @@ impl Place {
         toml::to_string(&table).expect("a table that was parsed can be written")
     }
 
-    /// The parser's error in the words of this project.
+    /// The parser's error in this project's terms.
     pub(super) fn explain(&self, error: &toml::de::Error) -> InputError {
         let message = error.message();
         let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();

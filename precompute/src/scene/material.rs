@@ -1,4 +1,4 @@
-//! A `[material]` table, and the law that it makes.
+//! A `[material]` table and its law.
 
 use std::fmt;
 use std::sync::LazyLock;
@@ -10,18 +10,18 @@ use super::file::{Located, Place};
 use crate::error::{InputError, nearest_word};
 use crate::fem::material::{Key, LAWS, Material, Value};
 
-/// A `[material]` table. Which parameters there are follows from the list of laws.
+/// A `[material]` table. The list of laws defines its parameters.
 #[derive(Debug)]
 pub(super) struct MaterialTable {
     pub(super) law: Spanned<String>,
     pub(super) group: Option<Spanned<String>>,
-    /// Of a law with a pressure: nearly incompressible instead of exactly.
+    /// Bulk modulus of a law with a pressure: nearly incompressible instead of exactly incompressible.
     pub(super) bulk_pa: Option<Spanned<f64>>,
     /// Parameters of the law, in the order of the file.
     pub(super) parameters: Vec<(&'static str, Spanned<Value>)>,
 }
 
-/// The keys of the table that are of no law, and then those of the laws.
+/// The keys of the table that do not belong to a law.
 const OWN_KEYS: [&str; 3] = ["law", "group", "bulk_pa"];
 static LAW_KEYS: LazyLock<Vec<Key>> = LazyLock::new(Material::keys);
 static ALL_KEYS: LazyLock<Vec<&str>> =
@@ -53,8 +53,8 @@ impl<'de> Deserialize<'de> for TableKey {
     }
 }
 
-/// Written by hand because the keys are those of the list of laws, and because serde's `flatten` buffers values, which
-/// loses their places in the text.
+/// Implemented by hand because the keys are those of the list of laws, and because serde's `flatten` buffers
+/// values, which loses their places in the text.
 impl<'de> Deserialize<'de> for MaterialTable {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Table;
@@ -93,7 +93,8 @@ fn placed<T: Into<Value>>(value: Spanned<T>) -> Spanned<Value> {
     Spanned::new(span, value.into_inner().into())
 }
 
-/// The law of a table and its bulk modulus; odd but solvable parameters are added to `warnings`.
+/// The law of a table and its bulk modulus; adds warnings about unusual but solvable parameters to
+/// `warnings`.
 pub(super) fn law(
     place: &Place,
     material: &Located<'_, MaterialTable>,
@@ -118,7 +119,7 @@ pub(super) fn law(
     Ok((material, bulk_modulus_pa))
 }
 
-/// The bulk modulus, which only a law with a pressure can have.
+/// The bulk modulus; only laws with a pressure accept it.
 fn bulk(place: &Place, law: &Material, value: &Spanned<f64>) -> Result<f64, InputError> {
     if law.rest_pressure_pa().is_none() {
         let what = format!("`bulk_pa` does not belong to the law \"{}\", which has no pressure", law.name());
