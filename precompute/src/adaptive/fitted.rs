@@ -64,7 +64,8 @@ impl AdaptiveFit {
         WithinReach { fit: self.fit.clone(), limit_n: REACH_MARGIN * max_force_n, push, workspace_m }
     }
 
-    /// How far the largest force moves the node in its softest direction, by its stiffness at rest, m; infinite where it is unstable.
+    /// Displacement of the node by the largest force in its softest direction, from the stiffness at rest, m;
+    /// infinite if the stiffness is not positive definite.
     pub fn softest_reach_m(&self) -> f64 {
         softest_reach_m(&self.wanted, &self.jets)
     }

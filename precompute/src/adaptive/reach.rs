@@ -73,7 +73,8 @@ impl Known<'_> {
         if within(1.0, way_m) {
             return way_m;
         }
-        // On a stiff node the reach is a small share of the radius: the search goes on in the first part of the ray.
+        // On a stiff node the reach is a small share of the radius. The search continues in the first part of
+        // the ray.
         while way_m > UNIT_M {
             let (mut low, mut high) = (0.0, 1.0);
             for _ in 0..HALVINGS {
@@ -123,8 +124,8 @@ mod tests {
     use crate::fit::made_up::jet;
     use crate::spec::Tolerance;
 
-    /// A fit of a short length knows nothing beyond it and answers like the body at rest: without the Taylor series of what is known it
-    /// would send the tool far beyond the limit.
+    /// A fit with a short kernel length approaches the model at rest far from its data. Without the Taylor
+    /// series of the configurations it would choose positions far beyond the limit.
     #[test]
     fn a_fit_that_knows_nothing_there_does_not_lead_astray() {
         let wanted = Wanted {

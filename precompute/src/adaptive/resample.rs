@@ -36,9 +36,13 @@ pub struct Resampled {
     pub added: f64,
 }
 
-/// The coarsest lattice whose table adds no more than a tenth of the tolerance to the fit's error. Where none does, because the fit itself is
-/// ragged, the coarsest that finer ones are no better than. A search without configurations, or with none but close
-/// ones to rest, has the smallest ball; an error where not even that is a lattice of the core.
+/// The coarsest lattice whose table adds at most a tenth of the tolerance to the fit's error. If no lattice
+/// does because the fit itself is not smooth, the coarsest lattice that finer ones do not improve. A search
+/// without configurations, or with all of them close to rest, has the smallest ball.
+///
+/// # Errors
+///
+/// If the smallest ball is not a valid lattice of the core.
 pub fn resample(search: &AdaptiveFit) -> Result<Resampled, LatticeError> {
     let farthest = search.jets.iter().map(|jet| norm(jet.control_m)).fold(0.0, f64::max);
     let [smallest, largest] = RADII_M;

@@ -111,7 +111,8 @@ pub enum Verdict {
     Stalled,
     /// The maximum number of configurations is reached, and the stopping criterion is not met.
     NotReached,
-    /// The largest force does not move the node by the smallest radius of a space, even in its softest direction: nothing is solved.
+    /// The largest force moves the node by less than the smallest radius of a space, even in its softest
+    /// direction. Nothing is solved.
     TooStiff,
 }
 
@@ -185,10 +186,11 @@ impl Search {
         let stiffness = rest.stiffness_n_m;
         let eigen = stiffness.symmetric_eigen();
         let mean = (stiffness.trace() / 3.0).max(f64::MIN_POSITIVE);
-        // Stiff directions count more: the fourth root of the stiffness, as measured best.
+        // Stiff directions have a larger weight. The fourth root of the stiffness gave the best results in
+        // measurements.
         let roots = eigen.eigenvalues.map(|k| (k.max(1e-2 * mean) / mean).sqrt().sqrt());
         let metric = eigen.eigenvectors * Matrix3::from_diagonal(&roots) * eigen.eigenvectors.transpose();
-        // How far a linear body would let the device get, on the average.
+        // Mean distance that a linear body would allow the device to reach.
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m).max(UNIT_M);
         let fits = LENGTHS
             .iter()
@@ -361,7 +363,9 @@ impl Search {
 
     /// Adds the results of the whole batch, in the order of its targets.
     ///
-    /// # Panics If the number of results differs from the number of targets.
+    /// # Panics
+    ///
+    /// If the number of results differs from the number of targets.
     pub fn take(&mut self, found: &[Found]) {
         let batch = std::mem::take(&mut self.out);
         assert_eq!(batch.len(), found.len(), "one outcome for each target");
@@ -397,7 +401,7 @@ impl Search {
             self.fits.retain(|_| grown.next().unwrap_or(false));
             self.jets.extend(learned);
         } else {
-            // No length of the kernel tells them apart: the fits stay as they are.
+            // No kernel length makes the matrix regular, so the fits do not change.
             self.others.extend(learned.iter().map(|jet| jet.control_m));
         }
         for candidate in &mut self.fits {
