@@ -1,4 +1,4 @@
-//! One configuration of one's own mesh: mesh -> body -> problem -> solve -> energy, force, stiffness.
+//! One configuration of a user's mesh: mesh -> body -> problem -> solve -> energy, force, stiffness.
 //!
 //! cargo run --release -p palpate-precompute --example configuration
 
@@ -11,8 +11,8 @@ use palpate_precompute::fem::solve::{Problem, Solver};
 use palpate_precompute::mesh::TetMesh;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // Nodes in metres and four node indices for each tet; `mesh::read` reads Gmsh, VTK and TetGen files. This beam
-    // measures 80 x 20 x 20 mm and has 64 cubes of six tets.
+    // Nodes in metres and four node indices for each tetrahedron. `mesh::read` reads Gmsh, VTK and TetGen
+    // files. This beam measures 80 x 20 x 20 mm and has 64 cubes of six tetrahedra.
     let mesh = TetMesh::cuboid([16, 2, 2], 0.005);
     let at_x =
         |x_m: f64| (0..).zip(&mesh.nodes_m).filter(move |(_, p)| (p[0] - x_m).abs() < 1e-9).map(|(n, _)| n);
@@ -23,7 +23,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let body = Arc::new(Body::new(&mesh, &Model::uniform(law.into(), &fixed))?);
     let mut solver = Solver::new(Arc::new(Problem::new(body, tip)));
 
-    // The body at rest, and from there to the tip moved by 15 mm: in as many steps as convergence needs.
+    // The rest state, and from there the tip displaced by 15 mm, with as many load steps as convergence
+    // needs.
     let rest = solver.rest()?;
     let configuration = solver.advance(&rest.seed, [0.0, 0.0, -0.015])?;
 

@@ -1,4 +1,4 @@
-//! A law of one's own: the law of Yeoh, W = c1 (I1 - 3) + c2 (I1 - 3)^2 + c3 (I1 - 3)^3, incompressible.
+//! A user-defined law: Yeoh, W = c1 (I1 - 3) + c2 (I1 - 3)^2 + c3 (I1 - 3)^3, incompressible.
 //!
 //! cargo run --release -p palpate-precompute --example own_law
 
@@ -30,7 +30,7 @@ impl Describe for Yeoh {
         2.0 * self.c1_pa
     }
 
-    /// The undeformed body is free of stress with 2 f1 + fJ = 0, and fJ = -p0.
+    /// The undeformed body is free of stress if 2 f1 + fJ = 0, with fJ = -p0.
     fn rest_pressure_pa(&self) -> Option<f64> {
         Some(2.0 * self.c1_pa)
     }
@@ -64,14 +64,15 @@ impl OfInvariants for Yeoh {
 fn main() -> Result<(), Box<dyn Error>> {
     let yeoh = Yeoh { c1_pa: 2_580.0, c2_pa: 900.0, c3_pa: 350.0 };
 
-    // Stress, elasticity and third derivatives against differences: a slip in one of the lines above is found here.
+    // Compares stress, elasticity and third derivatives with differences. An error in one of the lines above
+    // is found here.
     let found = check(&yeoh);
     println!("{found:#?}");
     if let Some(fault) = found.faults().first() {
         return Err(format!("the law is not consistent: {fault}").into());
     }
 
-    // A cube of 60 mm, held at its bottom and pressed in the middle of its top.
+    // A cube of 60 mm, fixed at its bottom and pressed at the centre of its top.
     let mesh = TetMesh::cuboid([6, 6, 6], 0.01);
     let fixed: Vec<u32> = (0..).zip(&mesh.nodes_m).filter(|(_, p)| p[2] == 0.0).map(|(n, _)| n).collect();
     let top = mesh.nodes_m.iter().position(|p| *p == [0.03, 0.03, 0.06]).ok_or("the cube has a top")?;

@@ -65,8 +65,8 @@ fn the_small_organ_measures_what_its_readme_says() {
     }
 }
 
-/// The organ that hangs under its weight, touched by a tool that only pushes: positions are pruned by the normal of the
-/// body at rest, which a blob has too, and not by that of the mesh.
+/// A body that sags under its weight, with a tool that only pushes. The positions are limited by the normal
+/// of the body at rest, which the blob contains too, and not by that of the undeformed mesh.
 #[test]
 fn a_sagged_body_is_pushed_against_its_normal_at_rest() {
     let path = asset("scenes/gravity.toml");
@@ -93,7 +93,7 @@ fn a_sagged_body_is_pushed_against_its_normal_at_rest() {
     assert!(apart(push, at_rest) < 1e-6, "{push:?} {at_rest:?} {of_the_mesh:?}");
 }
 
-/// Before the first solve, since a blob could not hold the solved spaces.
+/// Refused before the first solve, because a blob cannot hold the solved spaces.
 #[test]
 fn more_active_nodes_than_a_blob_holds_are_refused() {
     let path = asset("liver-large.toml");
@@ -109,8 +109,8 @@ fn more_active_nodes_than_a_blob_holds_are_refused() {
     assert!(error.contains("active nodes, and a blob holds 512; choose a smaller group"), "{error}");
 }
 
-/// Every bit of where a search looks, and of the fit that it asks, on every platform: no function of the platform's C
-/// library is in them.
+/// All bits of the search positions and of the fit, identical on every platform: they use no function of the
+/// platform's C library.
 #[test]
 fn a_search_looks_at_the_same_positions_on_every_platform() {
     let wanted = Wanted {

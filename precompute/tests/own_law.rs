@@ -1,4 +1,5 @@
-//! Laws from outside the crate: they solve like the built-in ones, a slip in one is found, and none is kept in a file.
+//! Laws from outside the crate: they are solved like the built-in ones, the check finds an error in one, and
+//! none can be stored.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -19,7 +20,8 @@ use palpate_precompute::scene::Scene;
 
 const LAME: Lame = Lame { lambda_pa: 48_000.0, mu_pa: 5_300.0 };
 
-/// W = mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2, with a share of fJJ and fJJJ left out if it is not 1.
+/// W = mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2. A factor other than 1 scales fJJ and fJJJ, as a
+/// deliberate error.
 #[derive(Debug)]
 struct Neo {
     lame: Lame,
@@ -98,7 +100,7 @@ impl OfInvariants for Mooney {
     }
 }
 
-/// sigma = lambda (tr eps) I + 2 mu eps: a law that is no function of the invariants of C.
+/// sigma = lambda (tr eps) I + 2 mu eps: a law that is not a function of the invariants of C.
 #[derive(Debug)]
 struct Hooke(Lame);
 
@@ -132,7 +134,8 @@ impl Law for Hooke {
     }
 }
 
-/// A beam of 40 x 20 x 20 mm, held at one end, with a node of the other moved by a quarter of its length.
+/// A beam of 40 x 20 x 20 mm, fixed at one end, with a node of the other end displaced by a quarter of its
+/// length.
 fn bent(law: Material, order: Order) -> Configuration {
     let mesh = TetMesh::cuboid([5, 2, 2], 0.01);
     let at_x = |x_m: f64| (0..).zip(&mesh.nodes_m).filter(move |(_, p)| p[0] == x_m).map(|(n, _)| n);
@@ -172,7 +175,7 @@ fn laws_from_outside_give_what_the_built_in_ones_give() {
                 relative(here.stiffness_n_m.iter().zip(&there.stiffness_n_m)),
             ];
             assert!(errors.iter().all(|error| *error < 1e-12), "{} {order:?}: {errors:?}", own.name());
-            // The linear law has none.
+            // The third derivatives of the linear law are zero.
             let scale = there.third_n_m2.iter().fold(1.0, |most: f64, t| most.max(t.abs()));
             let thirds = here.third_n_m2.iter().zip(&there.third_n_m2);
             let third = thirds.fold(0.0, |worst: f64, (a, b)| worst.max((a - b).abs())) / scale;
