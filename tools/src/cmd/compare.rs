@@ -1,4 +1,4 @@
-//! `palpate compare`: one pull of one body by several laws, in one picture.
+//! `palpate compare`: the same pull of a body with several laws, in one picture.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -77,28 +77,28 @@ fn size(text: &str) -> Result<(usize, usize), String> {
 
 /// Longest step of the loading, mm.
 const STEP_MM: f64 = 1.0;
-/// More steps than this are a slip of the keyboard.
+/// A larger number of steps is an input error.
 const MOST_STEPS: f64 = 10_000.0;
 
-/// What one law did.
+/// Result of one law.
 #[derive(Debug, Serialize)]
 struct Row {
     law: String,
     status: &'static str,
-    /// Displacement reached and asked for, m.
+    /// Reached and requested displacement, m.
     length_m: f64,
     asked_m: f64,
-    /// Force by the tool on the body, N.
+    /// Force of the tool on the body, N.
     force_n: [f64; 3],
     force_norm_n: f64,
-    /// V / V at rest - 1.
+    /// Volume relative to that at rest, minus 1.
     volume_change: f64,
     min_jacobian: f64,
     inverted: usize,
     newton_iterations: u32,
 }
 
-/// A solved law: its figures and where every mesh vertex went.
+/// A solved law: its figures and the position of every mesh vertex.
 struct Outcome {
     row: Row,
     rest_m: Vec<[f64; 3]>,
@@ -141,7 +141,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     )))
 }
 
-/// The figures, to the table that was asked for and to standard output.
+/// Writes the figures to the CSV file, if requested, and to standard output.
 fn write_rows(outcomes: &[Outcome], csv: Option<&Output>, as_json: bool) -> Result<(), Failure> {
     if let Some(file) = csv {
         file.put(table(outcomes).as_bytes())?;
@@ -153,7 +153,7 @@ fn write_rows(outcomes: &[Outcome], csv: Option<&Output>, as_json: bool) -> Resu
     output::line(text(&rows))
 }
 
-/// Everything that can be wrong before the solving; the direction and the size of the picture.
+/// Checks the arguments before the solves. Returns the direction and the size of the picture.
 fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
     let direction = direction(&args.direction)
         .map_err(|error| Failure::input(format!("--direction {}: {error}", args.direction)))?;
@@ -186,7 +186,7 @@ fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
     Ok((direction, size))
 }
 
-/// The same scene with every region's material by another law.
+/// The same scene with the law of every region replaced.
 pub(super) fn by_law(bench: &Analysis, law: &str) -> Result<Analysis, Failure> {
     let mut scene = bench.scene.clone();
     for (region, own) in scene.materials.iter_mut().zip(bench.scene.model().regions) {
@@ -200,7 +200,7 @@ pub(super) fn by_law(bench: &Analysis, law: &str) -> Result<Analysis, Failure> {
     Ok(Analysis { path: bench.path.clone(), scene, body: Arc::new(body) })
 }
 
-/// What is asked of every law.
+/// The load that is applied with every law.
 struct Pull {
     node: u32,
     /// Unit vector.
@@ -209,7 +209,7 @@ struct Pull {
 }
 
 impl Pull {
-    /// Moves the active node as far as it goes, or until `stop`.
+    /// Displaces the active node up to the target, a failure, or `stop`.
     fn solve(&self, law: &str, bench: &Analysis, stop: &AtomicBool) -> Result<Outcome, Failure> {
         let nodes = &bench.scene.active;
         let active = nodes.iter().find(|a| a.node == self.node).expect("every law has the scene's nodes");
@@ -260,7 +260,7 @@ fn norm(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Where the mesh's own vertices are.
+/// Positions of the mesh vertices.
 fn positions(bench: &Analysis, c: &Configuration) -> Vec<[f64; 3]> {
     let moved = c.seed.state.as_chunks::<3>().0;
     let vertices = bench.body.nodes_m.iter().take(bench.body.vertex_count);
@@ -278,7 +278,7 @@ fn picture(bench: &Analysis, pull: &Pull, outcomes: &[Outcome]) -> Comparison {
         |node: &u32| skin.nodes.binary_search(node).expect("corners are among the skin's nodes") as u32;
     let own = scene.materials[0].material.name();
     let solid = outcomes.iter().position(|o| o.row.law == own).unwrap_or(outcomes.len() - 1);
-    // The own rest of every law differs where there is a body force; the solid's stands for all.
+    // The state at rest depends on the law if there is a body force; that of the solid is drawn.
     let rest_m = &outcomes[solid].rest_m;
     let from = rest_m[node as usize];
     let to: [f64; 3] = std::array::from_fn(|axis| from[axis] + length_m * direction[axis]);
@@ -314,7 +314,7 @@ fn picture(bench: &Analysis, pull: &Pull, outcomes: &[Outcome]) -> Comparison {
     }
 }
 
-/// What the reader of the picture must know of a law beside its figures.
+/// Additional information on a law for the reader of the picture.
 fn note(row: &Row) -> Option<String> {
     if row.status != "ok" {
         return Some(format!("failed: shown at {:.1} mm", 1e3 * row.length_m));
@@ -326,7 +326,7 @@ fn note(row: &Row) -> Option<String> {
     }
 }
 
-/// Two decimals, no minus before a zero.
+/// Two decimals, without a minus sign before zero.
 fn figure(value: f64) -> String {
     let text = format!("{value:.2}");
     if text == "-0.00" {
@@ -336,7 +336,7 @@ fn figure(value: f64) -> String {
     }
 }
 
-/// A signed percentage; what rounds to nothing has no sign.
+/// A signed percentage; a value that rounds to zero has no sign.
 fn percent(share: f64) -> String {
     let text = format!("{:+.2} %", 100.0 * share);
     match text.as_str() {

@@ -1,4 +1,4 @@
-//! `palpate demo`: the whole way on the bundled organ, without hardware or display.
+//! `palpate demo`: all steps on the bundled organ, without hardware or display.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -58,10 +58,10 @@ pub(crate) struct Args {
 
 const SCENE: &str = include_str!("../../../assets/liver-small.toml");
 const MESH: &str = include_str!("../../../assets/liver-small.msh");
-/// Positions at which the felt force is checked.
+/// Number of positions at which the force is checked.
 const CHECKS: usize = 200;
 
-/// What solving came to.
+/// Summary of the solves.
 struct Solved {
     names: Vec<String>,
     counts: Vec<TagCounts>,
@@ -77,7 +77,7 @@ impl Solved {
     }
 }
 
-/// What the demo writes beside its numbered pictures.
+/// Files of the demo other than its numbered pictures.
 struct Outputs {
     scene: Output,
     mesh: Output,
@@ -154,7 +154,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         &store,
         &PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads: solved.threads },
     )?;
-    // From here on spaces of the blob and active nodes of the scene are numbered alike.
+    // From here on the spaces of the blob and the active nodes of the scene have the same numbers.
     if !packed.left_out.is_empty() {
         return Err(Failure::work(format!("nothing could be solved around {}", packed.left_out.join(", "))));
     }
@@ -234,7 +234,7 @@ fn solve(bench: &Analysis, store: &Store, stop: &AtomicBool) -> Result<Solved, F
     Ok(solved)
 }
 
-/// Uniform positions a node that the certificate rests on: a quick one, no bound on the last percent.
+/// Uniform positions per node for a quick certificate, without a bound on the last percent.
 const HELD_OUT: u32 = 60;
 
 fn hold_out(bench: &Analysis, store: &Store, threads: usize, stop: &AtomicBool) -> Result<(), Failure> {
@@ -247,7 +247,7 @@ fn hold_out(bench: &Analysis, store: &Store, threads: usize, stop: &AtomicBool) 
     Ok(solved?)
 }
 
-/// The session; returns what the tool visited while it touched.
+/// Runs the session. Returns the positions of the tool in contact.
 fn palpate(
     args: &Args,
     organ: &Organ<'_>,
@@ -255,7 +255,7 @@ fn palpate(
     stop: &AtomicBool,
 ) -> Result<(SessionSummary, Vec<Visit>), Failure> {
     let nodes = organ.spaces.len().max(1) as f32;
-    // The tour touches every active node once in the time there is.
+    // The tour touches every active node once within the duration.
     let strokes = StrokeConfig { seconds_per_node: args.seconds as f32 / nodes, ..StrokeConfig::default() };
     let hand = SimulatedConfig { strokes, ..SimulatedConfig::default() };
     let show = touch::Show {
@@ -292,7 +292,7 @@ fn palpate(
     Ok((touched.summary, visits))
 }
 
-/// `count` visits, evenly spread over the session.
+/// Selects `count` visits, evenly distributed over the session.
 fn spread(visits: &[Visit], count: usize) -> Vec<Visit> {
     let count = count.min(visits.len());
     (0..count).map(|i| visits[(2 * i + 1) * visits.len() / (2 * count)]).collect()

@@ -55,7 +55,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let cpu = loop_cpu(&probe, args.timing.cpu);
     let request = args.timing.request();
     let priority = request.fifo_priority.unwrap_or(palpate_host::sys::DEFAULT_FIFO_PRIORITY);
-    // Looked at first: the load is that before the measurement.
+    // Checked first, so that the load is that before the measurement.
     let mut checks = if args.measure.is_none() { examine(&probe, cpu, priority) } else { Vec::new() };
     if args.measure.is_none() {
         checks.push(supervisor(hardware::try_supervisor(), hardware::above(request.fifo_priority)));
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// Whether a session's device would have somebody to take its force away.
+/// Whether a supervisor can zero the device of a session.
 fn supervisor(started: Result<Duration, StartError>, fifo_priority: Option<i32>) -> Check {
     let check = |verdict, found, fix: &[&str]| Check {
         name: "supervisor",
@@ -107,7 +107,7 @@ fn supervisor(started: Result<Duration, StartError>, fifo_priority: Option<i32>)
             return check(Verdict::Bad, error.to_string(), &fix);
         }
     };
-    // A thread of its own: what it is granted must not stay with this one.
+    // On a separate thread, because the granted priority must not remain on this one.
     let request = RtRequest { fifo_priority, ..RtRequest::none() };
     let policy = std::thread::spawn(move || sys::enter_real_time(&request).0.policy).join();
     let policy = policy.unwrap_or(Policy::Other);

@@ -1,4 +1,4 @@
-//! `palpate held-out`: truth that no fit sees, solved into the `.space` file.
+//! `palpate held-out`: solutions that no fit uses, solved into the `.space` file.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -66,7 +66,7 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    /// The file to write, which is no file of the scene.
+    /// The output file, which must not be an input of the scene.
     pub(crate) fn space(&self) -> Result<Output, Failure> {
         let mut files = Files::new(Replace::default());
         files.read_scene(&self.scene)?;
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     })
 }
 
-/// Runs the command with `team`, which `work` brings to the truth.
+/// Runs the command with `team`; `work` solves the held-out solutions with it.
 pub(crate) fn run_with(
     args: &Args,
     (bench, space): (&Analysis, &Output),
@@ -153,8 +153,8 @@ pub(crate) fn run_with(
     ))
 }
 
-/// A failure after the truth in the file was forgotten, if it was: the same command would forget what came
-/// since.
+/// Adds a warning to a failure if `--again` has deleted the held-out solutions of the file: the same command
+/// would also delete the new ones.
 pub(crate) fn after(again: bool, failure: Failure) -> Failure {
     if again { failure.with("; leave --again out now, or it starts from nothing once more") } else { failure }
 }
@@ -181,7 +181,7 @@ fn draw(args: &Args, radius_m: f64) -> Result<Draw, Failure> {
     })
 }
 
-/// Counts of one active node, for people, a line each after `label`.
+/// Counts of one active node as text, one line each after `label`.
 pub(crate) fn in_words(label: &str, kinds: &BTreeMap<Kind, Summary>) -> String {
     let mut lines = Vec::new();
     for (kind, s) in kinds {

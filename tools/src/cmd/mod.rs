@@ -1,4 +1,4 @@
-//! One file per command of the contract.
+//! One file per command of `palpate`.
 
 pub(crate) mod bench;
 pub(crate) mod compare;

@@ -119,7 +119,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// A node without a kernel is an error before its certificate is solved for.
+/// Reports a node without a kernel before the certificate is solved.
 fn expect_kernels(store: &Store) -> Result<(), Failure> {
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let state = state(store, active)?;
@@ -132,7 +132,7 @@ fn expect_kernels(store: &Store) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Solves the positions of the certificate that the space does not hold yet.
+/// Solves the positions of the certificate that the space does not contain.
 fn solve_certificate(args: &Args, space: &Output) -> Result<(), Failure> {
     let (stop, start) = (stop_flag()?, Instant::now());
     let run = Run { threads: threads(args.threads)?, stop: &stop };

@@ -59,7 +59,7 @@ pub(crate) struct Args {
     replace: Replace,
 }
 
-/// Three finite numbers with commas.
+/// Parses three finite numbers separated by commas.
 fn three(text: &str) -> Result<[f64; 3], String> {
     let parts: Vec<f64> = text
         .split(',')
@@ -70,7 +70,7 @@ fn three(text: &str) -> Result<[f64; 3], String> {
     if vector.iter().all(|x| x.is_finite()) { Ok(vector) } else { Err("the numbers must be finite".into()) }
 }
 
-/// A unit vector from three numbers with commas.
+/// Parses a unit vector from three numbers separated by commas.
 pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
     let vector = three(text)?;
     let length = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -82,7 +82,7 @@ pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
 
 const HEADER: &str = "step,dx_m,dy_m,dz_m,fx_n,fy_n,fz_n,energy_j,newton_iterations,residual_n,min_jacobian,inverted,\
                       volume_m3,status";
-/// With --details.
+/// Additional columns of --details.
 const DETAILS: &str = ",reason,unstable_modes,switched,tx_n_m,ty_n_m,tz_n_m";
 
 /// Runs the command.
@@ -148,7 +148,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             }
         }
     }
-    // The rows are written whatever ended the path; what ended it is reported first.
+    // The rows are written after any end of the path. Its error is reported first.
     ended.and(write_table(csv.as_ref(), &table)).and(displacements.finish())
 }
 

@@ -53,14 +53,14 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// Those who do the work.
+/// The workers.
 #[derive(Debug)]
 pub(crate) struct Team {
-    /// How many jobs are worked on at once.
+    /// Number of jobs in progress at once.
     pub workers: usize,
-    /// "on 2 threads", for people.
+    /// "on 2 threads", for messages.
     pub words: String,
-    /// This process is all of them: its memory is the work's.
+    /// Whether this process does all the work, so that its memory is that of the work.
     alone: bool,
 }
 
@@ -83,7 +83,7 @@ fn counted(n: usize, what: &str) -> String {
 }
 
 impl Args {
-    /// The file to write, which is no file of the scene.
+    /// The output file, which must not be an input of the scene.
     pub(crate) fn space(&self) -> Result<Output, Failure> {
         let mut files = Files::new(Replace::default());
         files.read_scene(&self.scene)?;
@@ -101,7 +101,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     })
 }
 
-/// Runs the command with `team`, which `work` brings to the expansion.
+/// Runs the command with `team`; `work` expands the space with it.
 pub(crate) fn run_with(
     args: &Args,
     (bench, space): (&Analysis, &Output),
@@ -181,7 +181,7 @@ pub(crate) fn run_with(
     ))
 }
 
-/// Nodes that the device cannot move are left out; without any other there is no space.
+/// Warns of nodes that the device cannot move, which have no space. Fails if there are no other nodes.
 fn expect_movable(
     bench: &Analysis,
     store: &Store,
@@ -206,7 +206,7 @@ fn expect_movable(
     Ok(())
 }
 
-/// Points by tag, for people.
+/// Points by tag, as text.
 pub(crate) fn in_words(counts: &TagCounts, points: Option<usize>) -> String {
     let (of, behind) = match points {
         Some(points) => (format!(" of {points} points"), format!(", {} not reached", counts.unknown)),

@@ -161,7 +161,7 @@ fn row(s: &Summary) -> String {
     )
 }
 
-/// Free surface nodes as far from one another as can be, beginning with the scene's first active node.
+/// Free surface nodes with large distances from one another, starting with the scene's first active node.
 fn spread(scene: &ResolvedScene, fixed: &[String], wanted: usize) -> Result<Vec<u32>, Failure> {
     let mesh: &TetMesh = &scene.mesh;
     let mut held = vec![false; mesh.nodes_m.len()];
@@ -195,8 +195,8 @@ fn spread(scene: &ResolvedScene, fixed: &[String], wanted: usize) -> Result<Vec<
     Ok(chosen)
 }
 
-/// The scene with another fixed set and these active nodes, and without a force limit: a scene of its own, as
-/// its store says.
+/// The scene with another fixed set and these active nodes, and without a force limit. Its store identifies
+/// it as a separate scene.
 fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> Result<Analysis, Failure> {
     let mut table: toml::Table = toml::from_str(&scene.text).map_err(Failure::input)?;
     let held = toml::Table::from_iter([("group".to_string(), fixed.into())]);
@@ -218,8 +218,8 @@ fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> 
 mod tests {
     use super::*;
 
-    /// Every free surface node is as near to a chosen one as the chosen ones are to one another, or nearer:
-    /// they could not be further apart by much.
+    /// The distance of every free surface node from the nearest chosen node is at most the smallest distance
+    /// between chosen nodes. The choice is therefore near the optimum.
     #[test]
     fn the_nodes_are_far_apart_free_and_one_of_them_is_the_scenes_own() {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");

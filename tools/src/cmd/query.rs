@@ -1,4 +1,4 @@
-//! `palpate query`: asks a blob for forces at given displacements, as the real-time loop would.
+//! `palpate query`: evaluates a blob at given displacements, as the real-time loop does.
 
 use std::path::PathBuf;
 
@@ -42,7 +42,7 @@ pub(crate) struct Args {
     replace: Replace,
 }
 
-/// The space called `name`, or the first.
+/// The space named `name`, or the first.
 pub(crate) fn find_space<'o, 'a>(organ: &'o Organ<'a>, name: Option<&str>) -> Option<&'o Space<'a>> {
     organ.spaces.iter().find(|s| name.is_none_or(|name| s.active().name == name))
 }
@@ -87,7 +87,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut moved = vec![[0.0f32; 3]; organ.surface.node.len()];
     for point in points {
         let [x, y, z] = point;
-        // Beyond what f32 holds lies the rim, not infinity, which would be answered as no position at all.
+        // Finite values beyond the range of f32 are clamped, which gives the force at the rim. Infinity would
+        // be an invalid position.
         let at = point.map(|v| {
             if v.is_finite() { v.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32 } else { v as f32 }
         });

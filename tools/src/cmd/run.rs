@@ -1,4 +1,5 @@
-//! `palpate run`: the 1 kHz loop on a blob and a device, recorded if asked for; or the replay of a recording.
+//! `palpate run`: the 1 kHz loop on a blob and a device with an optional recording, or the replay of a
+//! recording.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -129,7 +130,7 @@ fn friction(text: &str) -> Result<f32, String> {
     }
 }
 
-/// The worst deadline misses, and which part of their tick took the time.
+/// Prints the largest deadline misses, and the part of their tick that took the time.
 fn print_misses(worst: &[Miss]) -> Result<(), Failure> {
     if worst.is_empty() {
         return Ok(());
@@ -162,10 +163,10 @@ fn seconds(text: &str) -> Result<Duration, String> {
     seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).ok_or_else(|| "seconds, at least 0.01".into())
 }
 
-/// Height above the first active node at which the mouse's tool begins, m.
+/// Initial height of the mouse's tool above the first active node, m.
 const MOUSE_HEIGHT_M: f32 = 0.03;
 
-/// The mouse device and the window's end of it.
+/// The mouse device, and the handle of the window.
 fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Failure> {
     if args.headless {
         return Err(Failure::input(touch::MOUSE_NEEDS_WINDOW));
@@ -177,7 +178,7 @@ fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Fa
 }
 
 impl Args {
-    /// How a device with motors is held.
+    /// How a device with motors is opened.
     fn holding(&self) -> Holding<'_> {
         Holding {
             device: &self.device,
@@ -188,17 +189,17 @@ impl Args {
     }
 }
 
-/// The profile that was asked for, or that of the device, as it is behind its supervisor.
+/// The named profile, or that of the device, with the delay of its supervisor.
 fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
     let profile = hardware::profile(&args.device, args.profile.as_deref())?;
-    // What the cap stands on is the period that runs.
+    // The stiffness cap depends on the actual period.
     let mut profile = profile.map(|profile| match args.timing.period_us {
         Some(period_us) => profile.at_period(period_us),
         None => profile,
     });
     let is_supervised = Hardware::named(&args.device).is_some_and(Hardware::needs_supervisor);
     if let (Some(profile), true, false) = (&mut profile, is_supervised, args.no_supervisor) {
-        // A sample is handed on with the next tick.
+        // The supervisor delivers a sample one tick later.
         profile.position_delay_us += profile.period_us();
     }
     Ok(profile)
@@ -233,7 +234,7 @@ fn open_device(
     }
 }
 
-/// Without --method: the most accurate that costs the same whatever the grid, its fit, then the others.
+/// Without --method: the most accurate method with a cost independent of the grid, its fit, then the others.
 const PREFERENCE: [Method; 8] = [
     Method::Energy,
     Method::Kernel,
@@ -245,13 +246,13 @@ const PREFERENCE: [Method; 8] = [
     Method::Trilinear,
 ];
 
-/// The method to render these organs with if nobody says: one that all their active nodes have.
+/// The default method for these organs: one that all their active nodes have.
 pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
     let has = |method: &Method| organs.iter().all(|organ| organ.spaces.iter().all(|s| s.has(*method)));
     PREFERENCE.into_iter().find(has)
 }
 
-/// Refuses arguments that together do nothing.
+/// Refuses arguments that have no effect together.
 fn check(args: &Args) -> Result<(), Failure> {
     if args.change_every.is_some() && args.more.is_empty() {
         return Err(Failure::input(
@@ -264,7 +265,7 @@ fn check(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What a session writes beside its numbered pictures.
+/// Files of a session other than its numbered pictures.
 struct Outputs {
     record: Option<Output>,
     gif: Option<Output>,
@@ -416,7 +417,7 @@ fn show<'a>(args: &'a Args, outputs: &'a Outputs, record: Option<touch::Record<'
     }
 }
 
-/// A recording on the blob it was made with. No certificate is asked for: nothing is driven by these forces.
+/// Replays a recording on its blob. It needs no certificate, because the forces drive no device.
 fn run_replay(
     args: &Args,
     outputs: &Outputs,
@@ -470,8 +471,8 @@ fn run_replay(
     Ok(())
 }
 
-/// Refuses a blob that nobody measured with this method, or only where no position could speak for the
-/// others; and with a real device one whose numbers are nothing to drive motors with.
+/// Refuses a blob without a certificate of this method, or whose certificate has no position away from branch
+/// jumps. With a real device it also refuses a blob of red numerical health.
 fn check_certificate(
     path: &Path,
     organ: &Organ<'_>,

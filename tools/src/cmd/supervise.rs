@@ -25,7 +25,8 @@ pub(crate) struct Args {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    // Whoever ends the host means the host; the force must be taken away after it, not before.
+    // A signal to the host's process group ends the host; this process must then zero the force, so it
+    // ignores it.
     ctrlc::set_handler(|| ()).map_err(|error| Failure::work(format!("cannot ignore Ctrl-C: {error}")))?;
     let request = RtRequest { fifo_priority: args.fifo, ..RtRequest::default() };
     let (report, _held) = sys::enter_real_time(&request);

@@ -1,4 +1,4 @@
-//! The certificate of a blob, for people.
+//! The certificate of a blob as text.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -12,7 +12,7 @@ use palpate_precompute::certificate::{
 use super::scattered::in_words as linear_in_words;
 use crate::failure::Failure;
 
-/// The certificate in a blob, if it has one.
+/// The certificate of a blob, if it has one.
 pub(crate) fn of(path: &Path, organ: &Organ<'_>) -> Result<Option<Certificate>, Failure> {
     let Some(bytes) = organ.certificate else { return Ok(None) };
     let unreadable = |error| {
@@ -21,12 +21,13 @@ pub(crate) fn of(path: &Path, organ: &Organ<'_>) -> Result<Option<Certificate>, 
     serde_json::from_slice(bytes).map(Some).map_err(unreadable)
 }
 
-/// More spaces than this are shown together, and one by one only those that have something against them.
+/// With more spaces than this the table combines them, and only those that are not green are shown
+/// separately.
 const MOST_TABLES: usize = 8;
-/// Of which at most so many.
+/// Maximum number of spaces shown separately.
 const MOST_SHOWN: usize = 5;
 
-/// The tables of a certificate.
+/// The tables of a certificate as text.
 pub(crate) fn in_words(certificate: &Certificate) -> String {
     if certificate.spaces.len() <= MOST_TABLES {
         return tables(&certificate.spaces.iter().collect::<Vec<_>>());
@@ -49,7 +50,7 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
     text + &tables(&worst)
 }
 
-/// All spaces as one: a position is one of any node.
+/// All spaces as one: a position may be of any node.
 fn together(certificate: &Certificate) -> String {
     let spaces = &certificate.spaces;
     let cost = |of: fn(&Cost) -> usize| spaces.iter().map(|space| of(&space.cost)).sum::<usize>();
@@ -302,7 +303,7 @@ fn second_line(method: &MethodCertificate) -> String {
     )
 }
 
-/// One line an omission: what it changes, and what it saves.
+/// One line per omission: its effect and what it saves.
 fn of_ledger(ledger: &Ledger) -> String {
     let bodies = match ledger.positions {
         0 => "element order and mesh: `pack --ledger`".to_owned(),
@@ -337,7 +338,7 @@ fn of_ledger(ledger: &Ledger) -> String {
     text
 }
 
-/// A figure with three digits.
+/// A value with three significant digits.
 pub(crate) fn significant(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),

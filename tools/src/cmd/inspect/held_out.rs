@@ -1,4 +1,4 @@
-//! Held-out truth of a .space as a table.
+//! Held-out solutions of a .space as a table.
 
 use std::fmt::Write as _;
 
@@ -13,8 +13,8 @@ const CSV_HEADER: &str = "active,kind,number,step,x_m,y_m,z_m,training,tag,failu
                           sxy_n_m,sxz_n_m,syz_n_m,residual_n,min_jacobian,inverted,unstable_modes,switched,iterations,\
                           factorisations,seconds";
 
-/// Writes one row a position; `training` is 1 where a fit may have seen it, a grid point or an increment on
-/// the way to one.
+/// Writes one row per position. `training` is 1 if a fit may have used it: a grid point or an increment on
+/// the path to one.
 pub(super) fn write(store: &Store, sampling: &Sampling, file: &Output) -> Result<(), Failure> {
     let mut table = format!("{CSV_HEADER}\n");
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
@@ -42,7 +42,7 @@ pub(super) fn write(store: &Store, sampling: &Sampling, file: &Output) -> Result
                 t.factorisations.to_string(),
             ]);
             cells.push(number(t.seconds));
-            // Writing to a String does not fail.
+            // Writing to a `String` cannot fail.
             let _ = writeln!(table, "{}", cells.join(","));
         })?;
     }

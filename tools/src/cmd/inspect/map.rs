@@ -1,5 +1,5 @@
-//! A `.space` file as a picture: the organ coloured by how stiff it is to the touch at rest, and by what that
-//! took to know.
+//! A `.space` file as a picture: the organ coloured by its stiffness at rest, and by the number of
+//! configurations.
 
 use std::collections::HashMap;
 
@@ -13,14 +13,14 @@ use crate::files::Output;
 
 const SIZE: [usize; 2] = [1280, 720];
 
-/// What is shown of an active node.
+/// The values shown for an active node.
 #[derive(Debug, Clone, Copy)]
 struct Touched {
     stiffness_n_m: f32,
     configurations: f32,
 }
 
-/// Draws it.
+/// Draws the picture.
 pub(super) fn write(store: &Store, file: &Output) -> Result<(), Failure> {
     let (mesh, fixed) = store.body()?;
     let surface = Surface::of(&mesh);

@@ -1,4 +1,4 @@
-//! `palpate inspect`: what a mesh, a scene, a space, a blob or a recording holds.
+//! `palpate inspect`: the content of a mesh, a scene, a space, a blob or a recording.
 
 pub(crate) mod certificate;
 mod held_out;
@@ -157,18 +157,18 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     Ok((text, figures))
 }
 
-/// Active nodes that no tool gets to, for people; nothing where there are none.
+/// The active nodes that no tool can reach, as text; empty if there are none.
 fn left_out(unreachable: &Unreachable) -> String {
     if unreachable.any() { format!("; {unreachable}") } else { String::new() }
 }
 
-/// The same of a store, which keeps the scene.
+/// The same from a store, which contains the scene.
 fn left_out_of(store: &Store) -> Result<Unreachable, Failure> {
     let (mesh, fixed) = store.body()?;
     Ok(Scene::parse(store.path(), store.identity()?.scene)?.resolve_in(mesh, fixed)?.unreachable)
 }
 
-/// What is wanted of scattered positions, for people.
+/// The sampling parameters of scattered positions, as text.
 fn in_words(scattered: &Scattered) -> String {
     let Scattered { radius_m, tolerance: Tolerance { relative, absolute_n }, only_push, workspace_m } =
         scattered;
@@ -236,8 +236,8 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
     Ok((text.trim_end().into(), figures))
 }
 
-/// What sliding costs with the method that `run` would take and its friction, where there is a triangle to
-/// slide over.
+/// The cost of sliding with the method and friction that `run` would use; `None` without a triangle to slide
+/// on.
 fn sliding(organ: &Organ<'_>) -> Option<SlidingReport> {
     let method = run::preferred(&[organ])?;
     let mut memory = vec![0; TouchSurface::words(organ)];

@@ -1,4 +1,4 @@
-//! `palpate inspect FILE.mcap`: what was recorded, and whether all of it is there.
+//! `palpate inspect FILE.mcap`: the content of a recording, and whether it is complete.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -17,8 +17,8 @@ use super::Shown;
 use crate::failure::Failure;
 use crate::files::{Output, Stream};
 
-/// Describes the recording, and writes its ticks if asked to. Both in one pass: an hour does not fit into
-/// memory everywhere.
+/// Describes the recording, and writes its ticks if requested. It uses a single pass, because an
+/// hour of ticks may exceed the memory.
 pub(super) fn show(path: &Path, csv: Option<&Output>) -> Result<Shown, Failure> {
     let damaged = |error| Failure::input(format!("{}: {error}", path.display()));
     let source = File::open(path).map_err(|error| Failure::file(path, &error))?;
@@ -46,7 +46,7 @@ struct Figures {
     last_us: u64,
     without_sample: u64,
     touch: TouchStatistics,
-    /// Times each fault was latched.
+    /// Number of times that each fault was latched.
     faults: BTreeMap<&'static str, u64>,
     phase: Option<Phase>,
     compute_ns: u64,
@@ -138,7 +138,7 @@ fn ended(is_cut: bool, end: Option<&End>) -> String {
     }
 }
 
-/// One tick. As in the table of a space, `x_m` is the displacement of the active node and `fx_n` the force by
+/// One tick. As in the table of a space, `x_m` is the displacement of the active node and `fx_n` the force of
 /// the tool on the body.
 #[derive(Serialize)]
 struct Row<'r> {
@@ -239,7 +239,7 @@ impl<'r> Row<'r> {
     }
 }
 
-/// The table, row by row.
+/// The table, written row by row.
 struct Table<'o> {
     file: &'o Output,
     writer: csv::Writer<Stream>,

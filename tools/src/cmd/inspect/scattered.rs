@@ -1,11 +1,11 @@
-//! How the search of a scattered space went.
+//! Results of the search of a scattered space.
 
 use palpate_precompute::adaptive::{AdaptiveFit, LeftOut, LinearSuits, PASSES, Test, Verdict};
 use palpate_precompute::space::{FallbackLattice, Record};
 use palpate_precompute::spec::RADII_M;
 use serde_json::json;
 
-/// That the linear body is enough.
+/// A message that the linear body suffices.
 pub(crate) fn in_words(linear: &LinearSuits) -> String {
     let LinearSuits { tests, worst, from_fit } = linear;
     format!(
@@ -15,7 +15,7 @@ pub(crate) fn in_words(linear: &LinearSuits) -> String {
     )
 }
 
-/// Why a node is too stiff to be solved, and the fix.
+/// The reason why a node is too stiff to be solved, and the fix.
 pub(crate) fn too_stiff(fit: &AdaptiveFit) -> String {
     format!(
         "{} N move the node by {:.2} um at most, and a space needs {:.0} um; check the units of the material and of the mesh, or raise \
@@ -26,7 +26,7 @@ pub(crate) fn too_stiff(fit: &AdaptiveFit) -> String {
     )
 }
 
-/// Words and figures: of the fit so far, and of the lattice that took over, with the records of the space.
+/// Text and figures of the present fit, and of the lattice that replaced it, with the records of the space.
 pub(super) fn describe(
     fit: Option<&AdaptiveFit>,
     fallback: Option<(&FallbackLattice, &[Record])>,

@@ -1,4 +1,4 @@
-//! `palpate inspect FILE.space`: what was solved, how, and what is odd about it.
+//! `palpate inspect FILE.space`: the solved configurations, their solves and their anomalies.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -20,19 +20,19 @@ struct Space {
     name: String,
     node: u32,
     attempts: Vec<Record>,
-    /// What counts of every point.
+    /// The record that counts of every point.
     records: Vec<Record>,
     folds: Vec<Fold>,
-    /// Tries still open.
+    /// Number of open attempts.
     open: usize,
 }
 
-/// What is to be written of a store.
+/// The files to write from a store.
 struct Outputs {
     csv: Option<Output>,
     held_out: Option<Output>,
     picture: Option<Output>,
-    /// One an active node; none if not asked for.
+    /// One per active node; none if not requested.
     vtu: Vec<Output>,
 }
 
@@ -55,7 +55,7 @@ impl Outputs {
     }
 }
 
-/// Describes the store, and writes what was asked for.
+/// Describes the store, and writes the requested files.
 pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
     files.update_space(&args.file);
     let store = Store::open(&args.file)?;
@@ -138,7 +138,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
     Ok((text.trim_end().into(), figures))
 }
 
-/// The folds of a lattice that took over, with their ends counted as the store does.
+/// The branch jumps of a replacement lattice, with their ends numbered as in the store.
 fn in_units(lattice: &FallbackLattice, records: &[Record]) -> Vec<Fold> {
     let own = |index: GridIndex| index.map(|n| n * lattice.spacing);
     let found = folds(&lattice.grid, &lattice.records(records));
@@ -152,7 +152,7 @@ fn beside(path: &Path, name: &str) -> PathBuf {
 }
 
 impl Space {
-    /// Solved points, the rest point not counted.
+    /// Solved points except rest.
     fn solved(&self) -> impl Iterator<Item = &Record> {
         self.records.iter().filter(|r| r.tag.is_solved() && r.index != [0; 3])
     }
@@ -287,7 +287,7 @@ const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,p
                           w112_n_m2,w122_n_m2,w222_n_m2";
 
 fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option<&[f64; 2]>) -> String {
-    // What a failed try has not is left empty.
+    // Missing values of a failed attempt are empty fields.
     let number = |x: f64| if x.is_nan() { String::new() } else { format!("{x:?}") };
     let whole = |n: Option<u32>| n.map_or(String::new(), |n| n.to_string());
     let ([i, j, k], [x, y, z], s) = (r.index, grid.displacement_m(r.index), &r.stiffness_n_m);

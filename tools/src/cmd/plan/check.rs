@@ -1,4 +1,4 @@
-//! What was predicted beside what happened: of a solved `.space`, and of the blob packed from it.
+//! Compares predictions with the results of a solved `.space`, and of the blob packed from it.
 
 use std::path::Path;
 
@@ -13,45 +13,44 @@ use crate::blob;
 use crate::cmd::inspect::certificate;
 use crate::failure::Failure;
 
-/// What is asked of a prediction.
+/// Allowed factor between prediction and result.
 pub(super) const FACTOR: f64 = 2.0;
 
 /// One figure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Compared {
-    /// Which, of which node.
+    /// Name of the quantity, with its node.
     pub what: String,
-    /// As planned.
+    /// Predicted value.
     pub predicted: f64,
-    /// As it came.
+    /// Actual value.
     pub happened: f64,
     /// N, B, s or 1.
     pub unit: &'static str,
 }
 
 impl Compared {
-    /// Predicted over happened.
+    /// Prediction divided by result.
     pub(super) fn ratio(&self) -> f64 {
         self.predicted / self.happened
     }
 
-    /// Whether it is within the factor, either way.
+    /// Whether it is within the factor in either direction.
     pub(super) fn holds(&self) -> bool {
         let ratio = self.ratio();
         (1.0 / FACTOR..=FACTOR).contains(&ratio)
     }
 }
 
-/// The plans of the probed nodes, by their number in the scene; a node that was not probed is as the mean of
-/// them.
+/// The plans of the probed nodes, by their number in the scene. Other nodes have the mean of these.
 pub(super) struct Predicted<'p> {
     /// The plans.
     pub nodes: &'p [NodePlan],
-    /// Spacing of what the scene asks for, m; none where it is scattered.
+    /// Spacing of the scene's lattice, m; `None` if it is scattered.
     pub spacing_m: Option<f64>,
     /// Surface vertices and triangles.
     pub skin: [usize; 2],
-    /// Peak of the row that the scene asks for, bytes.
+    /// Peak memory of the row that the scene specifies, bytes.
     pub memory_bytes: f64,
 }
 
@@ -66,7 +65,7 @@ impl Predicted<'_> {
         node.choice(self.spacing_m).map(figure)
     }
 
-    /// Everything that `store`, and `blob` if there is one, can tell.
+    /// Compares everything that `store` contains, and `blob` if there is one.
     pub(super) fn compare(&self, store: &Store, blob: Option<&Path>) -> Result<Vec<Compared>, Failure> {
         let mut all = Vec::new();
         let mut solved_nodes = Vec::new();
@@ -158,7 +157,7 @@ impl Predicted<'_> {
     }
 }
 
-/// The table for people.
+/// The table as text.
 pub(super) fn in_words(all: &[Compared]) -> String {
     let mut text = format!("  {:<34} {:>12} {:>12} {:>7}\n", "", "predicted", "happened", "ratio");
     for c in all {

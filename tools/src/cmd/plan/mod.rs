@@ -1,9 +1,9 @@
-//! `palpate plan`: what a scene will take, before it is solved.
+//! `palpate plan`: the cost of a scene, predicted before it is solved.
 //!
-//! [`probe`] solves a handful of configurations on each active node; [`surrogate`] makes of them a body that
-//! costs nothing to ask, on which the blind loop, the lattice's plan and the packer's fits run as they will
-//! on the real one; [`tables`] measures what comes out; [`node`] puts that together for a node, [`model`] for
-//! other discretisations, [`row`] for the scene. [`check`] holds it against what later happened.
+//! [`probe`] solves some configurations on each active node. [`surrogate`] fits them by a body that is cheap
+//! to evaluate. On it the adaptive sampling, the lattice's plan and the packer's fits run as on the real
+//! body. [`tables`] measures the results. [`node`] combines them for a node, [`model`] for other
+//! discretisations, [`row`] for the scene. [`check`] compares the predictions with later results.
 
 mod check;
 mod model;
@@ -36,12 +36,12 @@ use crate::failure::Failure;
 use crate::interrupt::end_when_interrupted;
 use crate::output;
 
-/// Active nodes that are probed at most; the others are taken to be as they are on the average.
+/// Maximum number of probed nodes; the others are assumed to equal their mean.
 const MOST_NODES: usize = 4;
-/// How long the probes may take, all nodes together, once each has its least.
+/// Time limit for the probes of all nodes together, after each node has its minimum number.
 const PATIENCE: Duration = Duration::from_millis(2400);
-/// Where the scene has no lattice, the step whose time is asked: a cell of the paper's coarsest grid, so many
-/// along the radius.
+/// Cells along the radius of a step whose time is measured, for a scene without a lattice: those of the
+/// paper's coarsest grid.
 const CELLS_OF_A_STEP: f64 = 5.0;
 
 /// What a scene will take before it is solved: configurations, seconds, memory, bytes, tick and error of the
@@ -112,7 +112,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     ))
 }
 
-/// The store at `path`, which must be one of the scene.
+/// Opens the store at `path`, which must be that of the scene.
 fn solved(bench: &Analysis, path: &Path) -> Result<Store, Failure> {
     let store = Store::open(path)?;
     if !bench.is_of(&store)? {
@@ -125,7 +125,7 @@ fn solved(bench: &Analysis, path: &Path) -> Result<Store, Failure> {
     Ok(store)
 }
 
-/// Everything that was found out.
+/// All results.
 struct Plan {
     nodes: Vec<NodePlan>,
     besides: Vec<Beside>,
@@ -186,19 +186,19 @@ impl Plan {
         })
     }
 
-    /// Stiffness over that of quadratic elements, less 1.
+    /// Stiffness relative to that of quadratic elements, minus 1.
     fn stiffer(&self, stiffness_n_m: f64, order: u8) -> Option<f64> {
         let quadratic = || self.besides.iter().find(|b| b.model.order == 2)?.stiffness_n_m;
         let reference = if order == 2 { Some(self.stiffness_n_m()) } else { quadratic() };
         reference.map(|reference| stiffness_n_m / reference - 1.0)
     }
 
-    /// Mean stiffness at rest of the first node by the scene's own model, N/m.
+    /// Mean stiffness at rest of the first node with the scene's model, N/m.
     fn stiffness_n_m(&self) -> f64 {
         self.nodes[0].probed.jets[0].stiffness_n_m.trace() / 3.0
     }
 
-    /// All rows; which of them is recommended, and why.
+    /// All rows, the recommended row, and the reason for it.
     fn rows(&self, bench: &Analysis, threads: usize) -> (Vec<Row>, usize, String) {
         let (scene, all) = (&bench.scene, bench.scene.active.len() as f64);
         let own = Model::of(scene);
@@ -208,7 +208,7 @@ impl Plan {
         let size = self.nodes[0].probed.size;
         let tets = scene.mesh.tets.len();
         let memory_bytes = model::memory_bytes(tets, scene.order, size, threads);
-        // A lattice that takes over has no fit.
+        // A replacement lattice has no fit.
         let fitted = |node: &NodePlan| node.choices[0].configurations.min(node.probed.wanted.most as f64);
         let counts: Vec<f64> = self.nodes.iter().map(fitted).collect();
         let fits_bytes = model::loop_bytes(&counts, threads);
@@ -244,7 +244,7 @@ impl Plan {
         let linear = rows.first().map(|first| Row {
             model: LINEAR.into(),
             configurations: of_all(&|node| node.linear_configurations),
-            // One iteration, and what is read off it: the solve at rest.
+            // One iteration and its derivatives: the solve at rest.
             solving_s: of_all(&|node| node.linear_configurations * node.probed.rest_s),
             p99_n: self.nodes.iter().map(|node| node.linear.p99_n).fold(0.0, f64::max),
             within: self.nodes.iter().map(|node| node.linear.within).fold(1.0, f64::min),
@@ -369,7 +369,8 @@ impl Plan {
     }
 }
 
-/// Nodes that the largest force cannot move are left out of a space of scattered positions; an error where none is left.
+/// Warns of nodes that the largest force cannot move, which a space of scattered positions omits. Fails if
+/// none remains.
 fn expect_movable(bench: &Analysis, nodes: &[NodePlan]) -> Result<(), Failure> {
     let why = |node: &NodePlan| {
         let why = node.probed.too_stiff.as_ref()?;
@@ -391,7 +392,7 @@ fn expect_movable(bench: &Analysis, nodes: &[NodePlan]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What is wanted of a node's space.
+/// The sampling parameters of a node's space.
 fn wanted(
     sampling: &Sampling,
     max_force_n: f64,
@@ -404,6 +405,6 @@ fn wanted(
         only_push: false,
         workspace_m: None,
     });
-    // An active node is on the surface; without a normal nothing is known of a side.
+    // An active node is on the surface. Without a normal, a pushing direction is undefined.
     scattered.wanted(max_force_n, rest_m, normal.unwrap_or_default())
 }

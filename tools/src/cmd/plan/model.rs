@@ -1,5 +1,4 @@
-//! Discretisations: what another order of the shape functions or another pressure costs, and what it is
-//! worth.
+//! Discretisations: cost and accuracy of another order of the shape functions or another pressure field.
 
 use std::sync::Arc;
 
@@ -9,11 +8,11 @@ use palpate_precompute::scene::ResolvedScene;
 
 use super::probe::{Probed, rest_of};
 
-/// Meshes of more tets are not factorised with quadratic elements: it takes longer than a plan may.
+/// Meshes with more tets are not factorised with quadratic elements, which would take too long for a plan.
 const MOST_TETS: usize = 3000;
-/// Then a solve is said to take so many times that of linear elements (measured: 4.8 times the unknowns on a
-/// mesh of 1,800 tets, a factorisation that takes their square), and memory alike by the entries of the
-/// factor.
+/// Assumed ratios of time and memory to those of linear elements for such meshes. Measured on a mesh of 1,800
+/// tets: 4.8 times the unknowns, and a factorisation whose time is proportional to their square. Memory is
+/// proportional to the entries of the factor.
 const QUADRATIC_TIMES: [f64; 2] = [20.0, 14.0];
 
 /// Shape functions and pressure.
@@ -25,26 +24,26 @@ pub(super) struct Model {
     pub pair: PressurePair,
 }
 
-/// A model beside that of the scene.
+/// A model compared with that of the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Beside {
-    /// Which.
+    /// The model.
     pub model: Model,
-    /// Seconds of a solve over those of the scene's model.
+    /// Seconds of a solve relative to the scene's model.
     pub times: f64,
-    /// Trace of the condensed stiffness at rest over 3, N/m; none where it was not solved.
+    /// Trace of the condensed stiffness at rest divided by 3, N/m; `None` if it was not solved.
     pub stiffness_n_m: Option<f64>,
-    /// Bytes of one solver over those of the scene's model.
+    /// Bytes of one solver relative to the scene's model.
     pub memory: f64,
 }
 
 impl Model {
-    /// That of a scene.
+    /// The model of a scene.
     pub(super) fn of(scene: &ResolvedScene) -> Self {
         Self { order: scene.order, pair: scene.pressure_pair }
     }
 
-    /// For people.
+    /// The name as text.
     pub(super) fn words(self, has_pressure: bool) -> &'static str {
         match (self.order, self.pair, has_pressure) {
             (1, _, false) => "P1",
@@ -55,7 +54,7 @@ impl Model {
         }
     }
 
-    /// The sensible ones beside it.
+    /// The other reasonable models.
     pub(super) fn others(self, has_pressure: bool) -> Vec<Self> {
         let (plain, stabilised) = (PressurePair::Plain, PressurePair::Stabilised);
         let mut all = vec![Self { order: 1, pair: plain }, Self { order: 2, pair: plain }];
@@ -67,8 +66,8 @@ impl Model {
     }
 }
 
-/// What is known of another model of the scene, from its solve at rest with the same node active; `None` if
-/// the scene cannot have it.
+/// Data of another model of the scene, from its solve at rest with the same active node; `None` if the scene
+/// cannot have it.
 pub(super) fn beside(scene: &ResolvedScene, active: usize, model: Model, probed: &Probed) -> Option<Beside> {
     if model.order == 2 && scene.mesh.tets.len() > MOST_TETS {
         let [times, memory] = QUADRATIC_TIMES;
@@ -87,24 +86,25 @@ pub(super) fn beside(scene: &ResolvedScene, active: usize, model: Model, probed:
 }
 
 /// Bytes of one thread's solver, from unknowns, entries of the matrix and of its factor: values, the factor
-/// and its work space, a dozen vectors and three right-hand sides several times over.
+/// and its workspace, a dozen vectors and several sets of three right-hand sides.
 pub(super) fn solver_bytes([unknowns, matrix, factor]: [usize; 3]) -> f64 {
     8.0 * (2.0 * matrix as f64 + 1.5 * factor as f64 + 40.0 * unknowns as f64)
 }
 
-/// Bytes of the whole process: itself, the body with its scatter map and analysis, and a solver a thread.
+/// Bytes of the whole process: the program, the body with its scatter map and analysis, and a solver per
+/// thread.
 pub(super) fn memory_bytes(tets: usize, order: u8, size: [usize; 3], threads: usize) -> f64 {
     const PROCESS: f64 = 12e6;
-    /// Bytes of a tet: geometry, and the places of its matrix in the sparse one.
+    /// Bytes per tet: geometry, and the positions of its matrix in the sparse one.
     const TET: [f64; 2] = [3e3, 12e3];
     let tet = TET[usize::from(order.clamp(1, 2)) - 1];
-    // Every active node that is worked on has an analysis of its own: matrix and factor as indices.
+    // Every active node in progress has its own analysis: matrix and factor as indices.
     let analysis = 8.0 * (2.0 * size[1] as f64 + 0.5 * size[2] as f64);
     PROCESS + tets as f64 * tet + threads as f64 * (solver_bytes(size) + analysis)
 }
 
-/// Bytes of the loop's fits in the spaces that are worked on at once, at worst those with the most
-/// configurations: four factors of 20 rows a configuration each.
+/// Bytes of the fits of adaptive sampling in the spaces that are solved at the same time, in the worst case
+/// those with the most configurations: four factors of 20 rows per configuration each.
 pub(super) fn loop_bytes(configurations: &[f64], threads: usize) -> f64 {
     let mut counts = configurations.to_vec();
     counts.sort_by(|a, b| b.total_cmp(a));

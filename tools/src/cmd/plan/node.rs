@@ -1,5 +1,4 @@
-//! What one active node's space will be, for every sampling that is sensible: from its probes, on their
-//! surrogate.
+//! Predicts one active node's space for every reasonable sampling, from the surrogate of its probes.
 
 use palpate_core::Method;
 use palpate_precompute::adaptive::{Resampled, resample};
@@ -14,13 +13,13 @@ use crate::failure::Failure;
 
 /// Cells along the radius of the paper's grids.
 const CELLS: [f64; 4] = [5.0, 7.0, 10.0, 15.0];
-/// Lattices of more points are not built: their figures are continued from those of the coarser ones.
+/// Lattices with more points are not built. Their values are extrapolated from the coarser ones.
 const MOST_POINTS: usize = 2500;
-/// Positions where tables are compared with the surrogate.
+/// Number of positions where tables are compared with the surrogate.
 const PLACES: u32 = 600;
-/// The order of rbf-cubic on a lattice, where only one was fitted (measured).
+/// Convergence order of rbf-cubic on a lattice, used if only one lattice was fitted (measured).
 const RBF_ORDER: f64 = 3.0;
-/// What is believed of an order that two lattices show.
+/// Range to which the observed order of two lattices is limited.
 const ORDERS: [f64; 2] = [1.0, 6.0];
 
 /// Methods that are compared, each on a lattice.
@@ -29,39 +28,39 @@ pub(super) const METHODS: [Method; 4] = [Method::Trilinear, Method::Hybrid, Meth
 /// A sampling of one node's space.
 #[derive(Debug, Clone)]
 pub(super) struct Choice {
-    /// Spacing, m; none where positions are scattered.
+    /// Spacing, m; `None` if positions are scattered.
     pub spacing_m: Option<f64>,
-    /// Configurations solved, rest among them.
+    /// Number of solved configurations, including rest.
     pub configurations: f64,
-    /// Seconds of solving them, one after the other.
+    /// Total seconds of the solves on one thread.
     pub solving_s: f64,
     /// The lattice of its tables.
     pub grid: SpaceGrid,
-    /// Points of that lattice with a configuration.
+    /// Number of points of that lattice with a configuration.
     pub solved: usize,
     /// Error and nanoseconds of every method that has a table.
     pub methods: Vec<(Method, Error, f64)>,
-    /// Built, not continued from coarser ones.
+    /// Whether the tables were built and not extrapolated from coarser ones.
     pub built: bool,
-    /// The loop came within the tolerance; always where there is none.
+    /// Whether adaptive sampling came within the tolerance; true without it.
     pub passed: bool,
 }
 
-/// A linear body within the tolerance at fewer of the positions is not looked at any further.
+/// A linear body with a smaller share of the positions within the tolerance is not evaluated further.
 const WORTH_A_LOOK: f64 = 0.9;
 
-/// Everything about one node.
+/// All results of one node.
 #[derive(Debug)]
 pub(super) struct NodePlan {
-    /// Its probes.
+    /// Results of the probes.
     pub probed: Probed,
-    /// Scattered first, then lattices, the coarsest first.
+    /// Scattered first, then lattices from coarse to fine.
     pub choices: Vec<Choice>,
-    /// Error of a body that answers in proportion.
+    /// Error of a linear body.
     pub linear: Error,
-    /// Configurations of a scattered space of it; NaN where it is far from the body.
+    /// Configurations of a scattered space of the linear body; NaN if its error is large.
     pub linear_configurations: f64,
-    /// The eye's planes; none if nothing is to be seen.
+    /// The displacement planes for display; `None` if no display is needed.
     pub eye: Option<Eye>,
 }
 
@@ -78,14 +77,14 @@ impl Choice {
 }
 
 impl NodePlan {
-    /// The choice of this spacing; the scattered one without.
+    /// The choice with this spacing, or the scattered one without.
     pub(super) fn choice(&self, spacing_m: Option<f64>) -> Option<&Choice> {
         self.choices.iter().find(|choice| choice.spacing_m == spacing_m)
     }
 }
 
-/// The lattices that are looked at: the paper's, and the scene's own; with every cell complete unless the
-/// scene says otherwise.
+/// The lattices that are compared: the paper's, and the scene's. Every cell is complete unless the scene
+/// specifies otherwise.
 pub(super) fn lattices(sampling: &Sampling) -> Vec<Lattice> {
     let (radius_m, own) = (sampling.radius_m(), sampling.lattice());
     let complete_cells = own.is_none_or(|own| own.complete_cells);
@@ -125,7 +124,7 @@ pub(super) fn plan(
         };
         METHODS.iter().filter_map(error).collect()
     };
-    // Where more configurations are needed than the surrogate takes, the table is finer alike.
+    // If the body needs more configurations than the surrogate, the table is refined in proportion.
     let finer = SpaceGrid::new(resampled.grid.spacing_m / truth.more().cbrt(), resampled.grid.radius_m);
     let mut choices = vec![Choice {
         spacing_m: None,
@@ -137,11 +136,12 @@ pub(super) fn plan(
         built: true,
         passed: loop_.passed,
     }];
-    // A scattered table is asked by the energy alone: that is what its derivatives are for.
+    // A scattered table is used with `energy` only, because only that method needs its derivatives.
     choices[0].methods.retain(|(method, ..)| *method == Method::Energy);
-    // A loop that ends within the probes has them all: the error is the surrogate's, and what the probes do
-    // not show. Where it needs more, its end is a passed test and not an error: between that and what is
-    // allowed.
+    // If adaptive sampling ends within the probes, all its configurations are known: the error is the
+    // surrogate's, times the factor for features that the probes do not show. If it needs more, its end is a
+    // passed test and gives no error. The estimate is then the geometric mean of that error and the
+    // tolerance.
     for (_, error, _) in &mut choices[0].methods {
         error.p99_n *= truth.doubt();
     }
@@ -153,8 +153,8 @@ pub(super) fn plan(
             error.p99_n = (error.p99_n * allowed_n).sqrt();
         }
     }
-    // Where the loop would give up, its predictions are not going to fall on the body either: a lattice takes
-    // over.
+    // If adaptive sampling would fail on the surrogate, it is expected to fail on the body, and a lattice
+    // replaces it.
     if loop_.configurations > wanted.most as f64
         && let Some(FallbackLattice { grid, .. }) = FallbackLattice::within(sampling.radius_m())
     {
@@ -221,7 +221,7 @@ pub(super) fn plan(
     })
 }
 
-/// What the eye's planes will hold, by the packer's own fit of the surface between the probes.
+/// Size of the displacement planes, by the packer's fit of the surface at the probes.
 fn eye(probed: &Probed, length_m: f64, on: &Resampled, bound: DisplacementBound) -> Option<Eye> {
     let vertices = probed.moved.first()?.1.displacement_m.len() / 3;
     let motion = ScatteredMotion::new(length_m, &probed.moved)?;
@@ -232,8 +232,7 @@ fn eye(probed: &Probed, length_m: f64, on: &Resampled, bound: DisplacementBound)
     Some(Eye { vertices, modes: fit.scale.len(), slopes: fit.slopes, outliers })
 }
 
-/// The methods of a lattice: as built, or where it or one of them was not, from the coarser ones by the order
-/// that they show.
+/// The methods of a lattice: as built, or extrapolated from the coarser lattices by their observed order.
 fn continued(coarser: &[Choice], choice: &Choice) -> Vec<(Method, Error, f64)> {
     let of = |c: &Choice, method| c.methods.iter().find(|(m, ..)| *m == method).copied();
     METHODS
@@ -256,14 +255,15 @@ fn continued(coarser: &[Choice], choice: &Choice) -> Vec<(Method, Error, f64)> {
             };
             let p99_n = error.p99_n * (choice.grid.spacing_m / spacing_m).powf(order);
             let within = known.iter().map(|(_, error, ..)| error.within).fold(0.0, f64::max);
-            // A sum over all centres takes as long as there are centres; the others look at one cell.
+            // A sum over all centres takes time in proportion to their number. The other methods evaluate one
+            // cell.
             let longer = if method == Method::RbfCubic { choice.solved as f64 / solved as f64 } else { 1.0 };
             Some((method, Error { p99_n, within }, ns * longer))
         })
         .collect()
 }
 
-/// Share of a domain's points that are solved: the rim counts with the spacing.
+/// Share of a domain's points that are solved. The share of the rim depends on the spacing.
 fn share_at(known: &[(f64, f64)], spacing_m: f64) -> f64 {
     match known {
         [.., (coarse_m, coarse), (fine_m, fine)] if coarse_m != fine_m => {
@@ -275,8 +275,8 @@ fn share_at(known: &[(f64, f64)], spacing_m: f64) -> f64 {
     }
 }
 
-/// Seconds of so many scattered configurations: as the probes at first, then from ever nearer parents, at
-/// distances that fall with the cube root of their number, down to a step of a lattice.
+/// Seconds of this number of scattered configurations. The first take as long as the probes. Later ones start
+/// from nearer parents: the distance decreases with the cube root of the number, down to a lattice step.
 fn scattered_s(probed: &Probed, configurations: f64) -> f64 {
     let (far_s, near_s) = (mean(&probed.far_s), mean(&probed.near_s).min(mean(&probed.far_s)));
     let probes = (probed.far_s.len() as f64).min(configurations);
@@ -284,13 +284,13 @@ fn scattered_s(probed: &Probed, configurations: f64) -> f64 {
     configurations * near_s + farther * (far_s - near_s)
 }
 
-/// Mean; zero of nothing.
+/// Mean; zero for an empty list.
 pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// So many of these nodes as are probed, spread as far apart as they are: the first, then always the farthest
-/// from those taken.
+/// Selects the nodes to probe with large distances: the first node, then always the farthest from those
+/// selected.
 pub(super) fn spread(positions: &[[f64; 3]], most: usize) -> Vec<usize> {
     let mut taken: Vec<usize> = Vec::new();
     let mut gap = vec![f64::INFINITY; positions.len()];

@@ -1,9 +1,8 @@
-//! Probing solves: the first batches of the blind loop on one active node, as long as there is time, two
-//! steps of a lattice, and the probes again from elsewhere: where the body then has another solution, the
-//! space folds.
+//! Probing solves on one active node: the first batches of adaptive sampling within the time limit, two
+//! lattice steps, and the probes again from other starts. A different solution there shows a branch jump of
+//! the space.
 //!
-//! They are what a scattered space begins with, so that where they reach and what they take is what the space
-//! will meet.
+//! A scattered space begins with the same solves, so their reach and time predict those of the space.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,37 +16,37 @@ use palpate_precompute::spec::Wanted;
 use crate::cmd::inspect::scattered::too_stiff;
 use crate::failure::Failure;
 
-/// Probes on a node, however long they take.
+/// Minimum number of probes of a node, for any time limit.
 const LEAST: usize = 2;
-/// Probes on a node at most: what more of them would tell is not worth waiting for.
+/// Maximum number of probes of a node: more would not improve the plan enough for their time.
 const MOST: usize = 16;
 
-/// What was learned of one active node.
+/// Results of one active node.
 #[derive(Debug, Clone)]
 pub(super) struct Probed {
     /// Its number in the scene.
     pub active: usize,
-    /// What is wanted of its space.
+    /// The sampling parameters of its space.
     pub wanted: Wanted,
     /// Rest first, then every probe on its branch.
     pub jets: Vec<EnergyJet>,
     /// The surface at each of them.
     pub moved: Vec<([f64; 3], Moved)>,
-    /// Wall seconds of the solve at rest: one factorisation with what is read off it.
+    /// Wall seconds of the solve at rest: one factorisation and the derivatives.
     pub rest_s: f64,
-    /// Wall seconds of each probe of the loop.
+    /// Wall seconds of each probe of adaptive sampling.
     pub far_s: Vec<f64>,
-    /// Wall seconds of each step of a lattice.
+    /// Wall seconds of each lattice step.
     pub near_s: Vec<f64>,
-    /// Probes that failed or left their branch.
+    /// Number of probes that failed or left their branch.
     pub lost: usize,
-    /// Probes beyond the force limit.
+    /// Number of probes beyond the force limit.
     pub beyond: usize,
-    /// Probes that were solved again from another start.
+    /// Number of probes that were solved again from another start.
     pub again: usize,
-    /// Those of them that have another solution there.
+    /// Number of these with a different solution.
     pub forked: usize,
-    /// Why the largest force cannot move the node as far as a space needs; none if it can.
+    /// Why the largest force cannot move the node as far as a space needs; `None` if it can.
     pub too_stiff: Option<String>,
     /// Unknowns, entries of the matrix and of its factor.
     pub size: [usize; 3],
@@ -62,19 +61,19 @@ impl Probed {
     }
 }
 
-/// What a probing is told.
+/// Parameters of the probing.
 pub(super) struct Order {
     /// Number of the active node.
     pub active: usize,
     /// Its problem.
     pub problem: Arc<Problem>,
-    /// What is wanted of its space.
+    /// The sampling parameters of its space.
     pub wanted: Wanted,
-    /// The surface nodes, for what the eye is to see; none if nothing is.
+    /// The surface nodes for display; empty if no display is needed.
     pub surface: Vec<u32>,
-    /// Step of the lattice whose time is asked, m.
+    /// Length of the lattice step whose time is measured, m.
     pub step_m: f64,
-    /// How long it may take, once it has the least.
+    /// Time limit after the minimum number of probes.
     pub patience: Duration,
 }
 
@@ -105,7 +104,7 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
         too_stiff: None,
         size: [problem.unknowns(), matrix, factor],
     };
-    // Rest has no force by its definition.
+    // The force at rest is zero by definition.
     let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..*rest.jet() };
     probed.keep(jet, &rest, &rest, &order.surface);
     let mut search = Search::new(order.wanted, &jet);
@@ -122,8 +121,8 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
             if probed.far_s.len() >= MOST || (spent && probed.far_s.len() >= LEAST) {
                 break 'batches;
             }
-            // A parent beyond the seeds kept is one that the search alone knows; it never is, but rest is
-            // always a start.
+            // A parent outside the stored seeds would be known only to the search. This does not occur; the
+            // last seed is a valid start in any case.
             let seed = &seeds[target.parent.min(seeds.len() - 1)];
             let (reached, seconds) = timed(|| solver.advance(seed, target.displacement_m()));
             probed.far_s.push(seconds);
@@ -150,11 +149,11 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
             });
         }
         search.take(&found);
-        // The search leaves out what is far beyond the limit: parents are counted in what it kept.
+        // The search drops configurations far beyond the limit; parents are indices into those that it kept.
         let kept = |at: [f64; 3]| search.jets().iter().any(|jet| jet.control_m == at);
         seeds.extend(learned.into_iter().filter(|(jet, _)| kept(jet.control_m)).map(|(_, seed)| seed));
     }
-    // A step of a lattice from rest, and one from as far as the probes got.
+    // A lattice step from rest, and one from the first probe.
     for seed in [seeds.first(), seeds.get(1)].into_iter().flatten() {
         if begun.elapsed() > order.patience && !probed.near_s.is_empty() {
             break;
@@ -170,7 +169,7 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
     if probed.near_s.is_empty() {
         probed.near_s.push(probed.rest_s);
     }
-    // The farthest first: that is where a space folds.
+    // The farthest first, because a branch jump is most probable there.
     solved.sort_by(|a, b| norm(b.at.control_m).total_cmp(&norm(a.at.control_m)));
     for (n, probe) in solved.iter().enumerate() {
         if begun.elapsed() > order.patience {
@@ -218,8 +217,8 @@ impl Probed {
     }
 }
 
-/// Seconds of the solve at rest of another discretisation, with the trace of its stiffness there, N/m, and
-/// its size.
+/// Solves another discretisation at rest. Returns the seconds, the trace of the stiffness there, N/m, and the
+/// size.
 pub(super) fn rest_of(problem: &Arc<Problem>) -> Option<(f64, f64, [usize; 3])> {
     let mut solver = Solver::new(problem.clone());
     let (rest, seconds) = timed(|| solver.rest());

@@ -1,4 +1,4 @@
-//! The rows of the plan, which of them is recommended, and the table of them.
+//! The rows of the plan, the recommended row, and the table.
 
 use std::fmt::Write;
 
@@ -6,40 +6,40 @@ use serde::Serialize;
 
 use super::model::Beside;
 
-/// Share of the positions that must be within the tolerance.
+/// Required share of the positions within the tolerance.
 const ENOUGH: f64 = 0.99;
 
-/// One choice, over all active nodes of the scene.
+/// One choice for all active nodes of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Row {
     /// Shape functions and pressure, or the linear law.
     pub model: String,
-    /// Spacing of the lattice, m; none where positions are scattered.
+    /// Spacing of the lattice, m; `None` if positions are scattered.
     pub spacing_m: Option<f64>,
     /// Method of the tables.
     pub method: &'static str,
     /// Configurations of all nodes.
     pub configurations: f64,
-    /// Seconds of solving, all threads together.
+    /// Seconds of the solves, with all threads.
     pub solving_s: f64,
     /// Peak memory, bytes.
     pub memory_bytes: f64,
-    /// The blob, bytes.
+    /// Size of the blob, bytes.
     pub blob_bytes: f64,
-    /// A query, ns.
+    /// Time of a query, ns.
     pub nanoseconds: f64,
     /// 99th percentile of the force's error against the finite elements of this model, N.
     pub p99_n: f64,
-    /// Share of the reachable positions where it is within the tolerance.
+    /// Share of the reachable positions with an error within the tolerance.
     pub within: f64,
-    /// Stiffness at rest over that of quadratic elements on this mesh, less 1; none where those were not
-    /// solved.
+    /// Stiffness at rest relative to that of quadratic elements on this mesh, minus 1; `None` if those were
+    /// not solved.
     pub stiffer: Option<f64>,
-    /// What the scene asks for.
+    /// Whether the scene specifies this row.
     pub asked: bool,
-    /// What is recommended.
+    /// Whether this row is recommended.
     pub recommended: bool,
-    /// Continued from coarser lattices or from a solve at rest alone.
+    /// Whether it is extrapolated from coarser lattices or from a solve at rest alone.
     pub extrapolated: bool,
 }
 
@@ -53,8 +53,8 @@ impl Row {
         format!("{}, {sampling}, {}", self.model, self.method)
     }
 
-    /// That this row of another model is both faster and softer than the chosen one, which has the scene's
-    /// own; nothing if it is not.
+    /// A message that this row of another model is both faster and softer than the chosen row, which has the
+    /// scene's model; empty if it is not.
     pub(super) fn speaks_against(&self, chosen: &Self) -> String {
         let is_softer = matches!((self.stiffer, chosen.stiffer), (Some(own), Some(other)) if own <= other);
         if self.solving_s >= chosen.solving_s || !is_softer {
@@ -86,12 +86,12 @@ impl Row {
     }
 }
 
-/// Marks the linear law if it is within the tolerance, or else the cheapest row that is, by seconds and then
-/// by bytes, or the closest to it; says why.
+/// Marks the linear law if it is within the tolerance. Otherwise marks the cheapest row within it, by seconds
+/// and then by bytes, or else the row with the smallest error. Returns the reason.
 pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     let cost = |row: &Row| (row.solving_s, row.blob_bytes);
-    // A linear law has no configurations that are hard to find: within the tolerance it is the choice,
-    // whatever the clock said.
+    // A linear law needs no search for configurations: within the tolerance it is the choice, independently
+    // of the measured times.
     let rank = |n: usize| (rows[n].model != LINEAR, cost(&rows[n]));
     let cheapest = (0..rows.len()).filter(|&n| rows[n].is_enough()).min_by(|&a, &b| {
         let ((law, (s, bytes)), (other_law, (other_s, other))) = (rank(a), rank(b));
@@ -128,13 +128,13 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     (chosen, why)
 }
 
-/// A model this much stiffer than quadratic elements is worth a word.
+/// Models whose stiffness differs more than this from that of quadratic elements are mentioned.
 const FAR: f64 = 0.1;
 
 /// The name of the row with the linear law.
 pub(super) const LINEAR: &str = "linear law";
 
-/// The table for people.
+/// The table as text.
 pub(super) fn table(rows: &[Row], threads: usize) -> String {
     let mut text = format!(
         "  {:<12} {:<17} {:<10} {:>7} {:>9} {:>8} {:>9} {:>7} {:>9} {:>8} {:>9}\n",
@@ -173,7 +173,7 @@ pub(super) fn table(rows: &[Row], threads: usize) -> String {
     text
 }
 
-/// Two figures that matter.
+/// Two significant digits.
 pub(super) fn seconds(s: f64) -> String {
     match s {
         s if s >= 100.0 => format!("{s:.0}"),
@@ -182,7 +182,7 @@ pub(super) fn seconds(s: f64) -> String {
     }
 }
 
-/// In kB or MB.
+/// Formats a size in kB or MB.
 pub(super) fn bytes(b: f64) -> String {
     if b >= 1e7 {
         format!("{:.0} MB", b * 1e-6)

@@ -1,8 +1,8 @@
-//! A cheap body that answers as the probes do: the same loop, plan and fits run on it that will run on the
-//! real one.
+//! A cheap body with the response of the probes. Adaptive sampling, plan and fits run on it as on the real
+//! body.
 //!
-//! Its energy is a kernel fit of the probes, a little rougher than the one that predicted them best: between
-//! probes a real body has more to tell than a fit of them.
+//! Its energy is a kernel fit of the probes with a shorter length than that of the best prediction, because a
+//! real body has more detail between the probes than their fit.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,49 +17,47 @@ use palpate_precompute::spec::{Domain, GridIndex, Lattice, Tolerance, Wanted};
 use super::probe::{Probed, norm};
 use super::tables::Place;
 
-/// Lengths of the kernel as shares of the reach at first sight: over the range of those of the search.
+/// Trial lengths of the kernel as shares of the initial reach, over the range of the search.
 const LENGTHS: [f64; 3] = [0.5, 0.9, 1.5];
-/// The surrogate is so much rougher than the fit that predicts the probes best.
+/// Ratio of the surrogate's length to that of the fit with the best predictions.
 const ROUGHER: f64 = 0.75;
 
-/// A fit of the force by energy, force, stiffness and third derivatives gains so many orders in the distance
-/// of its data.
+/// Convergence order of a fit by energy, force, stiffness and third derivatives, in the distance of its data.
 const ORDER: f64 = 6.0;
-/// With so many probes their own errors, each left out in turn, are taken as they are; with fewer as what so
-/// many would leave.
+/// With this number of probes the leave-one-out errors are used as they are. With fewer they are scaled to
+/// this number.
 const ENOUGH: f64 = 16.0;
 
-/// The energy of the probes.
+/// The energy fitted to the probes.
 #[derive(Debug, Clone)]
 pub(crate) struct Surrogate {
     fit: KernelFit,
     rest: EnergyJet,
     wanted: Wanted,
-    /// How much larger the errors of a fit of the body are than those of one of the surrogate; 1 where the
-    /// probes tell it all.
+    /// Ratio of the errors of a fit on the body to those on the surrogate; 1 if the probes show all features.
     doubt: f64,
 }
 
-/// A blind loop run to its end.
+/// A completed run of adaptive sampling.
 #[derive(Debug)]
 pub(super) struct Scattered {
     /// Its fit.
     pub fit: AdaptiveFit,
-    /// Configurations that the body will take, rest among them.
+    /// Number of configurations for the body, including rest.
     pub configurations: f64,
     /// Whether its predictions came within the tolerance.
     pub passed: bool,
 }
 
-/// A lattice expanded to its end.
+/// A completed expansion of a lattice.
 #[derive(Debug)]
 pub(crate) struct Expanded {
-    /// Solved points, sorted, rest among them.
+    /// Solved points, sorted, including rest.
     pub(crate) samples: Vec<Sample>,
 }
 
 impl Surrogate {
-    /// The energy that meets every probe.
+    /// The energy that interpolates every probe.
     pub(super) fn of(probed: &Probed) -> Option<Self> {
         let (rest, wanted) = (*probed.jets.first()?, probed.wanted);
         let mean = (rest.stiffness_n_m.trace() / 3.0).max(f64::MIN_POSITIVE);
@@ -76,12 +74,12 @@ impl Surrogate {
         Some(Self { fit, rest, wanted, doubt })
     }
 
-    /// A body that is this fit, without doubt.
+    /// A body that is exactly this fit.
     pub(crate) fn exact(fit: KernelFit, rest: EnergyJet, wanted: Wanted) -> Self {
         Self { fit, rest, wanted, doubt: 1.0 }
     }
 
-    /// A body of the same stiffness at rest that answers in proportion, however far.
+    /// A linear body with the same stiffness at rest, for any displacement.
     pub(super) fn linear(&self) -> Self {
         let rest = EnergyJet { third_n_m2: [0.0; 10], ..self.rest };
         let mut fit = KernelFit::new(self.fit.length_m(), rest.stiffness_n_m);
@@ -89,30 +87,30 @@ impl Surrogate {
         Self { fit, rest, wanted: self.wanted, doubt: 1.0 }
     }
 
-    /// How much larger errors of a fit of so few configurations are on the body than on the surrogate.
-    /// Lattices have enough points to show what the probes do not.
+    /// Ratio of the errors of a fit with few configurations on the body to those on the surrogate. Lattices
+    /// have enough points for the features that the probes do not show.
     pub(super) fn doubt(&self) -> f64 {
         self.doubt
     }
 
-    /// How many more configurations that takes: errors fall with the number of them to the power of [`ORDER`]
-    /// / 3.
+    /// Ratio of the configurations for that error: it decreases with their number to the power of [`ORDER`] /
+    /// 3.
     pub(super) fn more(&self) -> f64 {
         self.doubt.powf(3.0 / ORDER)
     }
 
-    /// h, N.
+    /// Force h, N.
     pub(super) fn force_n(&self, at: [f64; 3]) -> [f64; 3] {
         self.fit.force_n(at)
     }
 
-    /// Positions spread over what is within reach, with the force there.
+    /// Positions distributed over the reach, with the force there.
     pub(super) fn places(&self, fit: &AdaptiveFit, count: u32) -> Vec<Place> {
         let places = fit.places(count).into_iter().map(|at| Place { at, exact: self.force_n(at) });
         places.filter(|place| norm(place.exact) <= self.wanted.max_force_n).collect()
     }
 
-    /// The blind loop on it.
+    /// Runs adaptive sampling on it.
     pub(super) fn scattered(&self) -> Scattered {
         let mut search = Search::new(self.wanted, &self.rest);
         let mut configurations = 1_usize;
@@ -138,12 +136,12 @@ impl Surrogate {
         }
     }
 
-    /// The lattice's plan on it: as the scene asks for one, all of the ball within the force limit.
+    /// Runs the lattice's plan on it as for a scene with a lattice: the whole ball within the force limit.
     pub(crate) fn lattice(&self, lattice: &Lattice) -> Expanded {
         self.expanded(lattice, |_| true)
     }
 
-    /// The lattice that takes over where the blind loop gives up: only where the tool gets to.
+    /// The lattice that replaces adaptive sampling, limited to the tool's reach.
     pub(super) fn lattice_that_takes_over(&self, lattice: &Lattice) -> Expanded {
         self.expanded(lattice, |jet| self.wanted.lattice_goes_on_from(jet.control_m, jet.force_n))
     }
@@ -187,13 +185,13 @@ impl Surrogate {
     }
 }
 
-/// A configuration as the packer takes it.
+/// A configuration in the packer's format.
 pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sample {
     Sample { index, attempt: 0, jet: *jet, terminating, inverted: false }
 }
 
-/// Mean square of the errors that the fit would make at every probe without it, by what a hand feels: how
-/// rough a body is does not depend on the tolerance that is asked for.
+/// Mean square of the leave-one-out errors of the probes, relative to the human just-noticeable difference:
+/// the roughness of a body does not depend on the scene's tolerance.
 fn left_out(fit: &KernelFit, jets: &[EnergyJet]) -> f64 {
     let missed = fit.left_out_n().zip(jets).skip(1);
     let felt = |force_n| Tolerance::CANNOT_BE_FELT.at(force_n);
@@ -201,9 +199,9 @@ fn left_out(fit: &KernelFit, jets: &[EnergyJet]) -> f64 {
     sum / (jets.len() - 1).max(1) as f64
 }
 
-/// Features of the body that the probes are too few to show are missing in the surrogate, and seen in what it
-/// says of a probe that is left out: `error`, by what a hand feels, with so many probes. What it does not
-/// feel is nothing that matters.
+/// The surrogate lacks features of the body that the few probes do not show. They appear in `error`, the
+/// leave-one-out error relative to the just-noticeable difference, with `probes` probes. An error below it
+/// needs no correction.
 fn doubt(error: f64, probes: usize) -> f64 {
     let fewer = (probes as f64 / ENOUGH).min(1.0);
     (error * fewer.powf(ORDER / 3.0)).max(1.0)
@@ -214,7 +212,7 @@ pub(super) mod tests {
     use super::*;
     use palpate_precompute::spec::SpaceGrid;
 
-    /// A body that stiffens as it is pushed: W = 100 |p|^2 + 0.02 (exp(g.p) - 1 - g.p).
+    /// A body that stiffens under load: W = 100 |p|^2 + 0.02 (exp(g.p) - 1 - g.p).
     pub(in crate::cmd::plan) fn stiffening(p: [f64; 3]) -> EnergyJet {
         let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
         let e = c * (0..3).map(|i| g[i] * p[i]).sum::<f64>().exp();
@@ -265,7 +263,7 @@ pub(super) mod tests {
         }
     }
 
-    /// What the loop takes on the body itself.
+    /// Number of configurations of adaptive sampling on the body itself.
     fn true_count(probed: &Probed) -> usize {
         let mut search = Search::new(probed.wanted, &stiffening([0.0; 3]));
         let mut count = 1;
@@ -301,7 +299,7 @@ pub(super) mod tests {
             "{}",
             some.samples.len()
         );
-        // The body itself, by the same rule: within one in five.
+        // The body itself, by the same rule: within 20 %.
         let truly = |s: &&Sample| norm(stiffening(grid.displacement_m(s.index)).force_n) < 4.0;
         let inside = some.samples.iter().filter(truly).count();
         let said = some.samples.iter().filter(|s| !s.terminating).count();

@@ -1,5 +1,4 @@
-//! The tables that a space would get, made of the surrogate by the packer's own fits: their error, their time
-//! and their bytes.
+//! The tables of a space, made from the surrogate by the packer's fits: their error, time and bytes.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +15,7 @@ use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid, Tolerance};
 
 use super::probe::norm;
 
-/// Beyond so many centres a dense fit of weights takes longer than a plan may.
+/// With more centres than this a dense fit of weights would take too long for a plan.
 const MOST_CENTRES: usize = 1100;
 
 /// Every table of one space.
@@ -28,7 +27,7 @@ pub(crate) struct Tables {
     rbf: Option<[Vec<Vec<f64>>; 2]>,
 }
 
-/// A reachable position with the surrogate's force there.
+/// A reachable position with the surrogate's force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Place {
     /// Displacement, m.
@@ -37,17 +36,17 @@ pub(crate) struct Place {
     pub exact: [f64; 3],
 }
 
-/// What a method's error comes to.
+/// Error of a method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Error {
     /// 99th percentile of |error|, N.
     pub p99_n: f64,
-    /// Share of the positions where it is within the tolerance.
+    /// Share of the positions with an error within the tolerance.
     pub within: f64,
 }
 
 impl Tables {
-    /// Of these samples; `known` are all derivatives, where a fit says them.
+    /// Tables of these samples. `known` has all derivatives if a fit provides them.
     pub(crate) fn of(
         grid: &SpaceGrid,
         samples: &[Sample],
@@ -73,13 +72,13 @@ impl Tables {
         Self { lattice: grid.lattice, values: lattice_values(grid, samples), hermite, rbf }
     }
 
-    /// Of these samples, without what only the energy and radial basis functions need.
+    /// Tables of these samples, without those for the energy and radial basis functions.
     pub(crate) fn of_forces(grid: &SpaceGrid, samples: &[Sample]) -> Self {
         let hermite = HermiteNodes { row: Vec::new(), nodes: Vec::new() };
         Self { lattice: grid.lattice, values: lattice_values(grid, samples), hermite, rbf: None }
     }
 
-    /// Share of the places where a method's error is within the tolerance; `None` if it has no table.
+    /// Share of the places with an error of the method within the tolerance; `None` if it has no table.
     pub(crate) fn share_within(
         &self,
         method: Method,
@@ -96,7 +95,7 @@ impl Tables {
         Some(within as f64 / places.len().max(1) as f64)
     }
 
-    /// As the tick sees them; `None` if a table is not finite.
+    /// The view that the loop uses; `None` if a table is not finite.
     fn space(&self) -> Option<Space<'_>> {
         let HermiteNodes { row, nodes } = &self.hermite;
         let rbf = self.rbf.as_ref().map(|planes| planes.each_ref().map(|planes| three(planes)));
@@ -110,7 +109,7 @@ impl Tables {
         Space::new(ActiveNode::default(), self.lattice, planes, 0).ok()
     }
 
-    /// Error against the surrogate at `places`; `None` if the method has no table.
+    /// Error relative to the surrogate at `places`; `None` if the method has no table.
     pub(super) fn error(&self, method: Method, places: &[Place], tolerance: &Tolerance) -> Option<Error> {
         let space = self.space()?;
         if !space.has(method) {
@@ -127,27 +126,27 @@ impl Tables {
         Some(Error { p99_n: percentile_99(&mut errors), within: within as f64 / errors.len().max(1) as f64 })
     }
 
-    /// Median nanoseconds of a query on this machine, a little within `places`: rounding puts some of those
-    /// at the rim beyond it, where another, longer answer is given.
+    /// Median nanoseconds of a query on this machine, slightly inside `places`: rounding moves some positions
+    /// at the rim beyond it, where the slower extrapolation answers.
     pub(super) fn nanoseconds(&self, method: Method, places: &[Place]) -> f64 {
         let places: Vec<[f32; 3]> = places.iter().map(|place| place.at.map(|x| 0.99 * x as f32)).collect();
         self.space().map_or(f64::NAN, |space| nanoseconds(&space, method, &places))
     }
 }
 
-/// x, y and z.
+/// The planes of x, y and z.
 fn three(planes: &[Vec<f64>]) -> [&[f64]; 3] {
     std::array::from_fn(|n| &planes[n][..])
 }
 
-/// The smallest value that 99 % of them do not exceed; sorts them.
+/// The smallest value that 99 % of the values do not exceed. Sorts them.
 pub(super) fn percentile_99(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     let place = (0.99 * values.len() as f64).ceil() as usize;
     values.get(place.max(1) - 1).copied().unwrap_or(0.0)
 }
 
-/// What the eye's planes hold.
+/// Content of the displacement planes for display.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub(super) struct Eye {
     /// Surface vertices.
@@ -156,12 +155,12 @@ pub(super) struct Eye {
     pub modes: usize,
     /// Modes with slopes.
     pub slopes: usize,
-    /// Configurations with a surface of their own, as a share of all.
+    /// Share of the configurations with a surface of their own.
     pub outliers: f64,
 }
 
-/// Bytes of a space's planes (docs/formats.md, section 4): flags, the tables of `methods`, and what the eye
-/// sees.
+/// Bytes of a space's planes (docs/formats.md, section 4): flags, the tables of `methods`, and the
+/// displacement planes.
 pub(super) fn space_bytes(grid: &SpaceGrid, solved: usize, methods: &[Method], eye: Option<&Eye>) -> usize {
     let slots = grid.lattice.slots();
     let rows = Domain::new(grid, true).points().filter(|&p| grid.lattice.slot(p).is_some()).count();
@@ -193,12 +192,12 @@ pub(super) fn space_bytes(grid: &SpaceGrid, solved: usize, methods: &[Method], e
     planes.iter().map(|bytes| bytes.next_multiple_of(ALIGNMENT)).sum()
 }
 
-/// Bytes that a blob has beside its spaces: the skin (vertices, triangles), the header, and the certificate
-/// of so many methods, if there is one, in so many spaces.
+/// Bytes of a blob outside its spaces: the skin (vertices, triangles), the header, and the certificate of
+/// this number of methods, if there is one, in this number of spaces.
 pub(super) fn other_bytes([vertices, triangles]: [usize; 2], spaces: usize, methods: Option<usize>) -> usize {
     const HEADER: usize = 512;
     const SPACE_HEADER: usize = 192;
-    /// Measured on certificates of the bundled organ: origin, a space, a method in it.
+    /// Measured on certificates of the bundled organ: origin, a space, a method of a space.
     const CERTIFICATE: [usize; 3] = [400, 900, 2100];
     let skin = (4 + 12 + 1) * vertices + 12 * triangles + 6 * ALIGNMENT;
     let certificate =
