@@ -1,5 +1,5 @@
-//! What the discretisation costs in force: the same displacements of the same tool by other elements,
-//! pressure fields and meshes, against the finest of them.
+//! Discretisation error of the force: the same displacements with the same tool on other elements, pressure
+//! fields and meshes, compared with the finest of them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,12 +16,12 @@ use super::plan::{Family, Plan};
 use super::steps::{Steps, kept};
 use crate::failure::Failure;
 
-/// Radius of the patch that the tool holds, m, and as a share of the body's diagonal at most: under a single
-/// node the force of a finer mesh falls without end, so that only a tool of some size has a force to converge
-/// to. 25 mm is 8 nodes of the bundled small mesh.
+/// Radius of the patch that the tool holds, m, limited to a share of the body's diagonal. With a single node
+/// the force decreases without limit as the mesh is refined, so only a tool of finite size has a force that
+/// converges. 25 mm contains 8 nodes of the bundled small mesh.
 const PATCH_M: f64 = 0.025;
 const PATCH_SHARE: f64 = 0.15;
-/// Displacements along each axis, as shares of r_G, each from the one before.
+/// Displacements along each axis, as shares of r_G, each solved from the one before.
 const SHARES: [f64; 2] = [0.1, 0.3];
 
 /// One body.
@@ -37,27 +37,27 @@ pub(super) struct BodyRow {
     /// "node" or "patch".
     pub tool: &'static str,
     pub patch_radius_m: Option<f64>,
-    /// Displacements solved here and by the finest body, of those asked.
+    /// Displacements solved here and by the finest body, of those requested.
     pub compared: usize,
     pub asked: usize,
-    /// Against the finest body: mean and largest |h - h_finest| / |h_finest|.
+    /// Relative to the finest body: mean and largest |h - h_finest| / |h_finest|.
     pub mean_relative: f64,
     pub max_relative: f64,
     pub mean_n: f64,
-    /// Mean of a configuration.
+    /// Mean time of a configuration.
     pub seconds: f64,
     pub finest: bool,
 }
 
-/// What one body gave.
+/// Results of one body.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Solved {
     equations: usize,
-    /// Force at each displacement that was solved, and its seconds.
+    /// Force at each solved displacement, and its seconds.
     forces: BTreeMap<usize, ([f64; 3], f64)>,
 }
 
-/// One way of discretising.
+/// One discretisation.
 struct Way<'f> {
     family: &'f Family,
     order: u8,
@@ -76,7 +76,7 @@ impl Way<'_> {
     }
 }
 
-/// The ways of each family, the finest last: coarse to fine, and the finer mesh after the coarser one.
+/// The discretisations of each family from coarse to fine, with the finer mesh after the coarser one.
 fn ways(plan: &Plan) -> Result<Vec<(&Family, Vec<Way<'_>>)>, Failure> {
     let mut all = Vec::new();
     for family in &plan.families {
@@ -100,7 +100,7 @@ pub(super) fn steps(plan: &Plan) -> usize {
     plan.families.len()
 }
 
-/// Solves the displacements by every way and compares them with the last.
+/// Solves the displacements with every discretisation and compares them with the last.
 pub(super) fn measured(plan: &Plan, steps: &mut Steps) -> Result<Vec<BodyRow>, Failure> {
     let mut rows = Vec::new();
     for (family, ways) in ways(plan)? {
@@ -108,7 +108,7 @@ pub(super) fn measured(plan: &Plan, steps: &mut Steps) -> Result<Vec<BodyRow>, F
         let patch_m = PATCH_M.min(PATCH_SHARE * family.bench.scene.mesh.diagonal_m());
         for patch_m in [None, Some(patch_m)] {
             let mut solved = Vec::new();
-            // A patch of one node is the node.
+            // A patch of one node is the same as the node.
             if patch_m.is_some() && family.discretised(1, false, patch_m)?.scene.active[0].patch.len() < 3 {
                 continue;
             }
@@ -171,7 +171,7 @@ fn compare(one: &Solved, finest: &BTreeMap<usize, ([f64; 3], f64)>) -> BodyRow {
     }
 }
 
-/// The six directions along the axes, each in steps from rest; kept in a file.
+/// The six directions along the axes, each in steps from rest. The results are stored in a file.
 fn solve(plan: &Plan, bench: &Analysis, radius_m: f64, steps: &Steps) -> Result<Solved, Failure> {
     let hash = bench.scene.model_hash().to_hex();
     let node = &bench.scene.active[0];
@@ -207,7 +207,7 @@ fn on_threads(
                 target[direction / 2] =
                     share * radius_m * if direction.is_multiple_of(2) { 1.0 } else { -1.0 };
                 let start = Instant::now();
-                // A direction ends where the body cannot be solved any further.
+                // A direction ends at the first failure of the solver.
                 let Ok(c) = solver.advance(&seed, target) else { break };
                 found.push((direction * SHARES.len() + n, (c.jet().force_n, start.elapsed().as_secs_f64())));
                 seed = c.seed;

@@ -1,4 +1,5 @@
-//! Force against displacement by finite elements: laws, held sets and active nodes (the paper's Fig. 6).
+//! Force as a function of displacement by finite elements, for laws, fixed sets and active nodes (the paper's
+//! Fig. 6).
 
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::held_out::positions::regular_directions;
@@ -15,11 +16,11 @@ use crate::failure::Failure;
 
 /// The paper's laws.
 const LAWS: [&str; 3] = ["st-venant-kirchhoff", "modified-st-venant-kirchhoff", "mooney-rivlin"];
-/// The bundled organs' held sets.
+/// The fixed sets of the bundled organs.
 const HELD: [&str; 2] = ["F1", "F2"];
-/// Active nodes of one scene.
+/// Maximum number of active nodes per scene.
 const MOST_NODES: usize = 2;
-/// Points of a curve.
+/// Number of points of a curve.
 const STEPS: u32 = 25;
 
 /// A point of a curve.
@@ -33,7 +34,7 @@ pub(super) struct CurveRow {
     pub force_n: f64,
 }
 
-/// Follows the curves of a body, held as its scene says, or at F1 and at F2 if its mesh has both.
+/// Solves the curves of a body, fixed as in its scene, or at F1 and at F2 if its mesh has both.
 pub(super) fn measured(plan: &Plan, family: &Family, steps: &mut Steps) -> Result<Vec<CurveRow>, Failure> {
     steps.next(&format!("{}: force against displacement by law", family.name))?;
     let mut benches = Vec::new();
@@ -46,7 +47,7 @@ pub(super) fn measured(plan: &Plan, family: &Family, steps: &mut Steps) -> Resul
     let mut rows = Vec::new();
     for (held, bench) in &benches {
         for law in LAWS {
-            // A law that is no counterpart of the scene's is left out.
+            // Laws that are no counterpart of the scene's law are omitted.
             let Ok(bench) = by_law(bench, law) else { continue };
             for node in bench.scene.active.iter().take(MOST_NODES) {
                 rows.extend(curve(plan, family, &bench, node, (held, law), steps)?);
@@ -60,7 +61,8 @@ fn norm(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Along the regular direction that leads most outwards, as far as r_G or as the body can be solved.
+/// Along the regular direction that is nearest to the outward normal, up to r_G or the first failure of the
+/// solver.
 fn curve(
     plan: &Plan,
     family: &Family,

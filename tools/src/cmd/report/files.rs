@@ -1,4 +1,4 @@
-//! The tables as files: each as CSV and as JSON, with the same columns.
+//! Writes each table as CSV and as JSON, with the same columns.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::files::Folder;
 use crate::output;
 
-/// A method along one regular path.
+/// Results of a method along one regular path.
 #[derive(Serialize)]
 struct AlongRow<'r> {
     scene: &'r str,

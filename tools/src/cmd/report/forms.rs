@@ -1,5 +1,4 @@
-//! The forms in which the first body's fitted energy can go into a blob: what each reads, how long it takes
-//! and how wrong it is.
+//! Storage forms of the first body's fitted energy: bytes, time and error.
 
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::space::Store;
@@ -10,14 +9,14 @@ use super::steps::Steps;
 use crate::cmd::bench::forms::{FormRow, measure};
 use crate::failure::Failure;
 
-/// Batches of queries, taking turns.
+/// Number of interleaved batches of queries.
 const ROUNDS: usize = 100;
 
 /// Number of steps of [`measured`].
 pub(super) const STEPS: usize = 3;
 
-/// Samples the body by what a hand feels, and measures every form; none where there is nothing but rest to
-/// fit.
+/// Samples the body to the just-noticeable difference, and measures every form; empty if there is only rest
+/// to fit.
 pub(super) fn measured(plan: &Plan, family: &Family, steps: &mut Steps) -> Result<Vec<FormRow>, Failure> {
     let case = family.sampled_by_feel()?;
     let draw = Draw { regular_m: None, random: 0, ..plan.draw(family.radius_m()) };

@@ -1,4 +1,5 @@
-//! Hard cases of the interpolation: tables with holes, and a body pulled so far that it has several branches.
+//! Hard cases of the interpolation: tables with missing points, and a body with several branches at large
+//! displacements.
 
 use palpate_precompute::certificate::{Answer, Errors, answers};
 use palpate_precompute::held_out::{Draw, Summary};
@@ -14,30 +15,30 @@ use super::tables::{Choice, fitted};
 use super::words::law;
 use crate::failure::Failure;
 
-/// A method in a hard case.
+/// Results of a method in a hard case.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct HardRow {
     pub scene: String,
-    /// What is hard.
+    /// Description of the case.
     pub case: String,
     pub radius_m: f64,
     pub max_force_n: Option<f64>,
     pub grid: u32,
-    /// Points in the fit.
+    /// Number of points in the fit.
     pub configurations: usize,
     pub missing_share: f64,
     pub fold_pairs: usize,
     pub folded_volume: f64,
-    /// Between neighbours, beyond what the stiffness accounts for.
+    /// Largest force difference between neighbours, beyond that of the stiffness.
     pub largest_jump_n: f64,
-    /// Points where tries ended at two stable solutions, and their largest difference.
+    /// Number of points whose attempts found two stable solutions, and the largest difference of these.
     pub two_solutions: usize,
     pub apart_n: f64,
-    /// Held-out positions where the body left its branch on the way.
+    /// Number of held-out positions where the body left its branch on the path.
     pub branch_changes: u32,
     pub held_out: u32,
     pub method: &'static str,
-    /// Away from folds, and not further than this.
+    /// Radius of the measured positions away from branch jumps, and the errors there.
     pub within_m: f64,
     pub positions: usize,
     pub covered_share: f64,
@@ -45,22 +46,21 @@ pub(super) struct HardRow {
     pub p99_n: f64,
     pub max_n: f64,
     pub not_felt_share: f64,
-    /// At folds.
+    /// Positions at branch jumps, and the errors there.
     pub folded_positions: usize,
     pub folded_mean_n: f64,
     pub folded_max_n: f64,
-    /// At the seams of cells.
+    /// Largest force jump at cell faces.
     pub seam_n: f64,
 }
 
-/// Shares of the points that are taken away.
+/// Shares of the points that are removed.
 const MISSING: [f64; 4] = [0.0, 0.02, 0.1, 0.5];
 
-/// Cells along the radius of a grid that is as coarse as can be, and how much wider than the ball it is asked
-/// in.
+/// Cells along the radius of the coarsest grid, and the ratio of its radius to that of the queried ball.
 const COARSE_CELLS: u32 = 3;
 const COARSE_FACTOR: f64 = 1.2;
-/// How much further the body is pulled, until it has several branches.
+/// Ratio of the displacements to those of the scene, large enough for several branches.
 const FAR_FACTOR: f64 = 2.0;
 
 /// Number of steps of [`measured`].
@@ -68,7 +68,7 @@ pub(super) fn steps(plan: &Plan) -> usize {
     1 + 3 + 3 * plan.families.len()
 }
 
-/// Measures the hard cases: those of the first body on one grid, and all bodies pulled far.
+/// Measures the hard cases: the first body on one grid, and every body with large displacements.
 pub(super) fn measured(
     plan: &Plan,
     grid: (u32, u32),
@@ -107,7 +107,7 @@ pub(super) fn measured(
         1e3 * COARSE_FACTOR * radius_m / f64::from(COARSE_CELLS),
         1e3 * radius_m
     );
-    // About a third of the positions lie beyond the ball that is asked.
+    // About a third of the positions are outside the queried ball.
     let full = plan.draw(COARSE_FACTOR * radius_m);
     let draw = Draw { regular_m: None, random: 0, uniform: 2 * full.uniform, ..full };
     let store = open(plan, &coarse, &draw, steps)?;
@@ -116,13 +116,13 @@ pub(super) fn measured(
     drop(store);
 
     for (n, family) in plan.families.iter().enumerate() {
-        // The first without a limit of the force, where branches meet; a law that collapses there is asked
-        // within its own.
+        // The first law without a force limit, so that branches meet. A law that collapses there keeps its
+        // own limit.
         let limited = n > 0;
         let far = family.wider("far", FAR_FACTOR, grid, limited)?;
         let radius_m = FAR_FACTOR * family.radius_m();
         let full = plan.draw(radius_m);
-        // Every failing solve costs a hundred others there.
+        // A failing solve costs as much as a hundred others there.
         let draw = Draw { regular_m: None, random: full.random / 2, uniform: full.uniform / 2, ..full };
         let store = open(plan, &far, &draw, steps)?;
         let law = law(&family.bench.body.law_names());
@@ -133,21 +133,21 @@ pub(super) fn measured(
     Ok(rows)
 }
 
-/// Solves a space and its truth.
+/// Solves a space and its held-out solutions.
 fn open(plan: &Plan, case: &Case, draw: &Draw, steps: &mut Steps) -> Result<Store, Failure> {
     let path = solved(plan, case, draw, None, steps)?;
     steps.next(&format!("{}: tables and certificates", case.name))?;
     Ok(Store::open(&path)?)
 }
 
-/// A space without some of its points.
+/// A space with some points removed.
 struct Hole {
     name: String,
     share: f64,
 }
 
 impl Hole {
-    /// Whether a point stays: a fixed pseudo-random choice (SplitMix64 of its index).
+    /// Whether a point is kept: a fixed pseudo-random choice (SplitMix64 of its index).
     fn keeps(&self, index: GridIndex) -> bool {
         let mut x = index.iter().fold(0u64, |x, n| x << 16 ^ (i64::from(*n) & 0xffff) as u64);
         for multiplier in [0xbf58_476d_1ce4_e5b9_u64, 0x94d0_49bb_1331_11eb] {
@@ -158,7 +158,7 @@ impl Hole {
     }
 }
 
-/// One case: which points are fitted, and where the fit is asked.
+/// One case: the points of the fit, and the queried positions.
 struct Hard {
     what: String,
     grid: u32,

@@ -1,5 +1,4 @@
-//! The ledger of the first body: what its blob leaves out, or could, and what each omission changes and
-//! saves.
+//! The ledger of the first body: the omissions of its blob, made or possible, with their effects and savings.
 
 use palpate_core::{Method, Organ};
 use palpate_precompute::certificate::{Effort, Ledger, Line, ledger};
@@ -11,7 +10,7 @@ use super::plan::{Case, Plan};
 use super::steps::{Steps, kept};
 use crate::failure::Failure;
 
-/// Positions solved by each other body; the finer ones take seconds each.
+/// Number of positions solved with each other body; the finer ones take seconds each.
 const POSITIONS: usize = 8;
 const SMALL_POSITIONS: usize = 2;
 
@@ -24,18 +23,18 @@ pub(super) struct LedgerRow {
     pub scene: String,
     pub grid: u32,
     pub method: String,
-    /// What is left out, or would be.
+    /// What is omitted, or could be.
     pub what: String,
-    /// Whether it is.
+    /// Whether it is omitted.
     pub made: bool,
-    /// By how much the force differs with it; none where it does not say.
+    /// Mean force difference of the omission, N; `None` if it is unknown.
     pub force_mean_n: Option<f64>,
     pub force_max_n: Option<f64>,
-    /// Whether the largest difference is all that is known.
+    /// Whether only a bound of the largest difference is known.
     pub is_bound: bool,
-    /// Share of the positions where that is not felt.
+    /// Share of the positions with a difference below the just-noticeable difference.
     pub not_felt_share: Option<f64>,
-    /// By how much the surface does, mm.
+    /// Difference of the surface, mm.
     pub surface_rms_mm: Option<f64>,
     pub unit: String,
     pub cost_with: f64,
@@ -64,23 +63,23 @@ impl LedgerRow {
         }
     }
 
-    /// Whether it is the linear body.
+    /// Whether this is the linear body.
     pub(super) fn is_linear_body(&self) -> bool {
         self.what.starts_with("nonlinearity")
     }
 
-    /// How many times cheaper the omission makes what it costs.
+    /// Ratio of the cost without the omission to that with it.
     pub(super) fn times(&self) -> f64 {
         self.cost_without / self.cost_with
     }
 
-    /// The difference of the force that is shown, N: its mean, or the bound of it.
+    /// The force difference to show, N: its mean, or its bound.
     pub(super) fn shown_n(&self) -> Option<f64> {
         self.force_mean_n.or(self.force_max_n)
     }
 }
 
-/// The ledger of a case, by `energy` or whatever of its methods comes last.
+/// The ledger of a case for `energy`, or otherwise for its last method.
 pub(super) fn measured(
     plan: &Plan,
     case: &Case,

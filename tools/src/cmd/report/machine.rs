@@ -1,11 +1,11 @@
-//! Where the figures come from: the machine, its load by others, versions, the time.
+//! Origin of the figures: the machine, the load of other processes, versions and time.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use palpate_precompute::space::solver_version;
 use serde::Serialize;
 
-/// For the page's footer.
+/// Data for the page's footer.
 #[derive(Debug, Serialize)]
 pub(super) struct Machine {
     /// Model of the processor.
@@ -16,25 +16,25 @@ pub(super) struct Machine {
     pub memory_gb: Option<f64>,
     /// Distribution and kernel.
     pub system: String,
-    /// This program.
+    /// Version of Palpate.
     pub palpate: &'static str,
-    /// Solver and instruction set.
+    /// Version of the solver, and instruction set.
     pub solver: String,
     /// The compiler that built it.
     pub rustc: &'static str,
     /// When the report was finished, UTC.
     pub date: String,
-    /// The command as it was typed.
+    /// The command line.
     pub command: String,
     /// Worker threads.
     pub threads: usize,
-    /// Share of the processor that others took while this program ran.
+    /// Share of processor time of other processes during this run.
     pub others_share: Option<f64>,
     /// Wall time of this run, s.
     pub wall_seconds: f64,
 }
 
-/// Clock ticks so far: of all processors, of those that did something, and of this process.
+/// Clock ticks up to now: of all processors, busy ones, and those of this process.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ticks {
     all: u64,
@@ -43,21 +43,21 @@ pub(super) struct Ticks {
 }
 
 impl Ticks {
-    /// Now; `None` where the system does not tell.
+    /// The present values; `None` if the system does not report them.
     pub(super) fn now() -> Option<Self> {
         let whole = std::fs::read_to_string("/proc/stat").ok()?;
         let fields = whole.lines().next()?.split_whitespace().skip(1).take(8);
         let fields: Vec<u64> = fields.map(|n| n.parse().ok()).collect::<Option<_>>()?;
         let idle = fields.get(3)? + fields.get(4)?;
         let all: u64 = fields.iter().sum();
-        // The name of the program, in brackets, may hold spaces.
+        // The program name in parentheses may contain spaces.
         let own = std::fs::read_to_string("/proc/self/stat").ok()?;
         let own: Vec<&str> = own.rsplit_once(')')?.1.split_whitespace().collect();
         let own: u64 = own.get(11)?.parse::<u64>().ok()? + own.get(12)?.parse::<u64>().ok()?;
         Some(Self { all, busy: all - idle, own })
     }
 
-    /// Share of the processors that others took since `start`.
+    /// Share of processor time of other processes since `start`.
     fn others_since(self, start: Self) -> f64 {
         let all = self.all.saturating_sub(start.all).max(1);
         let others = self.busy.saturating_sub(start.busy).saturating_sub(self.own.saturating_sub(start.own));
@@ -66,7 +66,7 @@ impl Ticks {
 }
 
 impl Machine {
-    /// This machine.
+    /// The data of this machine.
     pub(super) fn here(threads: usize, start: Option<Ticks>, wall_seconds: f64) -> Self {
         let field = |path: &str, key: &str| -> Option<String> {
             let text = std::fs::read_to_string(path).ok()?;
@@ -95,7 +95,7 @@ impl Machine {
         }
     }
 
-    /// Others took so much that times are not worth much.
+    /// Whether the load of other processes makes times unreliable.
     pub(super) fn is_shared(&self) -> bool {
         self.others_share.is_some_and(|share| share > 0.1)
     }

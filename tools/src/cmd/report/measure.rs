@@ -1,4 +1,4 @@
-//! One case from space to figures: the rows of the report's main tables.
+//! Measurements of one case, from the space to the rows of the report's main tables.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,7 +14,7 @@ use super::steps::Steps;
 use super::tables::{Choice, Fitted, LeftOut, fitted};
 use crate::failure::Failure;
 
-/// What a space took (the paper's Fig. 7).
+/// Cost of a space (the paper's Fig. 7).
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct SpaceRow {
     pub scene: String,
@@ -23,14 +23,14 @@ pub(super) struct SpaceRow {
     pub radius_m: f64,
     pub max_force_n: Option<f64>,
     pub complete_cells: bool,
-    /// Points within the ball.
+    /// Number of points within the ball.
     pub grid: u32,
     pub configurations: usize,
     pub tries: usize,
     pub failed: usize,
-    /// Of solving, all threads together.
+    /// Seconds of the solves, with all threads.
     pub solve_seconds: f64,
-    /// Newton and quasi-Newton steps, and factorisations among them: what the seconds are on any machine.
+    /// Newton and quasi-Newton steps, and the factorisations among them: a machine-independent cost.
     pub iterations: u64,
     pub factorisations: u64,
     pub largest_residual_n: f64,
@@ -41,7 +41,7 @@ pub(super) struct SpaceRow {
     pub space_bytes: u64,
 }
 
-/// What a method is worth on a grid, and what it costs.
+/// Errors and cost of a method on a grid.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct MethodRow {
     pub scene: String,
@@ -54,7 +54,7 @@ pub(super) struct MethodRow {
     pub solve_seconds: f64,
     pub table_bytes: usize,
     pub blob_bytes: usize,
-    /// Uniform positions away from folds, and the error vector there; no number where there are none.
+    /// Uniform positions away from branch jumps, and the error vector there; NaN if there are none.
     pub positions: usize,
     pub covered_share: f64,
     pub mean_n: f64,
@@ -62,24 +62,24 @@ pub(super) struct MethodRow {
     pub p95_n: f64,
     pub p99_n: f64,
     pub max_n: f64,
-    /// Over positions where the method has its own data all round.
+    /// Mean over positions in cells with complete data of the method.
     pub covered_mean_n: f64,
     pub not_felt_share: f64,
     pub not_felt_certified: f64,
-    /// Uniform positions at folds, never averaged in.
+    /// Uniform positions at branch jumps, which are excluded from the means.
     pub folded_positions: usize,
     pub folded_mean_n: f64,
     pub folded_max_n: f64,
     pub work_mean_share: f64,
     pub work_max_share: f64,
-    /// Round circles that touch folds; no number where there are none.
+    /// Around circles that touch branch jumps; NaN if there are none.
     pub work_folded_mean_share: f64,
     pub work_folded_max_share: f64,
     pub seam_n: f64,
     pub rounding_n: f64,
 }
 
-/// Errors along one path, steps at folds left out (the paper's Eqs. 13 and 14, and Fig. 9).
+/// Errors along one path without the steps at branch jumps (the paper's Eqs. 13 and 14, and Fig. 9).
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct PathRow {
     pub scene: String,
@@ -108,7 +108,7 @@ pub(super) struct MeanRow {
     pub max_relative: f64,
 }
 
-/// A certificate with what it is of.
+/// A certificate and its case.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct CertificateRow {
     pub case: String,
@@ -116,16 +116,16 @@ pub(super) struct CertificateRow {
     pub certificate: Certificate,
 }
 
-/// Everything measured of one case.
+/// All measurements of one case.
 #[derive(Debug)]
 pub(super) struct Measured {
-    /// The space.
+    /// Row of the space.
     pub space: SpaceRow,
-    /// A row a method.
+    /// One row per method.
     pub methods: Vec<MethodRow>,
-    /// A row a path and method.
+    /// One row per path and method.
     pub paths: Vec<PathRow>,
-    /// A row a method.
+    /// One row per method.
     pub means: Vec<MeanRow>,
     /// Certificates of the blobs.
     pub certificates: Vec<CertificateRow>,
@@ -133,13 +133,13 @@ pub(super) struct Measured {
     pub left_out: Vec<LeftOut>,
     /// The blobs, in the order of `methods`.
     pub fitted: Vec<Fitted>,
-    /// Where the truth is.
+    /// Positions of the held-out solutions.
     pub visited: Vec<[f32; 3]>,
-    /// Answers along one regular path.
+    /// Forces along one regular path.
     pub along: Along,
 }
 
-/// Force along a regular path, by finite elements and by the methods.
+/// Force along a regular path, by finite elements and by each method.
 #[derive(Debug, Default)]
 pub(super) struct Along {
     /// Direction, not of unit length.
@@ -152,7 +152,7 @@ pub(super) struct Along {
     pub methods: Vec<(Method, Vec<[f64; 2]>)>,
 }
 
-/// Measures a case: solves what is missing, fits, and reads the figures.
+/// Measures a case: solves missing configurations, fits, and computes the figures.
 pub(super) fn measured(
     plan: &Plan,
     family: &Family,
@@ -262,8 +262,8 @@ impl Measured {
         self.fitted.push(fitted);
     }
 
-    /// Times every method at the positions of the truth; the median of `rounds`, one after the other, so that
-    /// a disturbance meets all of them.
+    /// Times every method at the positions of the held-out solutions: the median of `rounds` interleaved
+    /// rounds, so that a disturbance affects all methods.
     pub(super) fn time(&mut self, rounds: usize) -> Result<(), Failure> {
         let mut all = vec![Vec::new(); self.fitted.len()];
         for _ in 0..rounds {
@@ -279,7 +279,7 @@ impl Measured {
     }
 }
 
-/// A figure over `count` positions, which is none if there are none.
+/// A value over `count` positions; NaN if there are none.
 pub(super) fn some(count: usize, value: f64) -> f64 {
     if count > 0 { value } else { f64::NAN }
 }
@@ -310,7 +310,7 @@ fn path_rows(scene: &str, grid: u32, method: &'static str, found: &[Answer]) -> 
     walks.into_iter().map(row).collect()
 }
 
-/// The mean of the paths' own means, as the paper has it; paths wholly at folds do not count.
+/// The mean of the paths' means, as in the paper. Paths entirely at branch jumps are excluded.
 fn mean_row(scene: &str, grid: u32, method: &'static str, paths: &[PathRow]) -> MeanRow {
     let counted: Vec<&PathRow> = paths.iter().filter(|path| path.positions > 0).collect();
     let mean =
@@ -333,8 +333,7 @@ fn norm(v: impl IntoIterator<Item = f64>) -> f64 {
 }
 
 impl Along {
-    /// Adds a method's answers along the regular path that goes on longest; of those, the one to the largest
-    /// force.
+    /// Adds a method's forces along the longest regular path; of several, the one with the largest force.
     fn add(&mut self, method: Method, found: &[Answer]) {
         let regular = || found.iter().filter(|answer| answer.walk.kind == Kind::Regular);
         let mut ends: BTreeMap<u32, (u32, f64)> = BTreeMap::new();

@@ -1,9 +1,9 @@
-//! `palpate report`: what every method is worth and what it costs, as tables, plots and one page.
+//! `palpate report`: errors and cost of every method, as tables, plots and one page.
 //!
-//! [`plan`] says what is measured; [`solve`] makes the spaces and the truth, [`tables`] the blobs with their
-//! certificates, [`measure`] the rows of the main tables; [`bodies`], [`curves`], [`hard`], [`parts`],
-//! [`ledger`] and [`forms`] the rest; [`files`] writes CSV and JSON; [`page`] the page, with the drawings of
-//! [`plot`]. No number of the page is in the code.
+//! [`plan`] defines the cases. [`solve`] makes the spaces and held-out solutions, [`tables`] the blobs with
+//! their certificates, [`measure`] the rows of the main tables. [`bodies`], [`curves`], [`hard`], [`parts`],
+//! [`ledger`] and [`forms`] make the other tables. [`files`] writes CSV and JSON, and [`page`] the page with
+//! the drawings of [`plot`]. The code contains no result that the page shows.
 
 mod args;
 mod bodies;
@@ -41,7 +41,7 @@ use plan::Plan;
 use results::Report;
 use steps::Steps;
 
-/// Rounds of timing.
+/// Number of timing rounds.
 const ROUNDS: usize = 5;
 
 /// Runs the command.

@@ -10,10 +10,10 @@ const TABLES: [&str; 13] = [
     "methods", "spaces", "paths", "means", "along", "left-out", "curves", "bodies", "hard", "parts",
     "surfaces", "ledger", "forms",
 ];
-/// What is written as JSON alone.
+/// Outputs that are written as JSON only.
 const FIGURES: [&str; 2] = ["certificates", "machine"];
 
-/// What a file of this name in the folder of a report is.
+/// The kind of the file with this name in the folder of a report.
 pub(super) fn kind_of(name: &str) -> Option<FileKind> {
     let is_table = |stem: &&str| TABLES.contains(stem);
     match name.rsplit_once('.')? {

@@ -1,5 +1,5 @@
-//! What states between grid points are worth to radial basis functions, and how the surface for the eye is
-//! best interpolated.
+//! Effect of states between grid points on radial basis functions, and comparison of interpolations of the
+//! displayed surface.
 
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
@@ -32,14 +32,14 @@ pub(super) struct PartsRow {
     pub nanoseconds: f64,
 }
 
-/// The surface by one interpolation.
+/// The surface with one interpolation.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct SurfaceRow {
     pub scene: String,
     pub grid: u32,
     pub nodes: usize,
     pub how: &'static str,
-    /// Of what a reader would have to hold.
+    /// Bytes that a reader would have to keep.
     pub bytes: usize,
     pub positions: usize,
     pub rms_mean_mm: f64,
@@ -49,7 +49,7 @@ pub(super) struct SurfaceRow {
     pub microseconds: f64,
 }
 
-/// Parts of a transition: the paper's.
+/// Number of increments of a transition, as in the paper.
 const PARTS: u32 = 5;
 const SMALL_PARTS: u32 = 2;
 
@@ -77,7 +77,7 @@ pub(super) fn measured(
         let (packed, certificate) = certified(&store, &options)?;
         let file = BlobFile::of(&packed.bytes()?);
         let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
-        // Tables are filled up to whole registers with centres of no weight.
+        // Tables are padded to whole registers with centres of zero weight.
         let centres = organ.spaces[0].planes().rbf_cubic.map_or(0, |planes| planes.centres[0].len());
         for (method, figures) in methods.iter().zip(&certificate.spaces[0].methods) {
             let clear = figures.uniform;
@@ -122,7 +122,7 @@ fn surfaces(family: &Family, grid: u32, plan: &Plan, store: &Store) -> Result<Ve
     };
     let mut rows =
         vec![row("packed modes, tri-linear", packed.bytes, packed.uniform_trilinear, packed.microseconds)];
-    // Where the grid is fine enough for the bound no mode has slopes.
+    // If the grid is fine enough for the bound, no mode has slopes.
     if packed.slopes > 0 {
         rows.push(row("packed modes, with slopes", packed.bytes, packed.uniform, packed.microseconds));
     }

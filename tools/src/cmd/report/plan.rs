@@ -1,4 +1,4 @@
-//! What is measured: bodies with a law, each on several grids.
+//! The cases of the report: bodies with a law, each on several grids.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,48 +15,48 @@ use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Folder};
 
-/// One body with its law, held and touched in one way.
+/// One body with its law, fixed set and active node.
 #[derive(Debug)]
 pub(super) struct Family {
     /// Name of the scene.
     pub name: String,
     /// The scene with the one active node.
     pub bench: Arc<Analysis>,
-    /// Its text, to make others of.
+    /// Its TOML table, from which other scenes are made.
     table: Table,
-    /// All active nodes as the scene has them.
+    /// All active nodes of the scene.
     all_active: Value,
 }
 
 /// A family on one grid.
 #[derive(Debug)]
 pub(super) struct Case {
-    /// Name of its files.
+    /// Base name of its files.
     pub name: String,
-    /// Grid points within the ball, the rest left out.
+    /// Number of grid points within the ball, without rest.
     pub points: u32,
     /// Its scene.
     pub bench: Arc<Analysis>,
 }
 
-/// Everything that is to be measured.
+/// All cases of the report.
 #[derive(Debug)]
 pub(super) struct Plan {
-    /// Bodies.
+    /// The bodies.
     pub families: Vec<Family>,
-    /// Finer meshes of the same bodies, where there are some.
+    /// Finer meshes of the same bodies, if any.
     pub finer: Vec<Family>,
-    /// Grid points and cells along the radius.
+    /// Number of grid points and of cells along the radius.
     pub grids: Vec<(u32, u32)>,
     /// Methods.
     pub methods: Vec<Method>,
     /// Folder for the page and its tables.
     pub out: Folder,
-    /// Folder for what is solved.
+    /// Folder of the solutions.
     pub work: Folder,
     /// Worker threads.
     pub threads: usize,
-    /// Only a quick look.
+    /// Whether this is a quick run.
     pub small: bool,
 }
 
@@ -73,21 +73,22 @@ const ORGANS: [(&str, &str, &str); 2] = [
     ),
 ];
 
-/// What is changed in every scene.
+/// Changes of every scene.
 struct Wish<'a> {
-    /// The active node, the first if not said.
+    /// The active node; the first if `None`.
     active: Option<&'a str>,
-    /// r_G, the scene's own if not said.
+    /// r_G; the scene's if `None`.
     radius_m: Option<f64>,
 }
 
-/// r_G of the bundled organ for a quick look, m.
+/// r_G of the bundled organ for a quick run, m.
 const SMALL_RADIUS_M: f64 = 0.02;
 
-/// Cells along the radius beyond which there is no grid.
+/// Maximum number of cells along the radius.
 const MOST_CELLS: u32 = 20;
 
-/// Grid points of a ball of so many cells along its radius, the rest left out: 514 for 5, 14,146 for 15.
+/// Number of grid points of a ball with this number of cells along its radius, without rest: 514 for 5,
+/// 14,146 for 15.
 pub(super) fn points_of(cells: u32) -> u32 {
     let n = cells as i32;
     let mut points = 0;
@@ -118,7 +119,7 @@ fn grids(asked: &[u32]) -> Result<Vec<(u32, u32)>, Failure> {
 }
 
 impl Plan {
-    /// What the arguments ask for. Scenes are read and their bodies built; nothing is solved.
+    /// The plan of the arguments. Reads scenes and builds their bodies, but solves nothing.
     pub(super) fn new(args: &Args, threads: usize) -> Result<Self, Failure> {
         let asked: &[u32] = match (&args.grids[..], args.small) {
             ([], true) => &[32, 122],
@@ -129,7 +130,7 @@ impl Plan {
         let mut methods = args.methods.clone();
         methods.sort_by_key(|method| Method::ALL.iter().position(|m| m == method));
         methods.dedup();
-        // Looked at before a folder is made for them.
+        // Checked before a folder is created.
         let radius_m = match args.radius_mm {
             Some(mm) if !(mm > 0.0 && mm.is_finite()) => {
                 return Err(Failure::input(format!(
@@ -137,7 +138,7 @@ impl Plan {
                 )));
             }
             Some(mm) => Some(1e-3 * mm),
-            // The bundled organ folds within a cell of a coarse grid on all of its 50 mm.
+            // With a coarse grid over all of its 50 mm, the bundled organ has a branch jump within a cell.
             None => (args.small && args.scenes.is_empty()).then_some(SMALL_RADIUS_M),
         };
         let wish = Wish { active: args.active.as_deref(), radius_m };
@@ -163,7 +164,7 @@ impl Plan {
         Ok(Self { families, finer, grids, methods, out, work, threads, small: args.small })
     }
 
-    /// How much truth is solved for each space of a ball of this radius.
+    /// Number of held-out solutions for each space of a ball of this radius.
     pub(super) fn draw(&self, radius_m: f64) -> Draw {
         let full = Draw { step_m: radius_m / 50.0, regular_m: Some(radius_m), uniform: 600, ..Draw::PAPER };
         if self.small {
@@ -173,7 +174,7 @@ impl Plan {
     }
 }
 
-/// The folders of the report. Bundled scenes are written into the second one; given ones are only read.
+/// The folders of the report. Bundled scenes are written into the second one; given scenes are only read.
 fn folders(args: &Args) -> Result<(Folder, Folder), Failure> {
     let mut files = Files::new(args.replace);
     args.scenes.iter().try_for_each(|scene| files.read_scene(scene))?;
@@ -189,7 +190,7 @@ fn folders(args: &Args) -> Result<(Folder, Folder), Failure> {
     Ok((out, work))
 }
 
-/// A bundled organ by the paper's two laws.
+/// A bundled organ with the paper's two laws.
 fn bundled(work: &Folder, which: usize, wish: &Wish<'_>) -> Result<Vec<Family>, Failure> {
     let (name, scene, mesh) = ORGANS[which];
     for (extension, text) in [("toml", scene), ("msh", mesh)] {
@@ -203,13 +204,13 @@ fn bundled(work: &Folder, which: usize, wish: &Wish<'_>) -> Result<Vec<Family>, 
 }
 
 impl Family {
-    /// The scene at `path` with one of its active nodes, the first if none is named.
+    /// The scene at `path` with the named active node, or the first if none is named.
     fn load(path: &Path, wish: &Wish<'_>) -> Result<Self, Failure> {
         let whole = analysis::load(path)?;
         let own_m = whole.sampling()?.radius_m();
         let chosen = whole.active(wish.active)?.1.clone();
         let mut table: Table = toml::from_str(&whole.scene.text).map_err(Failure::input)?;
-        // Any number of cells will do until a grid is chosen.
+        // An arbitrary number of cells, replaced when a grid is chosen.
         grid_of(&mut table, wish.radius_m.unwrap_or(own_m), 1);
         let mut node = Table::from_iter([
             ("name".to_string(), Value::from(chosen.name.as_str())),
@@ -221,7 +222,7 @@ impl Family {
         }
         let all_active = table.insert("active".into(), Value::Array(vec![node.into()]));
         let all_active = all_active.unwrap_or_else(|| Value::Array(Vec::new()));
-        // Forces alone are compared; displacements for the eye would hide the size of their tables.
+        // Only forces are compared. Displacements for display would dominate the size of their tables.
         table.insert("needs".into(), Table::from_iter([("visual".to_string(), Value::from(false))]).into());
         Self::of(&whole, table, all_active)
     }
@@ -231,7 +232,7 @@ impl Family {
         Ok(Self { name: bench.scene.name.clone(), bench, table, all_active })
     }
 
-    /// The same body by another law, as a scene of its own.
+    /// The same body with another law, as a separate scene.
     fn with_law(&self, name: &str, law: &[(&str, Value)]) -> Result<Self, Failure> {
         let mut table = self.table.clone();
         let law = law.iter().map(|(key, value)| (key.to_string(), value.clone()));
@@ -255,8 +256,7 @@ impl Family {
         self.case(&format!("{}-{points}", self.name), (points, cells), |_| {})
     }
 
-    /// A grid of `cells` along so many times the radius, within the scene's limit of the force or without
-    /// one.
+    /// A grid with `cells` along the scaled radius, with or without the scene's force limit.
     pub(super) fn wider(
         &self,
         word: &str,
@@ -272,7 +272,7 @@ impl Family {
         })
     }
 
-    /// Sampled until no error can be felt, instead of a grid.
+    /// The body with adaptive sampling to the just-noticeable difference instead of a grid.
     pub(super) fn sampled_by_feel(&self) -> Result<Case, Failure> {
         self.case(&format!("{}-felt", self.name), (0, 1), |table| {
             let grid = [("radius_m", self.radius_m().into()), ("cannot_be_felt", Value::from(true))];
@@ -281,8 +281,8 @@ impl Family {
         })
     }
 
-    /// A grid whose transitions are made in so many parts and keep the states between them, with
-    /// displacements for the eye.
+    /// A grid with transitions of this number of increments, whose states are stored, and with displacements
+    /// for display.
     pub(super) fn in_parts(&self, parts: u32, (points, cells): (u32, u32)) -> Result<Case, Failure> {
         self.case(&format!("{}-parts-{points}", self.name), (points, cells), |table| {
             table.remove("needs");
@@ -304,8 +304,8 @@ impl Family {
         Ok(Case { name: file_name(name), points, bench: Arc::new(variant(&self.bench, &table)?) })
     }
 
-    /// The body with its tool on a patch of this radius, or on the node alone; with another order and
-    /// pressure field, and without a limit of the force.
+    /// The body with its tool on a patch of this radius, or on the node alone, with another order and
+    /// pressure field, and without a force limit.
     pub(super) fn discretised(
         &self,
         order: u8,
@@ -332,7 +332,8 @@ impl Family {
         variant(&self.bench, &table)
     }
 
-    /// The body with all its active nodes, held by a group of its mesh, if it has that, or as the scene says.
+    /// The body with all its active nodes, fixed at a group of its mesh, if the mesh has it, or as in the
+    /// scene.
     pub(super) fn held_by(&self, group: Option<&str>) -> Result<Option<Analysis>, Failure> {
         let scene = &self.bench.scene;
         let fixed = match group {
@@ -347,7 +348,7 @@ impl Family {
     }
 }
 
-/// A scene's name may hold what a file's name may not.
+/// Replaces the characters of a scene's name that a file name must not contain.
 fn file_name(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     name.chars().map(plain).collect()
@@ -371,7 +372,7 @@ fn grid_of(table: &mut Table, radius_m: f64, cells: u32) {
     }
 }
 
-/// The scene of this text on the mesh and held nodes of `whole`.
+/// The scene of this table with the mesh and fixed nodes of `whole`.
 fn variant(whole: &Analysis, table: &Table) -> Result<Analysis, Failure> {
     resolved(whole, table, whole.scene.fixed.clone())
 }

@@ -10,11 +10,11 @@ use super::parts::{PartsRow, SurfaceRow};
 use super::plan::Plan;
 use crate::cmd::bench::forms::FormRow;
 
-/// Everything that the page shows.
+/// All data of the page.
 #[derive(Debug)]
 pub(super) struct Report {
     pub(super) plan: Plan,
-    /// Family by family, and in each grid by grid.
+    /// By family, and in each family by grid.
     pub(super) cases: Vec<Vec<Measured>>,
     pub(super) bodies: Vec<BodyRow>,
     pub(super) curves: Vec<CurveRow>,

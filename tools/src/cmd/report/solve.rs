@@ -1,4 +1,4 @@
-//! Spaces and held-out truth of the cases, in files that a second run goes on with.
+//! Spaces and held-out solutions of the cases, in files that a second run continues.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,8 +12,9 @@ use super::steps::Steps;
 use crate::failure::Failure;
 use crate::progress::WorkProgress;
 
-/// Solves the space of a case and its truth. Paths start from rest, whatever the grid: those that `sibling`,
-/// a space of the same body, holds already are taken over, so that every grid is asked at the same positions.
+/// Solves the space of a case and its held-out solutions. Paths start from rest on every grid. The paths that
+/// `sibling`, a space of the same body, contains are copied, so that every grid is queried at the same
+/// positions.
 pub(super) fn solved(
     plan: &Plan,
     case: &Case,
@@ -46,7 +47,7 @@ impl Plan {
     }
 }
 
-/// Copies the paths that the other store has solved and this one has not.
+/// Copies the paths that the other store contains and this one lacks.
 fn take_over(from: &Path, to: &Store, draw: &Draw) -> Result<(), Failure> {
     let from = Store::open(from)?;
     to.agree_on_draw(&draw.identity(), draw.regular_m)?;

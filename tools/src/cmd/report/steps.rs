@@ -1,4 +1,4 @@
-//! Where the report stands: which step of how many, and what has been asked to stop.
+//! Progress of the report by steps, and its interruption.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,22 +9,22 @@ use serde::{Deserialize, Serialize};
 use crate::failure::Failure;
 use crate::files::Output;
 
-/// Counts the steps aloud.
+/// Counts and prints the steps.
 #[derive(Debug)]
 pub(super) struct Steps {
     done: usize,
     total: usize,
-    /// Raised by Ctrl-C.
+    /// Set by Ctrl-C.
     pub stop: Arc<AtomicBool>,
 }
 
 impl Steps {
-    /// `total` steps to come.
+    /// `total` steps are to follow.
     pub(super) fn new(total: usize, stop: Arc<AtomicBool>) -> Self {
         Self { done: 0, total, stop }
     }
 
-    /// Begins a step, unless it was asked to stop.
+    /// Starts a step. Fails after Ctrl-C.
     pub(super) fn next(&mut self, what: &str) -> Result<(), Failure> {
         self.go_on()?;
         self.done += 1;
@@ -32,7 +32,7 @@ impl Steps {
         Ok(())
     }
 
-    /// An error if it was asked to stop.
+    /// Fails after Ctrl-C.
     pub(super) fn go_on(&self) -> Result<(), Failure> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Failure::work("interrupted; what is done is kept, run the same command to go on"));
@@ -41,14 +41,14 @@ impl Steps {
     }
 }
 
-/// Something solved that is kept beside the spaces, with what it was solved for.
+/// A result that is stored beside the spaces, with its key.
 #[derive(Debug, Serialize, Deserialize)]
 struct Kept<T> {
     key: String,
     value: T,
 }
 
-/// What the file holds if it was made for `key`; otherwise made now, and kept.
+/// The content of the file if it was made for `key`; otherwise computes and stores it.
 pub(super) fn kept<T: Serialize + DeserializeOwned>(
     file: &Output,
     key: String,

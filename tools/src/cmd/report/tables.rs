@@ -1,4 +1,4 @@
-//! Fitted tables: a blob a method, measured, and kept in a file that a second run reads again.
+//! Fitted tables: one measured blob per method, in a file that a second run reads again.
 
 use palpate_core::{Method, Organ, Space};
 use palpate_host::BlobFile;
@@ -17,13 +17,13 @@ use crate::files::Output;
 pub(super) struct Fitted {
     /// The method.
     pub method: Method,
-    /// The blob as the loop reads it.
+    /// The blob in the loop's format.
     pub file: BlobFile,
-    /// Bytes of the blob that a user would get: the skin and the certificate with it.
+    /// Bytes of a complete blob, with the skin and the certificate.
     pub blob_bytes: usize,
     /// Bytes of the method's tables alone.
     pub table_bytes: usize,
-    /// What was measured of it: of the method alone, although the same tables may serve others.
+    /// Certificate of this method only, although other methods may use the same tables.
     pub certificate: Certificate,
 }
 
@@ -46,28 +46,29 @@ impl Fitted {
     }
 }
 
-/// Why a method has no tables.
+/// A method without tables, and the reason.
 #[derive(Debug, Clone, serde::Serialize)]
 pub(super) struct LeftOut {
     /// The case.
     pub case: String,
     /// The method.
     pub method: &'static str,
-    /// Why.
+    /// The reason.
     pub why: String,
 }
 
-/// Which points of a space are fitted, and what the files are called.
+/// The points of a space that are fitted, and the names of the files.
 pub(super) struct Choice<'c> {
-    /// Beginning of the names of the blobs.
+    /// Prefix of the names of the blobs.
     pub name: &'c str,
     /// Points of the fit.
     pub keep: &'c dyn Fn(GridIndex) -> bool,
-    /// Fit again whatever is there.
+    /// Whether to fit again if the files exist.
     pub again: bool,
 }
 
-/// Fits each method alone and measures it, unless a blob of the same space, truth and version is there.
+/// Fits and measures each method separately, unless a blob of the same space, held-out solutions and version
+/// exists.
 pub(super) fn fitted(
     plan: &Plan,
     store: &Store,
@@ -124,14 +125,14 @@ fn measured(blob: &Output, store: &Store, method: Method, mut packed: Packed) ->
     let certificate = certify(store, &organ)?;
     let json = serde_json::to_string(&certificate).map_err(Failure::work)?;
     packed.certify(&json)?;
-    // As a second run reads it: numbers in JSON may lose their last bit.
+    // Parsed as in a second run: numbers in JSON may lose their last bit.
     let certificate: Certificate = serde_json::from_str(&json).map_err(Failure::work)?;
     let bytes = packed.bytes()?;
     blob.put(&bytes)?;
     Ok(Fitted::of(method, BlobFile::of(&bytes), certificate))
 }
 
-/// The blob there, if it is of this very space and was measured against this very truth.
+/// The existing blob, if it is of the same space and was measured with the same held-out solutions.
 fn reusable(
     blob: &Output,
     store: &Store,

@@ -1,7 +1,7 @@
-//! Numbers and lists as people read them.
+//! Formats numbers and lists as text.
 
-/// A number without noise: up to four digits that count, thousands apart, powers of ten where it is very
-/// large or small; a dash where there is none.
+/// A number with at most four significant digits and thousands separators, powers of ten if it is very large
+/// or small, and a dash for NaN.
 pub(super) fn plain(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 {
@@ -20,7 +20,7 @@ pub(super) fn plain(value: f64) -> String {
     apart(&trimmed(&format!("{value:.digits$}")))
 }
 
-/// The same with three digits that count: enough for a measured figure.
+/// The same with three significant digits, for a measured value.
 pub(super) fn figure(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return plain(value);
@@ -30,7 +30,7 @@ pub(super) fn figure(value: f64) -> String {
     if rounded.is_finite() { plain(rounded) } else { plain(value) }
 }
 
-/// A figure in thousandths: N as mN, m as mm.
+/// A value in thousandths: N as mN, m as mm.
 pub(super) fn milli(value: f64) -> String {
     figure(1e3 * value)
 }
@@ -41,12 +41,12 @@ pub(super) fn percent(share: f64) -> String {
     if share.is_finite() { format!("{text} %") } else { text }
 }
 
-/// A count, thousands apart.
+/// A count with thousands separators.
 pub(super) fn count(n: usize) -> String {
     apart(&n.to_string())
 }
 
-/// Bytes in the unit that fits.
+/// Bytes with a suitable unit.
 pub(super) fn bytes(n: usize) -> String {
     match n as f64 {
         n if n < 1e3 => format!("{n} B"),
@@ -55,7 +55,7 @@ pub(super) fn bytes(n: usize) -> String {
     }
 }
 
-/// Seconds in the unit that fits.
+/// Seconds with a suitable unit.
 pub(super) fn seconds(s: f64) -> String {
     match s {
         s if s < 1.0 => format!("{} ms", figure(1e3 * s)),
@@ -64,7 +64,7 @@ pub(super) fn seconds(s: f64) -> String {
     }
 }
 
-/// How many times as much.
+/// A ratio as "n times".
 pub(super) fn times(ratio: f64) -> String {
     format!("{} times", if ratio >= 10.0 { plain(ratio.round()) } else { format!("{ratio:.1}") })
 }
@@ -78,7 +78,7 @@ pub(super) fn list(items: &[String]) -> String {
     }
 }
 
-/// A law's name as the field writes it.
+/// The usual name of a law in the literature.
 pub(super) fn law(name: &str) -> String {
     match name {
         "mooney-rivlin" => "Mooney-Rivlin".into(),
@@ -93,7 +93,7 @@ fn trimmed(text: &str) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text.into() }
 }
 
-/// Commas between thousands, a true minus.
+/// Adds thousands separators and a typographic minus sign.
 fn apart(text: &str) -> String {
     let (sign, text) = text.strip_prefix('-').map_or(("", text), |rest| ("\u{2212}", rest));
     let (whole, rest) = text.split_at(text.find('.').unwrap_or(text.len()));

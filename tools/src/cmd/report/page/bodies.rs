@@ -1,4 +1,4 @@
-//! Section (e): what the discretisation costs.
+//! Section (e): discretisation error.
 
 use super::super::bodies::BodyRow;
 use super::super::plot::{Axis, Chart, Point, Series, Style};
@@ -6,7 +6,7 @@ use super::super::results::Report;
 use super::super::words::{count, figure, milli, percent, seconds};
 use super::html::{Cell, Key, figure as plots, files, paragraph, says, section as whole, table};
 
-/// The section.
+/// Returns the section.
 pub(super) fn section(report: &Report) -> String {
     let rows = &report.bodies;
     let mut elements: Vec<&str> = Vec::new();
@@ -17,7 +17,7 @@ pub(super) fn section(report: &Report) -> String {
     }
     let style = |row: &BodyRow, meshes: &[&str]| {
         let n = elements.iter().position(|e| *e == row.element).unwrap_or(0);
-        // The first mesh is hollow, finer ones are filled.
+        // Markers of the first mesh are hollow, those of finer meshes are filled.
         if meshes.first() == Some(&row.mesh.as_str()) { Style::number(n).hollow() } else { Style::number(n) }
     };
     let (mut charts, mut words) = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! Sections (a), (b) and (c): error against nanoseconds, configurations and seconds, bytes.
+//! Sections (a), (b) and (c): error as a function of nanoseconds, configurations and seconds, and bytes.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use super::super::words::{bytes, count, figure, list, milli, plain, seconds, tim
 use super::html::{figure as plots, files, paragraph, says, section};
 use super::{is_of_the_paper, least, method_keys, row, title};
 
-/// What an error is paid with.
+/// A cost on the horizontal axis.
 struct Price {
     label: &'static str,
     of: fn(&MethodRow) -> f64,
@@ -39,7 +39,7 @@ const BYTES: Price = Price {
     shown: |row| bytes(row.table_bytes),
 };
 
-/// The three sections.
+/// Returns the three sections.
 pub(super) fn sections(report: &Report) -> String {
     let a = says(&each(report, query_words)) + &figure_of(report, &[&QUERY]) + &files(&["methods"]);
     let b = says(&each(report, solving_words))
@@ -130,12 +130,12 @@ fn chart(report: &Report, family: usize, price: &Price, what: &str, error: fn(&M
     }
 }
 
-/// Size of a marker on grid number `n`.
+/// Marker size for grid number `n`.
 pub(super) fn radius(n: usize) -> f64 {
     3.0 + 1.1 * n.min(5) as f64
 }
 
-/// Who is best at each end, and who is fast enough.
+/// The fastest and the most accurate methods, and those that are fast enough.
 fn query_words(cases: &[Measured]) -> Vec<String> {
     let mut lines = Vec::new();
     let ends: Vec<&Measured> = match cases {
@@ -183,7 +183,7 @@ fn query_words(cases: &[Measured]) -> Vec<String> {
     lines
 }
 
-/// What it takes to keep p99 below what is never felt.
+/// The lowest cost of a p99 of at most `NOT_FELT_N`, an imperceptible force difference.
 fn first_below(cases: &[Measured], price: &Price, word: &str) -> String {
     let rows = || cases.iter().flat_map(|case| &case.methods);
     let limit = milli(NOT_FELT_N);
@@ -207,7 +207,7 @@ fn first_below(cases: &[Measured], price: &Price, word: &str) -> String {
     }
 }
 
-/// How many configurations the best method saves.
+/// Number of configurations that the best method saves.
 fn solving_words(cases: &[Measured]) -> Vec<String> {
     let mut lines = Vec::new();
     let rows = || cases.iter().flat_map(|case| &case.methods);
@@ -240,8 +240,8 @@ fn solving_words(cases: &[Measured]) -> Vec<String> {
     lines
 }
 
-/// Configurations for a mean error, along a method's line in the logarithms; whether its coarsest grid is
-/// already better.
+/// Configurations for a mean error, interpolated along a method's line on logarithmic axes, and whether its
+/// coarsest grid is already better.
 fn needed(line: &[&MethodRow], mean_n: f64) -> Option<(f64, bool)> {
     let first = line.first()?;
     if first.mean_n <= mean_n {
@@ -256,7 +256,7 @@ fn needed(line: &[&MethodRow], mean_n: f64) -> Option<(f64, bool)> {
 fn byte_words(cases: &[Measured]) -> Vec<String> {
     let mut lines = vec![first_below(cases, &BYTES, "smallest")];
     if let Some(case) = cases.last() {
-        // Methods that share their tables stand together.
+        // Methods with the same tables share an entry.
         let mut sizes: BTreeMap<usize, Vec<String>> = BTreeMap::new();
         for row in &case.methods {
             sizes.entry(row.table_bytes).or_default().push(row.method.into());

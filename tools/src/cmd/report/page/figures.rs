@@ -1,4 +1,4 @@
-//! Section (h): all figures of the methods and of the spaces, for those who look one up.
+//! Section (h): all figures of the methods and of the spaces, for reference.
 
 use super::super::measure::{Measured, MethodRow};
 use super::super::results::Report;
@@ -6,7 +6,7 @@ use super::super::words::{bytes, count, figure, milli, percent, seconds};
 use super::html::{Cell, files, heading, paragraph, section as whole, table};
 use super::{method_words, title};
 
-/// The section.
+/// Returns the section.
 pub(super) fn section(report: &Report) -> String {
     let mut body = paragraph(
         "setting",
@@ -23,12 +23,12 @@ pub(super) fn section(report: &Report) -> String {
     whole("h", "(h) All figures", &body)
 }
 
-/// The least of a figure in one case; what is no number does not count.
+/// The smallest value of a figure in one case; NaN is ignored.
 fn best(case: &Measured, of: fn(&MethodRow) -> f64) -> f64 {
     case.methods.iter().map(of).fold(f64::INFINITY, f64::min)
 }
 
-/// A figure in words, marked if no other of the case is less.
+/// A figure as text, marked if it is the smallest of the case.
 fn marked(case: &Measured, row: &MethodRow, of: fn(&MethodRow) -> f64, shown: fn(f64) -> String) -> Cell {
     Cell { text: shown(of(row)), best: of(row) <= best(case, of) }
 }
@@ -37,7 +37,7 @@ fn grid_words(row: &MethodRow) -> String {
     format!("{} points", count(row.grid as usize))
 }
 
-/// Errors, grid by grid and method by method.
+/// Table of the errors by grid and method.
 fn error_table(cases: &[Measured]) -> String {
     let head = [
         "grid",
@@ -77,7 +77,7 @@ fn error_table(cases: &[Measured]) -> String {
     table(&head, &rows)
 }
 
-/// What the methods cost, and how they behave as a force field.
+/// Table of the cost of the methods, and of their properties as a force field.
 fn cost_table(cases: &[Measured]) -> String {
     let head = [
         "grid",
@@ -111,7 +111,7 @@ fn cost_table(cases: &[Measured]) -> String {
     table(&head, &rows)
 }
 
-/// What the spaces took.
+/// Table of the cost of the spaces.
 fn space_table(cases: &[Measured]) -> String {
     let head = [
         "grid",

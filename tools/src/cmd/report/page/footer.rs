@@ -4,7 +4,7 @@ use super::super::plot::escaped;
 use super::super::results::Report;
 use super::super::words::{figure, percent, seconds};
 
-/// The footer.
+/// Returns the footer.
 pub(super) fn section(report: &Report) -> String {
     let m = &report.machine;
     let memory = m.memory_gb.map_or(String::new(), |gb| format!(", {} GB", figure(gb)));

@@ -1,4 +1,4 @@
-//! Section (j): the forms of a fitted energy, each as what it reads against how long that takes.
+//! Section (j): the storage forms of a fitted energy, bytes against time.
 
 use super::super::plot::{Axis, Chart, Point, Series, Style};
 use super::super::results::Report;
@@ -6,14 +6,14 @@ use super::super::words::{bytes, count, figure, milli};
 use super::html::{Cell, Key, figure as plots, files, paragraph, section as whole, table};
 use crate::cmd::bench::forms::FormRow;
 
-/// What each form is.
+/// Description of each form.
 const FORMS: [(&str, &str); 3] = [
     ("cell", "a polynomial a cell (in no blob)"),
     ("node", "the derivatives a node (energy)"),
     ("kernel", "the fit itself (kernel)"),
 ];
 
-/// The section; without rows it says so.
+/// Returns the section; without rows it contains a note.
 pub(super) fn section(report: &Report) -> String {
     let rows = &report.forms;
     let scene = report.plan.families.first().map_or("", |family| family.name.as_str());
@@ -70,7 +70,7 @@ fn keys() -> Vec<Key> {
     FORMS.iter().enumerate().map(|(n, (_, words))| Key::line(Style::number(n), *words)).collect()
 }
 
-/// A point a form and set of instructions.
+/// One point per form and instruction set.
 fn chart(rows: &[FormRow]) -> Option<String> {
     let sound = |row: &&FormRow| row.bytes > 0 && row.median_ns > 0.0 && row.median_ns.is_finite();
     let point = |row: &FormRow| {

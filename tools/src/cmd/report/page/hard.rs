@@ -7,7 +7,7 @@ use super::super::words::{count, figure, milli, percent};
 use super::html::{Cell, figure as plots, files, paragraph, says, section as whole, table};
 use super::method_keys;
 
-/// The section.
+/// Returns the section.
 pub(super) fn section(report: &Report) -> String {
     let rows = &report.hard;
     let mut cases: Vec<&HardRow> = Vec::new();
@@ -64,7 +64,8 @@ pub(super) fn section(report: &Report) -> String {
     whole("f", "(f) Hard cases of the interpolation", &body)
 }
 
-/// Errors: a row a case, a column a method, and a row more for the positions at folds where there are some.
+/// Errors: one row per case, one column per method, and an additional row for positions at branch jumps, if
+/// any.
 fn matrix(rows: &[HardRow], cases: &[&HardRow]) -> String {
     let mut head = vec!["mean / p99, mN"];
     for row in rows {
@@ -99,7 +100,7 @@ fn matrix(rows: &[HardRow], cases: &[&HardRow]) -> String {
     table(&head, &lines)
 }
 
-/// Error and coverage against the share of missing points.
+/// Error and coverage as functions of the share of missing points.
 fn holes(report: &Report) -> String {
     let rows = || report.hard.iter().filter(|row| is_near(report, row));
     let chart = |title: &str, label: &str, of: fn(&HardRow) -> f64, log: bool| {
@@ -135,7 +136,7 @@ fn holes(report: &Report) -> String {
     plots(&method_keys(report), "", &charts)
 }
 
-/// Whether a row is of the radius that the first one has.
+/// Whether a row has the radius of the first row.
 fn is_near(report: &Report, row: &HardRow) -> bool {
     report.hard.first().is_some_and(|first| first.radius_m == row.radius_m)
 }

@@ -1,4 +1,4 @@
-//! Pieces of the page. Every element is closed, so that the page is well-formed XML too.
+//! HTML elements of the page. Every element is closed, so that the page is also well-formed XML.
 
 use super::super::plot::{Style, escaped};
 
@@ -17,7 +17,7 @@ pub(super) fn paragraph(class: &str, text: &str) -> String {
     format!("<p class=\"{class}\">{}</p>\n", escaped(text))
 }
 
-/// Sentences that say what to see.
+/// Sentences that describe the result.
 pub(super) fn says(sentences: &[String]) -> String {
     if sentences.is_empty() {
         return String::new();
@@ -31,23 +31,23 @@ pub(super) fn says(sentences: &[String]) -> String {
 pub(super) struct Key {
     /// A small drawing.
     pub swatch: String,
-    /// What it stands for.
+    /// Its name.
     pub name: String,
 }
 
 impl Key {
-    /// Of a line with markers.
+    /// Entry of a line with markers.
     pub(super) fn line(style: Style, name: impl Into<String>) -> Self {
         Self { swatch: style.swatch(), name: name.into() }
     }
 
-    /// Of a bar.
+    /// Entry of a bar.
     pub(super) fn bar(style: Style, name: impl Into<String>) -> Self {
         Self { swatch: style.block(), name: name.into() }
     }
 }
 
-/// Plots side by side under one legend.
+/// Plots in a row with a common legend.
 pub(super) fn figure(keys: &[Key], note: &str, plots: &[String]) -> String {
     let entry = |key: &Key| format!("<span>{}{}</span>", key.swatch, escaped(&key.name));
     let mut legend: String = keys.iter().map(entry).collect();
@@ -60,7 +60,7 @@ pub(super) fn figure(keys: &[Key], note: &str, plots: &[String]) -> String {
     )
 }
 
-/// Where the figures are.
+/// Links to the tables.
 pub(super) fn files(names: &[&str]) -> String {
     let links: Vec<String> = names
         .iter()
@@ -72,9 +72,9 @@ pub(super) fn files(names: &[&str]) -> String {
 /// A cell of a table.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cell {
-    /// What it says.
+    /// Its text.
     pub text: String,
-    /// The best of its kind.
+    /// Whether it is the best value.
     pub best: bool,
 }
 
@@ -84,9 +84,9 @@ impl<T: Into<String>> From<T> for Cell {
     }
 }
 
-/// A table; a row that begins with other words than the one before begins a group.
+/// A table. A row whose first cell differs from that of the row before starts a group.
 pub(super) fn table(head: &[&str], rows: &[Vec<Cell>]) -> String {
-    // Columns of words stand to the left.
+    // Columns of text are left-aligned.
     let words = |n: usize| {
         rows.first().and_then(|row| row.get(n)?.text.chars().next()).is_some_and(char::is_alphabetic)
     };
@@ -109,7 +109,7 @@ pub(super) fn table(head: &[&str], rows: &[Vec<Cell>]) -> String {
                 (false, true) => " class=\"left\"",
                 (false, false) => "",
             };
-            // The words of a group stand in its first row alone.
+            // Only the first row of a group shows its name.
             let text = if n == 0 && again { "" } else { &cell.text };
             body += &format!("<td{class}>{}</td>", escaped(text));
         }

@@ -1,4 +1,4 @@
-//! Section (i): the ledger, each omission as what it saves against what it changes.
+//! Section (i): the ledger, the saving of each omission against its effect.
 
 use super::super::ledger::LedgerRow;
 use super::super::plot::{Axis, Chart, Point, Series, Style};
@@ -7,7 +7,7 @@ use super::super::words::{figure, milli, percent, times};
 use super::html::{Cell, Key, figure as plots, files, paragraph, says, section as whole, table};
 use palpate_precompute::certificate::NOT_FELT_N;
 
-/// What an omission changes.
+/// An effect of an omission.
 struct Change {
     title: &'static str,
     label: &'static str,
@@ -27,7 +27,7 @@ const CHANGES: [Change; 2] = [
     },
 ];
 
-/// The section; empty without a ledger.
+/// Returns the section; empty without a ledger.
 pub(super) fn section(report: &Report) -> String {
     let rows = &report.ledger;
     let (made, could) = (Style::number(0), Style::number(1).hollow());
@@ -74,7 +74,7 @@ pub(super) fn section(report: &Report) -> String {
     whole("i", "(i) The ledger: what is left out", &body)
 }
 
-/// Whether the linear body would do.
+/// A sentence on whether the linear body suffices.
 fn linear_words(row: &LedgerRow) -> Option<String> {
     let share = row.not_felt_share.filter(|_| row.is_linear_body())?;
     Some(if share >= 1.0 {
@@ -87,7 +87,7 @@ fn linear_words(row: &LedgerRow) -> Option<String> {
     })
 }
 
-/// A point an omission, numbered as in the table; none if there is nothing to show.
+/// One point per omission, numbered as in the table; `None` if there is nothing to show.
 fn chart(rows: &[LedgerRow], change: &Change, styles: [Style; 2]) -> Option<String> {
     let point = |n: usize, row: &LedgerRow| {
         let y = (change.of)(row).filter(|y| *y > 0.0 && y.is_finite())?;
@@ -141,8 +141,7 @@ mod tests {
         }
     }
 
-    /// A change that is none, a cost of nothing and a surface that nobody measured have no place on
-    /// logarithmic axes.
+    /// Logarithmic axes cannot show a zero effect, a zero cost, or a surface that was not measured.
     #[test]
     fn a_line_without_a_size_is_in_no_plot() {
         let styles = [Style::number(0), Style::number(1).hollow()];

@@ -1,4 +1,4 @@
-//! The page: one HTML file with its style and drawings inside.
+//! The page: one HTML file that contains its style and drawings.
 
 mod bodies;
 mod cost;
@@ -50,7 +50,7 @@ pub(super) fn write(report: &Report, file: &Output) -> Result<(), Failure> {
     file.put(page.as_bytes())
 }
 
-/// The legend of the methods shown.
+/// The legend of the displayed methods.
 fn method_keys(report: &Report) -> Vec<Key> {
     let shown = |method: &Method| report.cases.iter().flatten().any(|case| row(case, *method).is_some());
     let methods = report.plan.methods.iter().copied().filter(shown);
@@ -68,7 +68,7 @@ fn title(report: &Report, family: usize) -> String {
     format!("{}, {}", family.name, words::law(&family.bench.body.law_names()))
 }
 
-/// The row with the least of something, among those that have it.
+/// The row with the smallest value, of those that have one.
 fn least<'r>(
     rows: impl IntoIterator<Item = &'r MethodRow>,
     of: fn(&MethodRow) -> f64,
@@ -81,7 +81,7 @@ fn is_of_the_paper(row: &MethodRow) -> bool {
     ["trilinear", "tricubic", "rbf-linear", "rbf-cubic"].contains(&row.method)
 }
 
-/// A method's name, marked where it is not the paper's.
+/// A method's name, with a mark if it is not one of the paper's.
 fn method_words(row: &MethodRow) -> String {
     format!("{}{}", row.method, if is_of_the_paper(row) { "" } else { " *" })
 }

@@ -1,4 +1,4 @@
-//! What was measured, on what, and the main figures at a glance.
+//! The measured bodies, the conditions, and a summary of the main figures.
 
 use super::super::measure::{Measured, MethodRow};
 use super::super::plan::Family;
@@ -23,7 +23,7 @@ const PARTS: [(&str, &str); 11] = [
     ("j", "(j) The forms of a fit"),
 ];
 
-/// Title, setting and main table.
+/// Returns the title, the conditions and the main table.
 pub(super) fn section(report: &Report) -> String {
     let mut page = String::from("<h1>Speed against error</h1>\n");
     page += &paragraph(
@@ -99,7 +99,7 @@ fn setting(family: &Family, cases: &[Measured]) -> String {
     )
 }
 
-/// A row a method, a column a grid.
+/// One row per method, one column per grid.
 fn matrix(report: &Report, cases: &[Measured]) -> String {
     let grids: Vec<String> =
         cases.iter().map(|case| format!("{} points", count(case.space.grid as usize))).collect();

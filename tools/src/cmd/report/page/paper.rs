@@ -13,10 +13,10 @@ use super::cost::radius;
 use super::html::{Key, figure as plots, files, heading, paragraph, says, section as whole};
 use super::{method_keys, title};
 
-/// The just noticeable difference of a force.
+/// The just-noticeable difference of a force.
 const JND: f64 = 0.07;
 
-/// The section.
+/// Returns the section.
 pub(super) fn section(report: &Report) -> String {
     let body = [curves(report), along(report), times(report), means(report), maxima(report)].concat();
     whole("d", "(d) The paper\u{2019}s figures", &body)
@@ -48,7 +48,7 @@ fn curves(report: &Report) -> String {
                 .map(|(step, row)| Point {
                     x: 1e3 * row.distance_m,
                     y: row.force_n,
-                    // Every fifth point is marked.
+                    // Every fifth point has a marker.
                     r: if step % 5 == 0 { 4.0 } else { 0.0 },
                     title: format!("{} mm: {} N", milli(row.distance_m), figure(row.force_n)),
                     note: None,
@@ -114,7 +114,7 @@ fn curves(report: &Report) -> String {
         + &files(&["curves"])
 }
 
-/// All laws in one way of holding and touching.
+/// All laws for one fixed set and one active node.
 fn laws_chart(rows: &[CurveRow], laws: &[&str], (held, active): (&str, &str)) -> String {
     let of = |name: &str| -> Vec<&CurveRow> {
         rows.iter().filter(|row| row.law == name && row.held == held && row.active == active).collect()
@@ -147,7 +147,7 @@ fn laws_chart(rows: &[CurveRow], laws: &[&str], (held, active): (&str, &str)) ->
     .svg()
 }
 
-/// Fig. 6 once more, interpolated.
+/// Fig. 6, interpolated.
 fn along(report: &Report) -> String {
     let shown = [Method::Trilinear, Method::RbfCubic, Method::Energy];
     let (mut charts, mut words) = (Vec::new(), Vec::new());
@@ -199,7 +199,7 @@ fn series(along: &Along, method: Method, answers: &[[f64; 2]], of: usize, scale:
     let points = along.distance_m.iter().zip(answers).map(|(d, a)| Point {
         x: 1e3 * d,
         y: scale * a[of],
-        // So that no marker hides another.
+        // Different sizes, so that no marker hides another.
         r: match method {
             _ if of == 1 => 3.2,
             Method::Trilinear => 5.6,
@@ -299,12 +299,12 @@ fn times(report: &Report) -> String {
         + &files(&["spaces"])
 }
 
-/// Every second bar is hollow: colours alone are lost in print.
+/// Every second bar is hollow, because printing may lose the colours.
 fn bar_style(n: usize) -> Style {
     if n % 2 == 1 { Style::number(n).hollow() } else { Style::number(n) }
 }
 
-/// Milliseconds of a configuration, failed tries shared out.
+/// Milliseconds per configuration, with the time of failed attempts distributed over all.
 fn each_ms(case: &Measured) -> f64 {
     1e3 * case.space.solve_seconds / case.space.configurations.max(1) as f64
 }
@@ -376,7 +376,7 @@ fn means(report: &Report) -> String {
         + &files(&["means", "paths"])
 }
 
-/// Fig. 9: the coarsest grid, and the finest that has all methods shown.
+/// Fig. 9: the coarsest grid, and the finest with all displayed methods.
 fn maxima(report: &Report) -> String {
     let shown: Vec<Method> = [Method::Trilinear, Method::RbfCubic, Method::Energy]
         .into_iter()

@@ -1,10 +1,10 @@
-//! Section (g): states between grid points, and the surface for the eye.
+//! Section (g): states between grid points, and the displayed surface.
 
 use super::super::results::Report;
 use super::super::words::{bytes, count, figure, milli};
 use super::html::{Cell, files, heading, paragraph, section as whole, table};
 
-/// The section.
+/// Returns the section.
 pub(super) fn section(report: &Report) -> String {
     let (forces, surfaces) = (&report.parts.0, &report.parts.1);
     let scene = forces.first().map_or("", |row| row.scene.as_str());

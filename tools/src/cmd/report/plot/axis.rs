@@ -1,11 +1,11 @@
-//! An axis: its range, its scale, and where its ticks stand.
+//! An axis: its range, scale and ticks.
 
 use crate::cmd::report::words::plain;
 
 /// An axis of a plot.
 #[derive(Debug, Clone)]
 pub(in super::super) struct Axis {
-    /// What is along it, with its unit.
+    /// Name of the quantity, with its unit.
     pub label: String,
     low: f64,
     high: f64,
@@ -20,7 +20,7 @@ pub(super) struct Tick {
 }
 
 impl Axis {
-    /// A linear axis that holds zero and all of `values`.
+    /// A linear axis that includes zero and all of `values`.
     pub(in super::super) fn linear(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = range(values, |x| x.is_finite()).unwrap_or((0.0, 1.0));
         let (low, high) = (low.min(0.0), high.max(0.0));
@@ -30,15 +30,16 @@ impl Axis {
         Self { label: label.into(), low, high: high + room, log: false }
     }
 
-    /// A logarithmic axis that holds all positive `values`.
+    /// A logarithmic axis that includes all positive `values`.
     pub(in super::super) fn log(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = range(values, |x| x.is_finite() && x > 0.0).unwrap_or((1.0, 10.0));
-        // Room for the markers, and never less than a decade: small differences must not look large.
+        // A margin for the markers, and a range of at least a decade: small differences must not appear
+        // large.
         let widen = (10.0 / (high / low)).max(1.0).sqrt().max(1.35);
         Self { label: label.into(), low: low / widen, high: high * widen, log: true }
     }
 
-    /// 0 at the low end, 1 at the high one; what lies outside is brought to the edge.
+    /// 0 at the low end, 1 at the high end. Values outside are clamped to the edge.
     pub(super) fn place(&self, value: f64) -> f64 {
         let place = if self.log {
             (value.max(f64::MIN_POSITIVE) / self.low).ln() / (self.high / self.low).ln()
@@ -58,7 +59,8 @@ impl Axis {
     }
 
     fn steps(&self) -> Vec<Tick> {
-        // Six steps at most, and a little: the room beyond the values must not cost half the ticks.
+        // About six intervals at most, with a tolerance, so that the margin does not halve the number of
+        // ticks.
         let rough = (self.high - self.low) / 5.5;
         let power = 10f64.powf(rough.log10().floor());
         let step =

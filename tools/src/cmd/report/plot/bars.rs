@@ -1,4 +1,4 @@
-//! Values in groups side by side: bars with their figures on them, or stems with a marker at the top.
+//! Groups of values: bars with their values as labels, or stems with a marker at the top.
 
 use super::axis::Axis;
 use super::chart::{Frame, HEIGHT, WIDTH};
@@ -8,42 +8,42 @@ use super::svg::{Anchor, Svg};
 /// A plot of groups.
 #[derive(Debug)]
 pub(in super::super) struct Bars {
-    /// Above it.
+    /// Title above the plot.
     pub title: String,
-    /// What the groups are.
+    /// Label of the groups.
     pub x_label: String,
-    /// Up the left side.
+    /// The vertical axis.
     pub y: Axis,
-    /// Group by group.
+    /// The groups, from left to right.
     pub groups: Vec<Group>,
-    /// Bars; or stems, which suit a logarithmic axis without a floor.
+    /// Bars if true; otherwise stems, which suit a logarithmic axis without a floor.
     pub solid: bool,
 }
 
 /// One group.
 #[derive(Debug)]
 pub(in super::super) struct Group {
-    /// Under it.
+    /// Label below the group.
     pub name: String,
-    /// Its values; a gap where there is none.
+    /// Its values, with a gap for each missing one.
     pub values: Vec<Value>,
 }
 
 /// One bar or stem.
 #[derive(Debug)]
 pub(in super::super) struct Value {
-    /// How it looks.
+    /// Its style.
     pub style: Style,
-    /// How high it is.
+    /// Its height.
     pub value: Option<f64>,
-    /// Written over a bar.
+    /// Label above a bar.
     pub text: String,
-    /// What a pointer that rests on it is told.
+    /// Tooltip.
     pub title: String,
 }
 
 impl Bars {
-    /// The drawing.
+    /// Returns the drawing.
     pub(in super::super) fn svg(&self) -> String {
         let mut svg = Svg::default();
         let frame = Frame { x: None, y: &self.y };

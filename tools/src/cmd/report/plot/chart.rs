@@ -7,26 +7,26 @@ use super::svg::{Anchor, Svg};
 /// A plot.
 #[derive(Debug)]
 pub(in super::super) struct Chart {
-    /// Above it.
+    /// Title above the plot.
     pub title: String,
-    /// Along the bottom.
+    /// The horizontal axis.
     pub x: Axis,
-    /// Up the left side.
+    /// The vertical axis.
     pub y: Axis,
-    /// What is shown.
+    /// The series.
     pub series: Vec<Series>,
-    /// Level lines across the plot, with a word on each.
+    /// Level lines across the plot, each with a label.
     pub levels: Vec<(f64, String)>,
 }
 
-/// Points of one kind.
+/// A series of points.
 #[derive(Debug)]
 pub(in super::super) struct Series {
-    /// How it looks.
+    /// Its style.
     pub style: Style,
-    /// Whether its points are joined.
+    /// Whether its points are connected.
     pub joined: bool,
-    /// Whether its points are marked.
+    /// Whether its points have markers.
     pub marked: bool,
     /// Its points.
     pub points: Vec<Point>,
@@ -35,19 +35,19 @@ pub(in super::super) struct Series {
 /// One point.
 #[derive(Debug, Clone)]
 pub(in super::super) struct Point {
-    /// Where.
+    /// Horizontal value.
     pub x: f64,
-    /// Where.
+    /// Vertical value.
     pub y: f64,
     /// Radius of its marker.
     pub r: f64,
-    /// What a pointer that rests on it is told.
+    /// Tooltip.
     pub title: String,
-    /// Written beside it.
+    /// Label beside it.
     pub note: Option<String>,
 }
 
-/// Size of a plot, in units of its own; the page scales it.
+/// Size of a plot in its own units; the page scales it.
 pub(super) const WIDTH: f64 = 460.0;
 pub(super) const HEIGHT: f64 = 330.0;
 const LEFT: f64 = 62.0;
@@ -55,19 +55,19 @@ const RIGHT: f64 = 14.0;
 const TOP: f64 = 30.0;
 const BOTTOM: f64 = 48.0;
 
-/// Width of a digit at a tick, about.
+/// Approximate width of a digit of a tick label.
 const TICK: f64 = 6.0;
-/// Width of a letter of a note and height of its line, about.
+/// Approximate width of a letter of a note, and height of its line.
 const NOTE: [f64; 2] = [5.0, 9.0];
-/// Where a note stands against its point: above its height, or else below, or in line with it.
+/// Offsets of a note from its point: above, below, or in line with it.
 const NOTE_DY: [f64; 3] = [-5.0, 12.0, 4.0];
 
-/// Whether two boxes (left, right, top, bottom) share a place.
+/// Whether two boxes (left, right, top, bottom) overlap.
 fn overlap(a: &[f64; 4], b: &[f64; 4]) -> bool {
     a[0] < b[1] && b[0] < a[1] && a[2] < b[3] && b[2] < a[3]
 }
 
-/// Where an axis pair lies on the drawing.
+/// Position of a pair of axes in the drawing.
 pub(super) struct Frame<'a> {
     pub x: Option<&'a Axis>,
     pub y: &'a Axis,
@@ -113,7 +113,7 @@ impl Frame<'_> {
         svg.text_upwards([14.0, 0.5 * (TOP + floor)], "label", &self.y.label);
     }
 
-    /// A level line with its word.
+    /// A level line with its label.
     pub(super) fn level(&self, svg: &mut Svg, value: f64, word: &str) {
         if self.y.holds(value) {
             let y = self.up(value);
@@ -124,7 +124,7 @@ impl Frame<'_> {
 }
 
 impl Chart {
-    /// The drawing.
+    /// Returns the drawing.
     pub(in super::super) fn svg(&self) -> String {
         let mut svg = Svg::default();
         let frame = Frame { x: Some(&self.x), y: &self.y };
@@ -138,7 +138,7 @@ impl Chart {
                 series.points.iter().filter(shown).map(|p| frame.at(p.x, p.y)).collect();
             svg.polyline(&points, series.style.colour, series.style.dash, 1.6);
         }
-        // Markers over all lines, and small ones last, so that none is hidden for good.
+        // Markers above all lines, the small ones last, so that none is hidden completely.
         let mut marks: Vec<(&Style, &Point)> = self
             .series
             .iter()
@@ -151,13 +151,13 @@ impl Chart {
             let at = frame.at(point.x, point.y);
             style.marker(&mut svg, at, point.r, &point.title);
             if let Some(note) = &point.note {
-                // Beside the point, towards the middle of the plot.
+                // Beside the point, on the side of the middle of the plot.
                 let (side, anchor) =
                     if self.x.place(point.x) > 0.7 { (-1.0, Anchor::End) } else { (1.0, Anchor::Start) };
                 let x = at[0] + side * (point.r + 4.0);
                 let width = NOTE[0] * note.chars().count() as f64;
                 let left = if side < 0.0 { x - width } else { x };
-                // Above its height or below, where no other note is.
+                // Above or below, at the first position without another note.
                 let boxed = |dy: f64| [left, left + width, at[1] + dy - NOTE[1], at[1] + dy];
                 let is_free = |dy: &f64| !written.iter().any(|other| overlap(other, &boxed(*dy)));
                 let dy = NOTE_DY.into_iter().find(is_free).unwrap_or(NOTE_DY[0]);

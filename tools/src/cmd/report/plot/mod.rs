@@ -1,5 +1,5 @@
-//! Plots as inline SVG, written by hand: a pointer that rests on a marker is told its figures, one style
-//! sheet serves screen and print, and the page needs no file beside it. Crate `plotters` would save little:
+//! Plots as inline SVG, generated without a library: a marker shows its values as a tooltip, one style sheet
+//! serves screen and print, and the page needs no other file. The crate `plotters` would save little, because
 //! its SVG has neither titles nor classes.
 
 mod axis;

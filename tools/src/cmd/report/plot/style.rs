@@ -1,5 +1,5 @@
-//! Colours and marker shapes: the palette of Okabe and Ito, which the colour-blind tell apart, and a shape of
-//! its own for each colour, which print in grey needs.
+//! Colours and marker shapes: the palette of Okabe and Ito, which colour-blind readers can distinguish, and a
+//! separate shape for each colour, for print in grey.
 
 use palpate_core::Method;
 
@@ -17,16 +17,16 @@ pub(in super::super) enum Shape {
     Star,
 }
 
-/// How a series looks.
+/// Style of a series.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in super::super) struct Style {
-    /// Colour as the browser takes it.
+    /// Colour in CSS syntax.
     pub colour: &'static str,
     /// Shape of its markers.
     pub shape: Shape,
-    /// Dashes of its line; empty for a full one.
+    /// Dashes of its line; empty for a solid line.
     pub dash: &'static str,
-    /// White inside.
+    /// Whether its markers have a white interior.
     pub hollow: bool,
 }
 
@@ -38,7 +38,7 @@ impl Style {
         Self { colour: PALETTE[colour], shape, dash, hollow: false }
     }
 
-    /// The style of a method, the same in every plot.
+    /// The style of a method, which is the same in every plot.
     pub(in super::super) fn of_method(method: Method) -> Self {
         match method {
             Method::Trilinear => Self::new(1, Shape::Circle, ""),
@@ -52,7 +52,7 @@ impl Style {
         }
     }
 
-    /// One of several styles for what has none of its own.
+    /// One of several styles for series without a style of their own.
     pub(in super::super) fn number(n: usize) -> Self {
         const ALL: [Style; 7] = [
             Style::new(5, Shape::Circle, ""),
@@ -66,7 +66,7 @@ impl Style {
         ALL[n % ALL.len()]
     }
 
-    /// The same with white markers.
+    /// The same style with hollow markers.
     pub(in super::super) fn hollow(self) -> Self {
         Self { hollow: true, ..self }
     }
@@ -76,7 +76,7 @@ impl Style {
         svg.shape(&self.shape.path(at, r), self.colour, self.hollow, title);
     }
 
-    /// A short piece of line with a marker on it, for a legend.
+    /// A short line with a marker, for a legend.
     pub(in super::super) fn swatch(&self) -> String {
         let mut svg = Svg::default();
         svg.polyline(&[[1.0, 8.0], [33.0, 8.0]], self.colour, self.dash, 1.6);
@@ -93,7 +93,7 @@ impl Style {
 }
 
 impl Shape {
-    /// Its outline; areas are about equal.
+    /// Its outline. The areas of the shapes are about equal.
     fn path(self, [x, y]: [f64; 2], r: f64) -> String {
         let corners = |corners: &[(f64, f64)]| -> String {
             let points: Vec<String> =

@@ -1,8 +1,8 @@
-//! The few SVG elements that the plots need, as text.
+//! The SVG elements of the plots, as text.
 
 use std::fmt::Write;
 
-/// Which end of a text stands at its position.
+/// Alignment of a text at its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
@@ -27,7 +27,7 @@ pub(super) struct Svg {
 }
 
 impl Svg {
-    /// The whole element, `width` by `height` units, named `title` for those who cannot see it.
+    /// The whole element, `width` by `height` units, with `title` for screen readers.
     pub(super) fn finish(self, width: f64, height: f64, title: &str) -> String {
         format!(
             "<svg viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"{}\">{}</svg>",
@@ -36,7 +36,7 @@ impl Svg {
         )
     }
 
-    /// A straight line of a class of the style sheet.
+    /// A straight line with a class of the style sheet.
     pub(super) fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], class: &str) {
         let _ = write!(
             self.body,
@@ -72,7 +72,7 @@ impl Svg {
         );
     }
 
-    /// A closed outline in path syntax, filled or hollow; `title` shows when the pointer rests on it.
+    /// A closed outline in path syntax, filled or hollow, with `title` as tooltip.
     pub(super) fn shape(&mut self, path: &str, colour: &str, hollow: bool, title: &str) {
         let fill = if hollow { "#ffffff" } else { colour };
         let _ = write!(
@@ -82,7 +82,7 @@ impl Svg {
         );
     }
 
-    /// Text of a class of the style sheet.
+    /// Text with a class of the style sheet.
     pub(super) fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, class: &str, text: &str) {
         let _ = write!(
             self.body,
@@ -102,7 +102,7 @@ impl Svg {
     }
 }
 
-/// Text that may stand between tags and in attributes.
+/// Text escaped for element content and attributes.
 pub(in super::super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
