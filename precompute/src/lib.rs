@@ -1,10 +1,11 @@
-//! Palpate, offline half: scene -> mesh + material -> static hyperelastic solves -> configuration space -> blob.
+//! Palpate, offline half: scene -> mesh + material -> static hyperelastic solves -> configuration space
+//! -> blob.
 //!
-//! Inputs: a scene file and its mesh. Outputs: a store of solved configurations (`.space`) and, fitted from it, a
-//! blob that `palpate-core` reads. All numbers are f64 and deterministic: the same scene gives the same bits
-//! whatever the number of threads.
+//! Inputs: a scene file and its mesh. Outputs: a store of solved configurations (`.space`) and a blob fitted
+//! to it, which `palpate-core` reads. All numbers are f64 and deterministic: the same scene gives the same
+//! bits for any number of threads.
 //!
-//! From a scene to a command for the hand ([`pipeline`] has the steps one by one):
+//! From a scene to a force command for the haptic device ([`pipeline`] describes the single steps):
 //!
 //! ```
 //! use palpate_core::{AlignedBytes, Config, Controller, Method, Organ, Sample, State, vec3};
@@ -34,8 +35,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Invariants: SI units; node indices are 0-based file order; h is the force by the tool ON the body, h = dW/dd;
-//! displacements are relative to the active node at rest.
+//! Conventions: SI units. Node indices are 0-based in file order. h is the force of the tool on the body,
+//! h = dW/dd. Displacements are relative to the active node at rest.
 #![deny(unsafe_code)]
 
 pub mod adaptive;

@@ -153,6 +153,7 @@ pub struct Cost {
 /// Measurements of one method.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MethodCertificate {
+    /// Name of the method.
     pub method: String,
     /// Independent uniform positions within f_max, away from branch jumps.
     pub uniform: Errors,

@@ -1,4 +1,4 @@
-//! The same tissue by another law: moduli at small strain carried over, so that what differs is the law alone.
+//! The same tissue with another law of equal moduli at small strain, so that only the law differs.
 
 use super::material::{LAWS, Material};
 use crate::fem::body::Region;
@@ -6,11 +6,11 @@ use crate::fem::body::Region;
 /// Why a law has no counterpart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoCounterpart {
-    /// No law of this name.
+    /// There is no law of this name.
     UnknownLaw,
     /// One of the two laws has fibres: no isotropic law has its moduli.
     Fibres,
-    /// A law of one's own, whose moduli at small strain are not known.
+    /// A user-defined law, whose moduli at small strain are not known.
     Own,
 }
 
@@ -31,9 +31,10 @@ impl std::error::Error for NoCounterpart {}
 impl Region {
     /// The law called `name` with this region's moduli at small strain; the region itself if that is its law.
     ///
-    /// From an incompressible law, E = 3 mu (6 (C10 + C01) for Mooney-Rivlin) and nu = 0.49, as the paper does it; with a
-    /// bulk modulus K, nu = (3 K - 2 mu) / (6 K + 2 mu) and E = 2 mu (1 + nu). Lame's constants go over as they are, and
-    /// give C10 = C01 = mu / 4 to an incompressible law, which takes no more than mu from them.
+    /// An incompressible law gives E = 3 mu (6 (C10 + C01) for Mooney-Rivlin) and nu = 0.49, as in the paper.
+    /// With a bulk modulus K it gives nu = (3 K - 2 mu) / (6 K + 2 mu) and E = 2 mu (1 + nu). Between
+    /// compressible laws Lame's constants do not change. An incompressible law uses only mu of them, with
+    /// C10 = C01 = mu / 4.
     pub fn counterpart(&self, name: &str) -> Result<Self, NoCounterpart> {
         if !LAWS.contains(&name) {
             return Err(NoCounterpart::UnknownLaw);

@@ -86,8 +86,9 @@ impl Body {
     /// q with B_va = int N_v dJ/du_a. The check detects two faults:
     ///
     /// - B^T 1 = 0 on the free components: dV/du_a = int grad N_a dV vanishes for all of them. This is the
-    ///   case if every node on the part's surface is prescribed (interior nodes have a zero derivative, because
-    ///   the gradients around them cancel), and also if rollers keep the faces of a box in their planes.
+    ///   case if every node on the part's surface is prescribed (interior nodes have a zero derivative,
+    ///   because the gradients around them cancel), and also if rollers keep the faces of a box in their
+    ///   planes.
     /// - More pressures than free components: B^T then has a kernel for any geometry. Stabilised pairs are
     ///   accepted, because their quadratic form determines the pressures up to the mean.
     ///

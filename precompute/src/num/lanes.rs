@@ -29,13 +29,13 @@ pub fn dispatch<W: WithSimd>(work: W) -> W::Output {
     pulp::Arch::new().dispatch(work)
 }
 
-/// No machine has more lanes.
+/// Largest number of lanes of any machine.
 pub const MAX_LANES: usize = 8;
 
-/// A real number, or several side by side.
+/// A real number, or several in parallel.
 ///
-/// A law is written once for both: arithmetic with the operators, numbers that are the same everywhere as f64 on the
-/// right of one, functions by [`Real::map`], choices by [`Real::where_less`].
+/// One implementation of a law serves both. Operators do arithmetic, with an f64 as right operand for
+/// constants. [`Real::map`] applies functions, and [`Real::where_less`] selects values.
 pub trait Real:
     Copy
     + Debug
@@ -62,7 +62,7 @@ pub trait Real:
     /// `value` in every lane.
     fn constant(self, value: f64) -> Self;
 
-    /// The number that `value` gives for each lane, on the machine of this one.
+    /// A number with the value `value(lane)` in each lane, for the same machine as `self`.
     fn from_lanes(self, value: impl FnMut(usize) -> f64) -> Self;
 
     /// One of the lanes.

@@ -1,6 +1,6 @@
-//! Work shared among threads, all of which start before any of it begins.
+//! Work shared among threads, all of which start before the work begins.
 //!
-//! What an item gives depends on the item alone, so the bits do not depend on the number of threads.
+//! The result of an item depends on the item alone, so the bits do not depend on the number of threads.
 
 use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, IntoParallelRefIterator, ParallelIterator};
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 /// A worker thread that the operating system does not start.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ThreadError {
-    /// Threads that were asked for.
+    /// Number of requested threads.
     pub wanted: usize,
-    /// What the operating system says.
+    /// Error of the operating system.
     pub why: String,
 }
 
@@ -24,30 +24,31 @@ impl std::fmt::Display for ThreadError {
 
 impl std::error::Error for ThreadError {}
 
-/// Threads that are kept for several pieces of work.
+/// Threads that serve several pieces of work.
 #[derive(Debug)]
 pub struct Pool(ThreadPool);
 
 impl Pool {
-    /// So many threads, at least one.
+    /// A pool of `threads` threads, at least one.
     pub fn new(threads: usize) -> Result<Self, ThreadError> {
         let wanted = threads.max(1);
         let pool = ThreadPoolBuilder::new().num_threads(wanted).build();
         pool.map(Self).map_err(|error| ThreadError { wanted, why: error.to_string() })
     }
 
-    /// `work` of all numbers below `n`, in their order.
+    /// Results of `work` for all numbers below `n`, in order.
     pub fn numbers<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
         self.0.install(|| (0..n).into_par_iter().map(work).collect())
     }
 
-    /// What `work` gives on every thread; the threads share what there is to do among themselves.
+    /// Results of `work`, run once on every thread. `work` itself divides the items among the threads.
     pub fn each<T: Send>(&self, work: impl Fn() -> T + Sync) -> Vec<T> {
         self.0.broadcast(|_| work())
     }
 }
 
-/// `work` of all items, in their order, on `threads` threads at most. Items are long: each is handed out by itself.
+/// Results of `work` for all items, in order, on at most `threads` threads. Items are long, so each is
+/// scheduled separately.
 pub fn in_parallel<I: Sync, T: Send>(
     items: &[I],
     threads: usize,

@@ -1,12 +1,12 @@
-//! From a scene to a certified blob: what an engineer does with this library, step by step.
+//! From a scene to a certified blob: the workflow of an application, step by step.
 //!
 //! ```text
 //! Analysis::load -> Analysis::store -> Analysis::solve -> solve_truth -> certified -> Packed::bytes
 //! scene, body       .space file        configurations     fresh solves   tables and their errors
 //! ```
 //!
-//! [`certified_blob`] does the steps after the solve in one call. Each step keeps what it did in the `.space`
-//! file, so an interrupted one goes on where it stopped.
+//! [`certified_blob`] does the steps after the solve in one call. Each step keeps its results in the `.space`
+//! file, so an interrupted step continues where it stopped.
 
 mod blob;
 mod error;
@@ -136,7 +136,8 @@ impl Analysis {
         Ok(Store::salvage(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
     }
 
-    /// A store keeps the text of the scene, from which its laws are built again: it holds laws of the list only.
+    /// A store keeps the text of the scene, and its laws are built from this text. So only laws of the list
+    /// can be stored.
     fn identity(&self) -> Result<StoreIdentity, PipelineError> {
         for region in &self.scene.materials {
             if let Material::Own(_) = region.material {

@@ -19,8 +19,8 @@ pub struct FallbackLattice {
 }
 
 impl FallbackLattice {
-    /// The lattice within `radius_m`, with the corners outside the ball. `None` if the radius is not a valid
-    /// multiple of the spacing.
+    /// The lattice within `radius_m`, with the corners outside the ball. `None` if that is not a valid
+    /// lattice of the core.
     pub fn within(radius_m: f64) -> Option<Self> {
         // Rounded up: a spacing slightly too small would add a cell.
         let spacing = (radius_m / UNIT_M / f64::from(CELLS) - 1e-6).ceil() as i32;

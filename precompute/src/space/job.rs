@@ -32,6 +32,7 @@ pub enum Done {
 pub struct Job {
     /// Active node.
     pub active: u32,
+    /// The task.
     pub task: Task,
     /// State of the parent; `None` for the rest point.
     pub seed: Option<StoredSeed>,
@@ -42,6 +43,7 @@ pub struct Job {
 pub struct Outcome {
     /// Active node.
     pub active: u32,
+    /// The record of the attempt.
     pub record: Record,
     /// State for the children; `None` if the solve failed.
     pub seed: Option<StoredSeed>,

@@ -22,6 +22,7 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// All kinds, in their order.
     pub const ALL: [Self; 3] = [Self::Regular, Self::Random, Self::Uniform];
 
     /// Name in files.
@@ -44,6 +45,7 @@ impl Kind {
 pub struct Walk {
     /// Active node.
     pub active: u32,
+    /// Kind of the walk.
     pub kind: Kind,
     /// Number within the kind.
     pub number: u32,
@@ -52,6 +54,7 @@ pub struct Walk {
 /// Solve these positions in order, each from the one before.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct WalkJob {
+    /// Identity of the walk.
     pub walk: Walk,
     /// Start: a point of the space and its state; `None` for rest.
     pub start: Option<(GridIndex, StoredSeed)>,
@@ -64,6 +67,7 @@ pub struct WalkJob {
 /// Outcome of a walk up to its end or its first failure.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct WalkOutcome {
+    /// Identity of the walk.
     pub walk: Walk,
     /// One entry per step; the last one may be terminating or failed.
     pub truths: Vec<Truth>,

@@ -31,8 +31,8 @@ impl SpaceGrid {
 /// Unit of the indices of scattered positions, m; far below the resolution of any device.
 pub const UNIT_M: f64 = 1e-6;
 
-/// Smallest and largest radius r_G of a space, m. Within ten units there are too few positions to choose from;
-/// the lattices of the core end at a kilometre.
+/// Smallest and largest radius r_G of a space, m. A radius below ten units contains too few positions. The
+/// lattices of the core end at a kilometre.
 pub const RADII_M: [f64; 2] = [1e-5, 1e3];
 
 /// Displacement of a scattered point, m.

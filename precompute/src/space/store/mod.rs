@@ -42,7 +42,9 @@ const SCHEMA: &str = include_str!("schema.sql");
 /// Inputs of a store. A resumed run must have the same.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoreIdentity {
+    /// Name of the scene.
     pub scene_name: String,
+    /// Canonical text of the scene.
     pub scene: String,
     /// Hash of all content of scene and mesh that changes numbers.
     pub content_hash: String,
@@ -128,6 +130,7 @@ impl Store {
         Self { connection, path: path.to_path_buf(), begun, added, _lock: lock }
     }
 
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
