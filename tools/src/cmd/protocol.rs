@@ -62,6 +62,7 @@ pub(crate) struct Args {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let threads = threads(args.threads)?;
     if !(args.step_mm > 0.0 && args.length_mm >= args.step_mm && args.length_mm.is_finite()) {
         return Err(Failure::input("--step-mm must be positive and --length-mm at least as long"));
     }
@@ -94,7 +95,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         uniform: 0,
         ..Draw::PAPER
     };
-    let (stop, threads, sets) = (stop_flag()?, threads(args.threads)?, benches.len());
+    let (stop, sets) = (stop_flag()?, benches.len());
     let start = Instant::now();
     let (mut lines, mut figures) = (Vec::new(), Vec::new());
     let mut total = Summary::default();
