@@ -63,7 +63,7 @@ pub trait Real:
     fn constant(self, value: f64) -> Self;
 
     /// A number with the value `value(lane)` in each lane, for the same machine as `self`.
-    fn from_lanes(self, value: impl FnMut(usize) -> f64) -> Self;
+    fn with_lanes(self, value: impl FnMut(usize) -> f64) -> Self;
 
     /// One of the lanes.
     fn lane(&self, lane: usize) -> f64;
@@ -102,7 +102,7 @@ impl Real for f64 {
     }
 
     #[inline(always)]
-    fn from_lanes(self, mut value: impl FnMut(usize) -> f64) -> Self {
+    fn with_lanes(self, mut value: impl FnMut(usize) -> f64) -> Self {
         value(0)
     }
 
@@ -162,7 +162,7 @@ impl<S: Simd> Real for Lanes<S> {
     }
 
     #[inline(always)]
-    fn from_lanes(self, value: impl FnMut(usize) -> f64) -> Self {
+    fn with_lanes(self, value: impl FnMut(usize) -> f64) -> Self {
         Self::new(self.machine, value)
     }
 

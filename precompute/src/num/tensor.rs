@@ -69,7 +69,7 @@ impl<R: Real> Mat3<R> {
     /// The matrix that `value` gives for each lane; `like` is any number.
     #[inline(always)]
     pub fn from_lanes<'m>(like: R, value: impl Fn(usize) -> &'m Mat3<f64>) -> Self {
-        let entry = |i: usize, j: usize| like.from_lanes(|lane| value(lane).at(i, j));
+        let entry = |i: usize, j: usize| like.with_lanes(|lane| value(lane).at(i, j));
         Self([0, 1, 2].map(|j| Vec3([0, 1, 2].map(|i| entry(i, j)))))
     }
 

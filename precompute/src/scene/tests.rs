@@ -193,7 +193,7 @@ fn the_bound_of_the_displacements_is_the_scene_s() {
     refuses(
         "displacement_rms_mm = 0.001",
         "block.toml:26",
-        "displacement_rms_mm = 0.001 is finer",
+        "displacement_rms_mm = 0.001 is below",
         "give 0.01 or more",
     );
     refuses("displacement_max_mm = -1.0", "block.toml:26", "displacement_max_mm", "correct the value");

@@ -103,7 +103,7 @@ pub(crate) fn run_with(
             args.out.display()
         )));
     }
-    let store = open_space(&bench, space, false)?;
+    let store = open_space(bench, space, false)?;
     if args.again {
         store.forget_held_out()?;
     }

@@ -118,7 +118,7 @@ pub(crate) fn run_with(
         Some(name) => vec![bench.active(Some(name))?.0],
         None => (0..bench.scene.active.len()).collect(),
     };
-    let store = open_space(&bench, space, args.salvage)?;
+    let store = open_space(bench, space, args.salvage)?;
     let start = Instant::now();
     let points = Plans::of(&store)?.points();
     let counted = if points.is_some() { "points" } else { "predictions within tolerance" };

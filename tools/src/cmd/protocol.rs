@@ -100,7 +100,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (mut lines, mut figures) = (Vec::new(), Vec::new());
     let mut total = Summary::default();
     for (number, ((fixed, bench), space)) in (1..).zip(benches.iter().zip(&spaces)) {
-        let store = open_space(&bench, space, false)?;
+        let store = open_space(bench, space, false)?;
         if args.again {
             store.forget_held_out()?;
         }

@@ -86,13 +86,13 @@ impl Law for OwnLaw {
     #[inline(always)]
     fn stress<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>) {
         let all = each_lane::<R, _>(|lane| self.law.stress_at(&k.lane(lane), q_pa.lane(lane)));
-        (q_pa.from_lanes(|lane| all[lane].0), Mat3::from_lanes(q_pa, |lane| &all[lane].1))
+        (q_pa.with_lanes(|lane| all[lane].0), Mat3::from_lanes(q_pa, |lane| &all[lane].1))
     }
 
     #[inline(always)]
     fn response<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>, Tangent<R>) {
         let all = each_lane::<R, _>(|lane| self.law.response_at(&k.lane(lane), q_pa.lane(lane)));
-        let energy = q_pa.from_lanes(|lane| all[lane].0);
+        let energy = q_pa.with_lanes(|lane| all[lane].0);
         let stress = Mat3::from_lanes(q_pa, |lane| &all[lane].1);
         (energy, stress, Tangent::from_lanes(q_pa, |lane| &all[lane].2))
     }
@@ -111,7 +111,7 @@ impl Law for OwnLaw {
         });
         let mut third = [q_pa; 10];
         for (index, value) in third.iter_mut().enumerate() {
-            *value = q_pa.from_lanes(|lane| all[lane][index]);
+            *value = q_pa.with_lanes(|lane| all[lane][index]);
         }
         third
     }

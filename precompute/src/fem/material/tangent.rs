@@ -74,7 +74,7 @@ impl<R: Real> Tangent<R> {
 
     /// The elasticity with the lanes `value(lane)`; `like` is any number.
     pub(super) fn from_lanes<'t>(like: R, value: impl Fn(usize) -> &'t Tangent) -> Self {
-        let number = |of: &dyn Fn(&Tangent) -> f64| like.from_lanes(|lane| of(value(lane)));
+        let number = |of: &dyn Fn(&Tangent) -> f64| like.with_lanes(|lane| of(value(lane)));
         Self {
             map: Mat3::from_lanes(like, |lane| &value(lane).map),
             forward: number(&|t| t.forward),

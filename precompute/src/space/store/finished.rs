@@ -166,6 +166,7 @@ mod tests {
         let mut identity = MadeUp::new(1.0, 0.0).identity();
         identity.sampling = Sampling::Scattered(scattered);
         identity.max_force_n = 8.0;
+        identity.normals = vec![[0.0, 0.0, 1.0]];
         let path = folder.join(format!("{radius_m}-{jump_n}.space"));
         let store = Store::create_or_resume(&path, &identity, &mesh(), &[0], &actives(1)).expect("a store");
         let mut plan = Plans::of(&store).expect("a body").plan(0);
