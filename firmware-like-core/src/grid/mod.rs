@@ -108,7 +108,7 @@ pub struct Location {
     /// Position relative to the rest point, in cells.
     pub position: Vec3,
     /// False if the query was outside the ball or not finite; then the location is that of
-    /// [`BallLattice::rim`].
+    /// `BallLattice::rim`.
     pub inside: bool,
 }
 

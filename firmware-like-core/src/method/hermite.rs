@@ -1,7 +1,7 @@
 //! The table of energy derivatives, and the cubic Hermite interpolants of the three force components.
 //!
 //! A node of the table holds W_abc = d^(a+b+c) W / dx^a dy^b dz^c, a, b, c in 0..=2, at one grid point. The
-//! solver gives the derivatives of order 0 to 3 exactly, the fit estimates the others. [`super::energy`] uses
+//! solver gives the derivatives of order 0 to 3 exactly, the fit estimates the others. `energy` uses
 //! all 27; the cubics here use those that are derivatives of h = dW/dp:
 //!
 //! h_i(t) = sum over corners and a, b, c in 0..=1 of H_a(tx) H_b(ty) H_c(tz) d^(a+b+c) h_i / dx^a dy^b dz^c

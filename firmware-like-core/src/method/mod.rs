@@ -1,4 +1,4 @@
-//! The interpolation methods, all behind the trait [`Interpolant`].
+//! The interpolation methods, all behind the trait `Interpolant`.
 //!
 //! `energy` and `kernel` are gradients of a scalar potential and therefore conservative. The methods in
 //! [`baseline`] are those of Peterlik 2010, kept for comparison.

@@ -15,7 +15,7 @@
 //! cells.
 //!
 //! Far from data a sum of Gaussians tends to zero and may oscillate. Therefore the domain of the method ends
-//! at its [`Reach`]; outside, the force is continued as for every method, and is `Extrapolated`.
+//! at its `Reach`; outside, the force is continued as for every method, and is `Extrapolated`.
 //!
 //! The terms are thousands of times larger than their sum, so all arithmetic is f64; f32 would cause errors
 //! of newtons.
