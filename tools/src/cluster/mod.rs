@@ -14,7 +14,6 @@ mod worker;
 
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
 
 use clap::{Parser, Subcommand};
 use mpi::Threading;

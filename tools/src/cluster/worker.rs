@@ -1,7 +1,6 @@
 //! A rank that solves: one thread for the messages, the others for the jobs.
 
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Duration;
 
 use mpi::point_to_point::MatchedReceiveVec;
@@ -20,7 +19,7 @@ pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, desks: usize) {
     let loaded = Analysis::load(scene).map_err(Failure::from);
     let ready = loaded.and_then(|bench| Ok((Basis::of(&bench), bench.workshop()?)));
     let host = mpi::environment::processor_name().unwrap_or_default();
-    let hello = |basis| Report::Hello { host, desks: desks as u32, basis };
+    let hello = |basis| Report::Hello { host: host.clone(), desks: desks as u32, basis };
     let served = ready.and_then(|(basis, workshop)| {
         let served = with_threads(&workshop, desks, |crew| {
             line().serve(crew, &hello(Ok(basis)));
