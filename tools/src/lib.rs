@@ -34,8 +34,7 @@ use clap::{Parser, Subcommand};
 
 /// Touch a nonlinear soft organ: solve its hyperelastic model offline, interpolate it at 1 kHz.
 ///
-/// The way of the data: scene (TOML) -> precompute -> .space -> pack -> .blob -> run. Start with
-/// `palpate demo`.
+/// Data flow: scene (TOML) -> precompute -> .space -> pack -> .blob -> run. Start with `palpate demo`.
 #[derive(Debug, Parser)]
 #[command(name = "palpate", version, arg_required_else_help = true, max_term_width = 110)]
 struct Cli {

@@ -10,7 +10,7 @@ const SLOWEST_US: u32 = 2_500;
 
 const DEFAULT: LoopConfig = LoopConfig { period_us: 1_000, spin_us: 100, arm_button: 0 };
 
-/// When the loop runs and what it asks of the operating system. Whatever is refused is reported and the loop
+/// Timing of the loop and its requests to the operating system. A refused request is reported, and the loop
 /// runs without it.
 #[derive(Debug, Clone, Copy, ClapArgs)]
 pub(crate) struct Timing {
@@ -22,7 +22,7 @@ pub(crate) struct Timing {
     #[arg(long, value_name = "PRIORITY", help_heading = "Timing", default_value_t = DEFAULT_FIFO_PRIORITY,
           value_parser = clap::value_parser!(i32).range(0..=i64::from(MAX_LOOP_FIFO_PRIORITY)))]
     pub fifo: i32,
-    /// The last part of every wait that is spun instead of slept, us
+    /// Last part of every wait that spins instead of sleeping, us
     #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us)]
     pub spin_us: u32,
     /// Time between two ticks, us, 100 to 2500; 1000, or what the profile says, if not given. The stiffness

@@ -34,8 +34,8 @@ use ranks::Ranks;
 /// `palpate precompute` and `palpate held-out` on many machines:
 /// `mpirun -n 64 palpate-mpi precompute liver.toml --out liver.space`.
 ///
-/// Rank 0 plans, reads and writes; the others solve. One rank alone does it all. docs/guide.md, section 10,
-/// shows how to start it.
+/// Rank 0 plans, reads and writes; the others solve. A single rank does everything. See docs/guide.md,
+/// section 10.
 #[derive(Debug, Parser)]
 #[command(name = "palpate-mpi", version, arg_required_else_help = true, max_term_width = 110)]
 struct Cli {

@@ -20,19 +20,19 @@ use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
 use crate::output;
 
-/// Pull one body by several laws and draw the deformed shapes over one another.
+/// Pull one body with several laws and draw the deformed shapes in one picture.
 ///
-/// The active node is moved from rest along DIRECTION in steps of about 1 mm (the solver halves a step that
-/// does not converge), once by each law. The laws agree at small strain, so what differs is the law alone:
-/// the scene's material is taken over with its moduli, region by region. From Mooney-Rivlin, E = 6 (C10 +
-/// C01) and nu = 0.49 for the laws without a pressure, as in the paper (or nu from `bulk_pa`, where the scene
-/// has it); from Lame's constants, C10 = C01 = mu / 4.
+/// The active node moves from rest along DIRECTION in steps of about 1 mm (the solver halves a step that does
+/// not converge), once per law. The laws agree at small strain, so only the law differs: each takes the
+/// moduli of the scene's material, region by region. From Mooney-Rivlin, E = 6 (C10 + C01) and nu = 0.49 for
+/// the laws without a pressure, as in the paper (or nu from `bulk_pa`, where the scene has it); from Lame's
+/// constants, C10 = C01 = mu / 4.
 ///
-/// In the picture the scene's own law (or the last of --laws) is the solid; each other law is glass of its
-/// own colour with its outline, and its mesh where it leaves the solid; the grey outline is the shape at
-/// rest. The camera looks from the side at the pull. A law that fails on the way is shown, and tabled, at its
-/// last converged step, and the exit code is 1. Ctrl-C keeps the rows of the laws so far, the last one at its
-/// last converged step; no picture is drawn.
+/// In the picture the scene's own law (or the last of --laws) is solid. Each other law is transparent, in its
+/// own colour, with its outline, and its mesh outside the solid. The grey outline is the shape at rest. The
+/// camera shows the pull from the side. A law that fails is drawn, and tabled, at its last converged step;
+/// the exit code is 1. Ctrl-C keeps the rows of the laws so far, the last one at its last converged step; no
+/// picture is drawn.
 ///
 /// Example: palpate compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
 #[derive(Debug, ClapArgs)]

@@ -26,18 +26,18 @@ use crate::timing::Timing;
 use crate::truth::{self, Checked, MethodError, Visit};
 use crate::{blob, output, touch};
 
-/// Solve, pack, touch and check the bundled organ: the whole way in one command.
+/// Solve, pack, palpate and check the bundled organ in one command.
 ///
 /// Solves the 514-point configuration spaces of two active nodes of a liver-like phantom (incompressible
-/// Mooney-Rivlin), packs them, lets a simulated hand palpate at 1 kHz, and compares the felt force with fresh
-/// finite-element solves at 200 visited positions. Everything it makes stays in the output folder. A second
-/// run finds the solved spaces there; --fresh solves them again.
+/// Mooney-Rivlin), packs them, lets a simulated hand palpate at 1 kHz, and compares the rendered force with
+/// new finite-element solves at 200 visited positions. All files stay in the output folder. A second run uses
+/// the solved spaces there; --fresh solves them again.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds of palpation
     #[arg(long, default_value_t = 10.0)]
     seconds: f64,
-    /// PNG frames instead of a window, even where there is a display
+    /// PNG frames instead of a window, even with a display
     #[arg(long)]
     headless: bool,
     /// Output folder

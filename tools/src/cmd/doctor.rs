@@ -17,14 +17,14 @@ use crate::summary::percentiles;
 use crate::timing::Timing;
 use crate::{hardware, output};
 
-/// Checks this PC for 1 kHz operation and prints how to fix what it finds.
+/// Checks this PC for 1 kHz operation and prints the fixes.
 ///
-/// Looks at kernel, rights, CPUs and ports, in order of importance, starts a supervisor without a device,
-/// changes nothing, and measures how late the loop wakes with what this user is granted. Exit code 0 also
-/// where things could be better; 1 only if 1 kHz is out of reach: a measured p99 of more than 1 ms late.
+/// Checks kernel, rights, CPUs and ports in order of importance, starts a supervisor without a device, and
+/// measures the wake-up lateness with the rights of this user. It changes nothing. Exit code 0 also where
+/// things could be better; 1 only if 1 kHz is out of reach: a measured p99 of more than 1 ms late.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Seconds to measure; 0 only looks
+    /// Seconds to measure; 0 does not measure
     #[arg(long, default_value_t = 2.0)]
     seconds: f64,
     /// Only measure, for this many seconds

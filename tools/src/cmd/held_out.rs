@@ -19,13 +19,13 @@ use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Solve held-out truth into a .space file: positions to measure interpolations at, never used for a fit.
+/// Solve held-out solutions into a .space file: they measure interpolation errors; no fit uses them.
 ///
 /// Three kinds for every active node: regular paths from rest in 26 directions and random paths whose
 /// direction turns slowly (both as in the paper), and uniform positions in the ball that can be reached (|h|
 /// < f_max), each solved from the nearest corner of its cell. The space must be complete for the last kind.
-/// Positions follow from the seed alone; more paths or positions may be asked for later, and those there are
-/// kept. A path ends where a step fails or |h| reaches f_max.
+/// Positions follow from the seed alone; a later run may add paths or positions, and existing ones are kept.
+/// A path ends where a step fails or |h| reaches f_max.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -36,13 +36,13 @@ pub(crate) struct Args {
     /// Length of the regular paths, mm; 0 for none. The grid's radius if not given
     #[arg(long, value_name = "MM")]
     regular_mm: Option<f64>,
-    /// Random paths an active node
+    /// Random paths per active node
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.random)]
     random: u32,
     /// Steps of a random path
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.random_steps)]
     random_steps: u32,
-    /// Uniform reachable positions an active node (299 without one too large certify 99 % at 95 % confidence)
+    /// Uniform reachable positions per node (299 without one too large certify 99 % at 95 % confidence)
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.uniform)]
     uniform: u32,
     /// Length of a step, mm
@@ -51,13 +51,13 @@ pub(crate) struct Args {
     /// Seed of random paths and uniform positions
     #[arg(long, default_value_t = Draw::PAPER.seed)]
     seed: u64,
-    /// Forget the held-out truth in the file, of all active nodes, and draw anew
+    /// Discard the held-out solutions of all active nodes in the file and draw again
     #[arg(long, conflicts_with = "active")]
     again: bool,
     /// Only this active node; all if not given
     #[arg(long)]
     active: Option<String>,
-    /// Worker threads; if not given, one a core (palpate-mpi: one a rank)
+    /// Worker threads; if not given, one per core (palpate-mpi: one per rank)
     #[arg(long)]
     pub threads: Option<usize>,
     /// Print the figures as JSON

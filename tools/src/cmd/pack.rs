@@ -19,46 +19,43 @@ use crate::progress::WorkProgress;
 
 /// Fit the tables of a .space file, measure them, and pack them into a .blob for the real-time loop.
 ///
-/// The packed tables are measured against finite-element solves that no fit has seen, and what comes out is
-/// kept in the blob as its certificate. Uniform positions that the .space file does not hold yet are solved
-/// into it first; `palpate held-out` adds paths.
+/// The tables are compared with finite-element solutions that no fit uses. The errors are stored in the blob
+/// as its certificate. Missing uniform positions are first solved into the .space file; `palpate held-out`
+/// adds paths.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .space file
     space: PathBuf,
     /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite,
-    /// energy, kernel. Methods of one table come together: the first three, and hermite and energy; kernel is
-    /// the fit of scattered positions itself, a smaller blob with slower queries than energy
+    /// energy, kernel. Methods of one table are packed together: the first three; hermite and energy. kernel
+    /// is the fit of scattered positions itself: a smaller blob with slower queries than energy
     #[arg(long = "method", value_delimiter = ',', value_parser = method, default_value = "energy")]
     methods: Vec<Method>,
     /// The .blob file to write
     #[arg(long)]
     out: PathBuf,
-    /// Pack a space that is not finished: where it has no data the force is extrapolated. Such a blob has no
-    /// certificate
+    /// Pack an unfinished space. The force is extrapolated where it has no data. The blob has no certificate
     #[arg(long)]
     partial: bool,
-    /// Leave the certificate out; `palpate run` then wants to be told to trust the blob. The same scene then
-    /// gives the same file to the last bit, whatever the number of threads; a certificate holds measured
-    /// times
+    /// Omit the certificate; `palpate run` then needs --uncertified. The same scene then gives the same file
+    /// to the last bit with any number of threads; a certificate holds measured times
     #[arg(long)]
     no_certificate: bool,
-    /// Uniform positions away from folds that are solved for the certificate, an active node. If not given
-    /// 299, which can certify 99 % with 95 % confidence; of more than eight nodes 600 in all, which can
-    /// certify 99.5 % of a random position of a random node. 0: the blind loop's own verdict alone, at once;
-    /// `palpate run` then wants to be told to trust the blob
+    /// Uniform positions away from branch jumps, solved for the certificate, per active node. If not given
+    /// 299, which can certify 99 % with 95 % confidence; with more than eight nodes 600 in all, which can
+    /// certify 99.5 % of a random position of a random node. 0: only the verdict of adaptive sampling, at
+    /// once; `palpate run` then needs --uncertified
     #[arg(long, value_name = "N")]
     uniform: Option<u32>,
-    /// Add element order and mesh to the ledger (which tells what the blob leaves out and what that changes
-    /// and saves: linear body, f_max, modes, digits): so many of the certificate's positions are solved by
-    /// each other body, the finer of which take seconds each. Of more than eight nodes the first has a ledger
+    /// Add element order and mesh to the ledger (the omissions of the blob, their effect and saving: linear
+    /// body, f_max, modes, digits). Each other body solves this many of the certificate's positions; the
+    /// finer bodies take seconds each. With more than eight nodes the first has a ledger
     #[arg(long, value_name = "POSITIONS", num_args = 0..=1, default_missing_value = "8")]
     ledger: Option<usize>,
-    /// Leave states between grid points, which a scene with `increments` keeps, out of the radial basis
-    /// functions
+    /// Omit states between grid points (kept by a scene with `increments`) from the radial basis functions
     #[arg(long)]
     grid_only: bool,
-    /// Worker threads for those; one a core if not given
+    /// Worker threads for those; one per core if not given
     #[arg(long)]
     threads: Option<usize>,
     /// Print the certificate as JSON

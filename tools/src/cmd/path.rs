@@ -16,10 +16,9 @@ use crate::output;
 
 /// Solve the reaction force along a straight loading path.
 ///
-/// The active node is moved from rest along DIRECTION in equal steps; each step starts from the last one with
-/// the tangent predictor. Every converged step is a row of the CSV file. A path that fails keeps its rows,
-/// adds a last one with status `failed` and exits with code 1; so does one that is interrupted, without that
-/// row.
+/// The active node moves from rest along DIRECTION in equal steps. Each step starts from the last one with
+/// the tangent predictor. Every converged step is a row of the CSV file. A failed path keeps its rows, adds
+/// one with status `failed` and exits with code 1. An interrupted path does the same without that row.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -36,8 +35,8 @@ pub(crate) struct Args {
     /// Number of steps
     #[arg(long)]
     steps: u32,
-    /// Turn the patch of the active node about it on the way, too: rotation vector x,y,z in rad, reached at
-    /// the last step
+    /// Also turn the patch of the active node about it: rotation vector x,y,z in rad, reached at the last
+    /// step
     #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
     turn: Option<[f64; 3]>,
     /// More columns after `status`: reason of a failure, unstable modes, whether the step left its branch,

@@ -20,15 +20,15 @@ use crate::{memory, output};
 
 /// Solve the configuration spaces of a scene into a .space file.
 ///
-/// Every finished configuration is kept within a second: stop with Ctrl-C (or lose power) and run the same
-/// command again to go on. The numbers do not depend on the number of threads nor on interruptions. A point
-/// that cannot be solved from its parent is tried from its other neighbours; neighbours that seem to lie on
-/// different branches are solved again, and the lower energy is kept.
+/// Every finished configuration is saved within a second. After Ctrl-C or a power loss, run the same command
+/// again to continue. The numbers depend neither on the number of threads nor on interruptions. A point that
+/// fails from its parent is solved from its other neighbours. Neighbours on apparently different branches are
+/// solved again, and the lower energy is kept.
 ///
 /// With a tolerance in the grid instead of a spacing (`cannot_be_felt = true`, `tolerance_n`,
-/// `tolerance_relative`) positions are chosen by the error: each is predicted before it is solved, and
-/// solving ends when the predictions hold. Where they do not fall the space folds, and a lattice takes over.
-/// `palpate plan` says beforehand what either takes.
+/// `tolerance_relative`) adaptive sampling chooses the positions: each is predicted before it is solved, and
+/// solving ends when the predictions hold. Where the predicted errors do not fall, the force has branch
+/// jumps, and a lattice replaces it. `palpate plan` predicts both costs.
 ///
 /// With `complete_cells` in the grid (the default) the corners outside the radius of the cells that reach
 /// into it are solved too.
@@ -36,16 +36,16 @@ use crate::{memory, output};
 pub(crate) struct Args {
     /// Scene file (TOML)
     pub scene: PathBuf,
-    /// The .space file to write or to go on with
+    /// The .space file to write or to continue
     #[arg(long)]
     out: PathBuf,
-    /// Worker threads; if not given, one a core (palpate-mpi: one a rank)
+    /// Worker threads; if not given, one per core (palpate-mpi: one per rank)
     #[arg(long)]
     pub threads: Option<usize>,
     /// Only this active node; all if not given
     #[arg(long)]
     active: Option<String>,
-    /// The file is damaged: save what is intact into a new one, keep the old one beside it, and go on
+    /// Save the intact part of a damaged file into a new one, keep the old one beside it, and continue
     #[arg(long)]
     salvage: bool,
     /// Print the figures as JSON

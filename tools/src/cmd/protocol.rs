@@ -24,9 +24,9 @@ use crate::progress::WorkProgress;
 /// Solve the paper's regular paths (section 5.2): 10 active nodes, 26 directions, 2 fixed sets, 520 paths of
 /// 10 cm in steps of 1 mm for the scene's law, and count those that do not converge.
 ///
-/// The active nodes are free surface nodes as far from one another as can be, the scene's first one among
-/// them. A force limit of the scene is left out: the paper's paths go on whatever the force. One .space file
-/// a fixed set is written, with every position; run the same command again to go on.
+/// The active nodes are free surface nodes as far apart as possible, including the scene's first one. The
+/// scene's force limit is ignored, as in the paper. One .space file per fixed set holds every position. Run
+/// the same command again to continue.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -34,7 +34,7 @@ pub(crate) struct Args {
     /// Folder for the .space files
     #[arg(long)]
     out: PathBuf,
-    /// Groups of the mesh that are held, one after the other
+    /// Groups of the mesh to fix, one after the other
     #[arg(long, value_delimiter = ',', default_value = "F1,F2")]
     fixed: Vec<String>,
     /// Active nodes
@@ -46,13 +46,13 @@ pub(crate) struct Args {
     /// Length of a step, mm
     #[arg(long, value_name = "MM", default_value_t = 1.0)]
     step_mm: f64,
-    /// Random paths of 200 steps an active node, too (the paper: 5,000 a law)
+    /// Random paths of 200 steps per active node (the paper: 5,000 per law)
     #[arg(long, value_name = "N", default_value_t = 0)]
     random: u32,
-    /// Forget the paths in the files and solve them anew
+    /// Discard the paths in the files and solve them again
     #[arg(long)]
     again: bool,
-    /// Worker threads; one a core if not given
+    /// Worker threads; one per core if not given
     #[arg(long)]
     threads: Option<usize>,
     /// Print the figures as JSON

@@ -10,11 +10,11 @@ use crate::blob;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 
-/// Ask a blob for the force at given displacements of an active node.
+/// Evaluate the force of a blob at given displacements of an active node.
 ///
 /// Input: CSV with the header x_m,y_m,z_m. Output: x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage, where coverage is
-/// cell, supercell or scattered where the method has its own data all round, and extrapolated where it has
-/// not. The force is always finite.
+/// cell, supercell or scattered if data of the method surround the point, else extrapolated. The force is
+/// always finite.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .blob file

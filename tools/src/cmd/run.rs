@@ -33,33 +33,33 @@ use crate::timing::Timing;
 use crate::{blob, motors_off, output, summary, touch};
 use palpate_precompute::certificate::Verdict;
 
-/// Touch the organ in a blob: the 1 kHz loop, a device and the viewer.
+/// Palpate the organ in a blob: the 1 kHz loop, a device and the viewer.
 ///
-/// Without a display (or with --headless) PNG frames are written instead of a window. A real device is armed
-/// by its button or by the window's key, never by starting. Ctrl-C ends the session with zero force.
+/// Without a display (or with --headless) PNG frames are written instead of a window. The device's button or
+/// the window's key arms a real device; a start does not. Ctrl-C ends the session with zero force.
 ///
-/// A real device is held by a supervisor, a process of its own that takes the force away when this one dies,
-/// stops or hangs.
+/// A supervisor, a separate process, holds a real device and zeros the force if this one dies, stops or
+/// hangs.
 ///
-/// With --record every tick goes into an MCAP file. --device replay:FILE.mcap runs the loop over such a file
-/// again, on the same blob, and compares every force: exit code 1 if one differs in a bit. With --method too
-/// it is replayed with that method, and the largest difference is shown.
+/// --record writes every tick to an MCAP file. --device replay:FILE.mcap runs the loop over such a file
+/// again, on the same blob, and compares every force: exit code 1 if one differs in a bit. With --method it
+/// replays with that method and shows the largest difference.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .blob file
     blob: PathBuf,
-    /// More .blob files, other models of the same organ: N in the window goes on to the next, without a step
+    /// More .blob files, other models of the same organ: N in the window changes to the next, without a step
     /// in the force
     more: Vec<PathBuf>,
     /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse
     /// (drags the organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or
-    /// falcon:FIRMWARE (Novint Falcon on USB, with the file of its firmware for when it is silent), link:PORT
-    /// or link:PORT@BAUD (a controller that speaks the device link), or replay:FILE.mcap (a recording)
+    /// falcon:FIRMWARE (Novint Falcon on USB, with its firmware file for when it is silent), link:PORT or
+    /// link:PORT@BAUD (a controller that speaks the device link), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
     device: String,
-    /// What the device can do: the name of a bundled profile (delta.3, desktop, falcon, link, omega, omni,
-    /// polhem, premium-1.5, sigma.7, simulated, touch) or a file that ends in .toml. With sim that device's
-    /// mechanics are simulated; polhem:PORT, falcon and link:PORT have their own
+    /// Capabilities of the device: a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem,
+    /// premium-1.5, sigma.7, simulated, touch) or a file that ends in .toml. With sim that device's mechanics
+    /// are simulated; polhem:PORT, falcon and link:PORT have their own
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
     /// Interpolation method; if not given, the first that the blob holds of energy, kernel, hermite,
@@ -72,24 +72,23 @@ pub(crate) struct Args {
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
-    /// Frames a second without a window; 0 for none; if not given 2, and 12.5 in a film
+    /// Frames per second without a window; 0 for none; if not given 2, and 12.5 in a film
     #[arg(long, value_name = "HZ", value_parser = frame_rate)]
     frame_rate: Option<f32>,
-    /// With --headless: an animated GIF instead of PNG frames; the file must not be there yet
+    /// With --headless: an animated GIF instead of PNG frames; the file must not exist yet
     #[arg(long, value_name = "FILE.gif", requires = "headless")]
     gif: Option<PathBuf>,
-    /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite
-    /// elements
+    /// Run a blob without a certificate: its error against finite elements is unknown
     #[arg(long)]
     uncertified: bool,
-    /// Record every tick to this file (MCAP), which must not be there yet
+    /// Record every tick to this file (MCAP), which must not exist yet
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
     /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
     /// number, or stick
     #[arg(long, value_name = "MU", value_parser = friction)]
     friction: Option<f32>,
-    /// Go on to the next of several blobs each time so many seconds have passed
+    /// Change to the next of several blobs every S seconds
     #[arg(long, value_name = "S", value_parser = seconds)]
     change_every: Option<Duration>,
     /// Write the histograms of wake-up lateness, device time and compute time to this file, and show them
@@ -97,14 +96,14 @@ pub(crate) struct Args {
     histograms: Option<PathBuf>,
     #[command(flatten)]
     timing: Timing,
-    /// Standstill of the loop after which the watchdog takes the force away past it, ms; not below the 10 ms
-    /// at which a sample is stale
+    /// Standstill of the loop after which the watchdog zeros the force itself, ms; not below the 10 ms at
+    /// which a sample is stale
     #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS)]
     watchdog_ms: u32,
-    /// The summary as one JSON object, and nothing else on standard output
+    /// Print only the summary, as one JSON object, on standard output
     #[arg(long)]
     json: bool,
-    /// Silence of this process after which the supervisor of a real device takes the force away, ms
+    /// Silence of this process after which the supervisor of a real device zeros the force, ms
     #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = supervisor::DEFAULT_LIMIT_MS,
           value_parser = clap::value_parser!(u32).range(3..=20))]
     supervisor_ms: u32,
@@ -115,7 +114,7 @@ pub(crate) struct Args {
     /// second on standard error). For the first power-up of a real device: docs/devices.md
     #[arg(long)]
     motors_off: bool,
-    /// Folder for frames and screenshots; those that are there stay, and the numbers go on
+    /// Folder for frames and screenshots; existing ones stay, and the numbers continue
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
     #[command(flatten)]

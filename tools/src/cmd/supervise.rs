@@ -7,15 +7,15 @@ use palpate_host::sys::{self, RtRequest};
 use crate::failure::Failure;
 use crate::hardware::{self, Hardware};
 
-/// Hold a device for `palpate run`, and take its force away when that dies, stops or hangs.
+/// Hold a device for `palpate run`, and zero its force if that process dies, stops or hangs.
 ///
-/// Started by `palpate run` with a socket as its standard input, not by hand. Ctrl-C and SIGTERM do not end
-/// it: it ends with its host.
+/// `palpate run` starts it with a socket as its standard input. Ctrl-C and SIGTERM do not end it; it ends
+/// with its host.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// polhem:PORT or falcon[:FIRMWARE]
     device: String,
-    /// What the device can do: the name of a bundled profile, or a file that ends in .toml
+    /// Capabilities of the device: a bundled profile, or a file that ends in .toml
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
     /// SCHED_FIFO priority, 1 to 98; ordinary scheduling if not given

@@ -24,13 +24,13 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 use crate::output;
 
-/// Show what a mesh, scene (.toml), space (.space), blob (.blob) or recording (.mcap) holds.
+/// Show the content of a mesh, scene (.toml), space (.space), blob (.blob) or recording (.mcap).
 ///
-/// Of a space: points by tag, failures by reason, retries, folds (neighbours on different branches), inverted
-/// and unstable states, forces, iterations and seconds.
+/// Of a space: points by tag, failures by reason, retries, branch jumps (between neighbours), inverted and
+/// unstable states, forces, iterations and seconds.
 ///
-/// Of a blob: what it holds, and its certificate: verdict (green, yellow, red) with the reasons, errors at
-/// positions that no fit has seen, and the ledger of what was left out.
+/// Of a blob: its content and its certificate: verdict (green, yellow, red) with the reasons, errors at
+/// positions that no fit uses, and the ledger of omissions.
 ///
 /// Of a recording: device, method, length, contacts, peak forces, faults, timing, and what is missing.
 ///
@@ -44,21 +44,21 @@ pub(crate) struct Args {
     /// precision
     #[arg(long)]
     csv: Option<PathBuf>,
-    /// With --csv: one row per try, those that were given up or superseded too
+    /// With --csv: one row per attempt, also abandoned and superseded ones
     #[arg(long, requires = "csv")]
     all_tries: bool,
-    /// Of a .space: write its configurations to this VTU file, a cloud of points for ParaView (one file an
-    /// active node: FILE-NAME.vtu when there are several)
+    /// Of a .space: write its configurations to this VTU file, a cloud of points for ParaView (one file per
+    /// active node: FILE-NAME.vtu if several)
     #[arg(long)]
     vtu: Option<PathBuf>,
-    /// Of a .space: write its held-out truth to this CSV file, one row a position
+    /// Of a .space: write its held-out solutions to this CSV file, one row per position
     #[arg(long, value_name = "CSV")]
     held_out: Option<PathBuf>,
     /// Of a .space: write a picture to this PNG file, the organ coloured by its stiffness at rest and by the
-    /// configurations that its nodes took
+    /// configurations of its nodes
     #[arg(long, value_name = "PNG")]
     picture: Option<PathBuf>,
-    /// Of a mesh: its unit of length, m, cm or mm (a scene says its own) [default: m]
+    /// Of a mesh: its unit of length, m, cm or mm (a scene states its own) [default: m]
     #[arg(long, value_parser = unit)]
     unit: Option<LengthUnit>,
     /// Print the figures as JSON

@@ -44,24 +44,24 @@ const PATIENCE: Duration = Duration::from_millis(2400);
 /// paper's coarsest grid.
 const CELLS_OF_A_STEP: f64 = 5.0;
 
-/// What a scene will take before it is solved: configurations, seconds, memory, bytes, tick and error of the
-/// sensible choices.
+/// Predict the cost of a scene before it is solved: configurations, seconds, memory, bytes, query time and
+/// error of the reasonable choices.
 ///
-/// A handful of probing solves on every active node tells how stiff and how nonlinear the body is there and
-/// what a solve takes on this machine. The loop, the plan and the fits of `precompute` and `pack` then run on
-/// a surrogate that meets the probes. Errors are against the finite elements of the same model; the column
-/// `stiffer` says what its discretisation adds on top.
+/// A few probing solves on every active node measure the stiffness and nonlinearity there and the time of a
+/// solve on this machine. The loop, the plan and the fits of `precompute` and `pack` then run on a surrogate
+/// that meets the probes. Errors are against the finite elements of the same model; the column `stiffer` is
+/// the additional error of its discretisation.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
     scene: PathBuf,
-    /// Worker threads, of the plan and of the work it foresees; one a core if not given
+    /// Worker threads of the plan and of the predicted work; one per core if not given
     #[arg(long)]
     threads: Option<usize>,
-    /// A .space file solved from the scene: show what was predicted beside what happened
+    /// A .space file solved from the scene: show predicted beside measured values
     #[arg(long, value_name = "FILE.space")]
     check: Option<PathBuf>,
-    /// The .blob packed from it, for bytes, error and tick
+    /// The .blob packed from it, for bytes, error and query time
     #[arg(long, value_name = "FILE.blob", requires = "check")]
     blob: Option<PathBuf>,
     /// Print the figures as JSON

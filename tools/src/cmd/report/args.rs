@@ -8,24 +8,23 @@ use palpate_core::Method;
 use crate::cmd::pack;
 use crate::files::Replace;
 
-/// Measure speed against error of every method on several grids, and write tables, plots and one page.
+/// Measure speed and error of every method on several grids; write tables, plots and one page.
 ///
-/// Spaces, held-out truth and blobs are kept in DIR/work and used again: after Ctrl-C the same command goes
-/// on. The page is DIR/report.html; it needs no other file and prints well. Beside it stand its tables as CSV
-/// and JSON.
+/// Spaces, held-out solutions and blobs stay in DIR/work: after Ctrl-C run the same command to continue. The
+/// page is DIR/report.html; it needs no other file and prints well. Its tables are beside it as CSV and JSON.
 ///
-/// Without a scene the bundled organ is measured, by Mooney-Rivlin and by St. Venant-Kirchhoff. Of every
-/// scene one active node is used, with the scene's own force limit and completion of cells.
+/// Without a scene the bundled organ is measured, with Mooney-Rivlin and St. Venant-Kirchhoff. One active
+/// node per scene is used, with the scene's own force limit and completion of cells.
 ///
 /// Example: palpate report --out report --grids 514,1418
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene files (TOML); the bundled organ if none is given
     pub(super) scenes: Vec<PathBuf>,
-    /// Folder for the page, its tables, and what is solved for them
+    /// Folder for the page, its tables and their solutions
     #[arg(long, value_name = "DIR")]
     pub(super) out: PathBuf,
-    /// Coarse grids and little truth: done in a minute, good for a look
+    /// Coarse grids and few held-out solutions: takes a minute
     #[arg(long)]
     pub(super) small: bool,
     /// Grid points along r_G's ball, several with commas: 514,1418,4168,14146 if not given
@@ -43,7 +42,7 @@ pub(crate) struct Args {
     /// Fit and measure all tables again, even if the blobs are there
     #[arg(long)]
     pub(super) fit_again: bool,
-    /// Worker threads; one a core if not given
+    /// Worker threads; one per core if not given
     #[arg(long)]
     pub(super) threads: Option<usize>,
     /// Print the table of methods as JSON
