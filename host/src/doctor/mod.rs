@@ -60,7 +60,6 @@ pub struct Check {
     pub found: String,
     /// The fix, line by line. A line that starts with `$ ` is a command (as root, unless stated otherwise), a
     /// line with `+ ` belongs into a file.
-    #[serde(rename = "mend")]
     pub fix: Vec<String>,
 }
 

@@ -25,15 +25,14 @@ use palpate_core::{ConfigTag, Coverage, Method, Organ, Space};
 use serde::{Deserialize, Serialize};
 
 use health::Findings;
-use probes::Probing;
 
 use crate::adaptive::{AdaptiveFit, LinearSuits, Verdict as LoopVerdict};
 use crate::held_out::{Summary, is_on_training_lattice};
 use crate::space::{Kind, Record, SpaceState, Store, StoreError, Walk, folds, samples, state};
 use crate::spec::{GridIndex, Sampling, Scattered, Tolerance, is_within};
 
-/// Largest number of active nodes with full numbers of samples. More nodes share the samples, and bounds and
-/// maxima are over all of them.
+/// Largest number of active nodes that each have their own held-out positions. More nodes share the positions,
+/// and the bounds hold for all of them together.
 pub const FEW: usize = 8;
 
 /// All measurements of a blob.
@@ -231,7 +230,6 @@ fn answered(space: &Space<'_>, method: Method, truths: &[Truth]) -> Vec<Answer> 
 pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreError> {
     let identity = store.identity()?;
     let sampling = &identity.sampling;
-    let probing = Probing::of(organ.spaces.len());
     let mut spaces = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *name) else { continue };
@@ -257,7 +255,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let tolerance = sampling.scattered().map(|scattered| scattered.tolerance);
         let tolerance = tolerance.filter(|tolerance| *tolerance != Tolerance::CANNOT_BE_FELT);
         let methods: Vec<MethodCertificate> =
-            methods.map(|method| measure(space, method, &truths, tolerance, probing)).collect();
+            methods.map(|method| measure(space, method, &truths, tolerance)).collect();
         let two_solutions = TwoSolutions::of(&store.attempts(active)?);
         // Positions that the workspace excludes, or that a tool that only pushes cannot reach, are not
         // judged.
@@ -381,7 +379,6 @@ fn measure(
     method: Method,
     truths: &[Truth],
     tolerance: Option<Tolerance>,
-    probing: Probing,
 ) -> MethodCertificate {
     let answers = answered(space, method, truths);
     let errors = |chosen: &dyn Fn(&Answer) -> bool| {
@@ -408,6 +405,6 @@ fn measure(
         regular: errors(&|at| clear(at, Kind::Regular)),
         random: errors(&|at| clear(at, Kind::Random)),
         paths_folded: errors(&|at| at.folded && at.walk.kind != Kind::Uniform),
-        probe: probes::probe(space, method, &visited, probing),
+        probe: probes::probe(space, method, &visited),
     }
 }

@@ -7,7 +7,7 @@ use std::time::Instant;
 use palpate_core::{Method, Space, vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{FEW, is_folded, reference};
+use super::{is_folded, reference};
 
 /// Results of the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -37,48 +37,25 @@ pub struct Work {
     pub max: f64,
 }
 
-/// Number of circles and of face crossings per space. For more than [`FEW`] spaces the total is shared among
-/// them.
+/// Number of circles per space.
 const CIRCLES: u32 = 200;
 const STEPS: u32 = 720;
+/// Number of crossings of cell faces and of the rim per space.
 const CROSSINGS: u32 = 20_000;
 /// Number of points for the estimate of a volume share.
 const VOLUME_POINTS: u32 = 20_000;
 const QUERIES: usize = 4_000;
 const REPEATS: usize = 15;
 
-/// Number of samples per space.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Probing {
-    circles: u32,
-    crossings: u32,
-}
-
-impl Probing {
-    /// For a blob with `spaces` spaces. A maximum over many spaces needs fewer samples in each.
-    pub(super) fn of(spaces: usize) -> Self {
-        let shared = |samples: u32, at_least: u32| {
-            let share = samples as usize * FEW / spaces.max(FEW);
-            (share as u32).max(at_least)
-        };
-        Self { circles: shared(CIRCLES, 20), crossings: shared(CROSSINGS, 1_000) }
-    }
-}
-
 /// Runs all measurements. The time is measured at `visited`, or at points of the ball if `visited` is empty.
-pub(super) fn probe(
-    space: &Space<'_>,
-    method: Method,
-    visited: &[[f32; 3]],
-    Probing { circles, crossings }: Probing,
-) -> Probe {
-    let (work, work_folded) = work(space, method, circles);
-    let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space, n)).collect();
+pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
+    let (work, work_folded) = work(space, method);
+    let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space.lattice().radius_m(), n)).collect();
     let rounding_n = points.iter().map(|&at| rounding_n(space, method, at)).fold(0.0, f64::max);
     Probe {
         work,
         work_folded,
-        seam_n: seam_n(space, method, crossings),
+        seam_n: seam_n(space, method),
         rounding_n,
         rounding_bound_n: 2.0 * rounding_n,
         nanoseconds: nanoseconds(space, method, visited),
@@ -97,7 +74,7 @@ pub(super) fn share_of_part(
     is: impl Fn([f32; 3]) -> bool,
 ) -> f64 {
     let inside: Vec<[f32; 3]> =
-        (0..VOLUME_POINTS).map(|n| in_ball(space, n)).filter(|&at| part(at)).collect();
+        (0..VOLUME_POINTS).map(|n| in_ball(space.lattice().radius_m(), n)).filter(|&at| part(at)).collect();
     let hits = inside.iter().filter(|&&at| is(at)).count();
     hits as f64 / inside.len().max(1) as f64
 }
@@ -110,9 +87,9 @@ fn spread(n: u32, shift: f64) -> [f64; 3] {
 }
 
 /// Point `n` of a uniform distribution in the ball.
-fn in_ball(space: &Space<'_>, n: u32) -> [f32; 3] {
+fn in_ball(radius_m: f32, n: u32) -> [f32; 3] {
     let [r, z, angle] = spread(n, 0.0);
-    let (r, z) = (f64::from(space.lattice().radius_m()) * r.cbrt() * 0.9999, 2.0 * z - 1.0);
+    let (r, z) = (f64::from(radius_m) * r.cbrt() * 0.9999, 2.0 * z - 1.0);
     direction(z, angle).map(|x| (r * x) as f32)
 }
 
@@ -132,10 +109,10 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 /// Work around circles inside the ball: those away from branch jumps, and those that touch one.
-fn work(space: &Space<'_>, method: Method, circles: u32) -> (Work, Work) {
+fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
     let radius_m = f64::from(space.lattice().radius_m());
     let mut all = [Work::default(); 2];
-    for n in 0..circles {
+    for n in 0..CIRCLES {
         let ([share, z, angle], [az, aturn, _]) = (spread(n, 0.0), spread(n, 0.5));
         let centre = direction(2.0 * z - 1.0, angle).map(|x| 0.74 * radius_m * share.cbrt() * x);
         let axis = direction(2.0 * az - 1.0, aturn);
@@ -170,16 +147,25 @@ fn work(space: &Space<'_>, method: Method, circles: u32) -> (Work, Work) {
     (clear, folded)
 }
 
-/// Largest jump of the force between both sides of a face, of the rim, or of a ray through a face at the rim,
-/// less the change that the gradients on both sides account for.
-fn seam_n(space: &Space<'_>, method: Method, crossings: u32) -> f64 {
-    let (spacing_m, radius_m) = (space.lattice().spacing_m(), space.lattice().radius_m());
+/// [`largest_jump_n`] of a method.
+fn seam_n(space: &Space<'_>, method: Method) -> f64 {
     // Radial basis functions have no cell faces, and with thousands of centres their queries are slow.
     let crossings =
-        if matches!(method, Method::RbfLinear | Method::RbfCubic) { crossings / 100 } else { crossings };
+        if matches!(method, Method::RbfLinear | Method::RbfCubic) { CROSSINGS / 100 } else { CROSSINGS };
+    let field = |at, moved| force_and_change_n(space, method, at, moved);
+    largest_jump_n((space.lattice().spacing_m(), space.lattice().radius_m()), crossings, field)
+}
+
+/// Largest jump of a force field between both sides of a face, of the rim, or of a ray through a face at the rim,
+/// less the change that the gradients on both sides account for. `field` is as [`force_and_change_n`].
+fn largest_jump_n(
+    (spacing_m, radius_m): (f32, f32),
+    crossings: u32,
+    field: impl Fn([f32; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])>,
+) -> f64 {
     let mut worst = 0.0f64;
     for n in 0..crossings {
-        let mut at = in_ball(space, n);
+        let mut at = in_ball(radius_m, n);
         let axis = n as usize % 3;
         let mut along: [f32; 3] = std::array::from_fn(|i| f32::from(u8::from(i == axis)));
         match n % 8 {
@@ -207,25 +193,42 @@ fn seam_n(space: &Space<'_>, method: Method, crossings: u32) -> f64 {
         }
         let gap = (2e-6 * spacing_m).max(4e-7 * vec3::max_abs(at));
         let [low, high] = [-gap, gap].map(|step| vec3::add(at, vec3::scale(along, step)));
-        let Some([a, b]) = estimates(space, method, [low, high]) else { continue };
         let moved: [f64; 3] = std::array::from_fn(|i| f64::from(high[i]) - f64::from(low[i]));
-        let jump: [f64; 3] = std::array::from_fn(|i| {
-            let slope: [f64; 3] = std::array::from_fn(|j| {
-                0.5 * (f64::from(a.stiffness_n_m[i][j]) + f64::from(b.stiffness_n_m[i][j]))
-            });
-            f64::from(b.force_n[i]) - f64::from(a.force_n[i]) - dot(slope, moved)
-        });
+        let sides = [low, high].map(|at| field(at, moved));
+        let [Some((low_n, low_change_n)), Some((high_n, high_change_n))] = sides else { continue };
+        let jump: [f64; 3] =
+            std::array::from_fn(|i| high_n[i] - low_n[i] - 0.5 * (low_change_n[i] + high_change_n[i]));
         worst = worst.max(dot(jump, jump).sqrt());
     }
     worst
 }
 
-fn estimates(
+/// The force at a position, and its change over the vector `moved` by the gradient there.
+///
+/// Outside the ball the estimate of the core differentiates along all three axes, each with two forces that
+/// include the gradient at the rim. Here one direction is enough: it is the same central difference, with the
+/// same step.
+fn force_and_change_n(
     space: &Space<'_>,
     method: Method,
-    [low, high]: [[f32; 3]; 2],
-) -> Option<[palpate_core::Estimate; 2]> {
-    Some([space.estimate(method, low)?, space.estimate(method, high)?])
+    at: [f32; 3],
+    moved: [f64; 3],
+) -> Option<([f64; 3], [f64; 3])> {
+    if method == Method::Kernel || space.lattice().locate(at).inside {
+        let estimate = space.estimate(method, at)?;
+        let change_n = estimate.stiffness_n_m.map(|row| dot(row.map(f64::from), moved));
+        return Some((estimate.force_n.map(f64::from), change_n));
+    }
+    let found_n = space.force(method, at)?.force_n.map(f64::from);
+    let length_m = dot(moved, moved).sqrt();
+    let step_m = 2e-3 * f64::from(space.lattice().spacing_m());
+    let beside_n = |sign: f64| {
+        let along = |i: usize| f64::from(at[i]) + sign * step_m * moved[i] / length_m;
+        force_n(space, method, std::array::from_fn(along))
+    };
+    let (after_n, before_n) = (beside_n(1.0), beside_n(-1.0));
+    let change_n = std::array::from_fn(|i| (after_n[i] - before_n[i]) * 0.5 / step_m * length_m);
+    Some((found_n, change_n))
 }
 
 fn rounding_n(space: &Space<'_>, method: Method, at: [f32; 3]) -> f64 {
@@ -238,7 +241,7 @@ fn rounding_n(space: &Space<'_>, method: Method, at: [f32; 3]) -> f64 {
 /// Median time of a query, ns, at `visited`, or at points of the ball if those are fewer than a hundred.
 pub fn nanoseconds(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> f64 {
     let queries: Vec<[f32; 3]> = if visited.len() < 100 {
-        (0..QUERIES as u32).map(|n| in_ball(space, n)).collect()
+        (0..QUERIES as u32).map(|n| in_ball(space.lattice().radius_m(), n)).collect()
     } else {
         visited.iter().copied().cycle().take(QUERIES).collect()
     };
@@ -261,17 +264,27 @@ pub fn nanoseconds(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> f
 mod tests {
     use super::*;
 
+    /// A linear force, which no gradient misses, with a step of 1 mN where `is_beyond`.
+    fn largest_n(is_beyond: impl Fn([f32; 3]) -> bool) -> f64 {
+        let field = |at: [f32; 3], moved: [f64; 3]| {
+            let stiffness_n_m = |x: f64, axis: usize| 100.0 * (axis + 1) as f64 * x;
+            let step_n = if is_beyond(at) { 1e-3 } else { 0.0 };
+            let force_n = std::array::from_fn(|i| stiffness_n_m(f64::from(at[i]), i) + step_n);
+            Some((force_n, std::array::from_fn(|i| stiffness_n_m(moved[i], i))))
+        };
+        largest_jump_n((0.01, 0.05), 2_000, field)
+    }
+
     #[test]
-    fn many_spaces_share_the_probes_and_few_have_all_of_them() {
-        for few in [1, FEW] {
-            let Probing { circles, crossings } = Probing::of(few);
-            assert_eq!((circles, crossings), (CIRCLES, CROSSINGS), "{few}");
-        }
-        for many in [FEW + 1, 40, 297, 512] {
-            let Probing { circles, crossings } = Probing::of(many);
-            assert!(circles < CIRCLES && crossings < CROSSINGS, "{many}");
-            let all = [(circles, CIRCLES), (crossings, CROSSINGS)];
-            assert!(all.iter().all(|(each, of)| *each as usize * many + many > FEW * *of as usize), "{many}");
+    fn a_jump_at_a_face_at_the_rim_or_outside_is_found() {
+        let step_n = 3.0f64.sqrt() * 1e-3;
+        assert!(largest_n(|_| false) < 1e-12);
+        for (name, found_n) in [
+            ("face", largest_n(|at| at[1] > 0.02)),
+            ("rim", largest_n(|at| vec3::norm(at) > 0.05)),
+            ("face, continued outside", largest_n(|at| vec3::norm(at) > 0.0501 && at[0] > -0.01)),
+        ] {
+            assert!((found_n - step_n).abs() < 1e-9, "{name}: {found_n}");
         }
     }
 }
