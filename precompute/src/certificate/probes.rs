@@ -282,7 +282,10 @@ mod tests {
         for (name, found_n) in [
             ("face", largest_n(|at| at[1] > 0.02)),
             ("rim", largest_n(|at| vec3::norm(at) > 0.05)),
-            ("face, continued outside", largest_n(|at| vec3::norm(at) > 0.0501 && at[0] > -0.01)),
+            (
+                "face, continued outside",
+                largest_n(|at| vec3::norm(at) > 0.0501 && 0.05 * at[0] / vec3::norm(at) > -0.01),
+            ),
         ] {
             assert!((found_n - step_n).abs() < 1e-9, "{name}: {found_n}");
         }
