@@ -75,6 +75,15 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         Ok(organ)
     }
 
+    /// [`Organ::read`] on the heap: an organ of many spaces takes a large part of a thread's stack. Needs the
+    /// feature `alloc`.
+    #[cfg(feature = "alloc")]
+    pub fn read_boxed(bytes: &'a [u8]) -> Result<alloc::boxed::Box<Self>, BlobError> {
+        let mut organ = alloc::boxed::Box::new(Self::empty());
+        organ.load(bytes, &Limits::PC)?;
+        Ok(organ)
+    }
+
     /// An organ without spaces, surface and force, for [`Organ::load`].
     // A function and not a constant, which would occupy the size of an organ in flash.
     #[inline(always)]

@@ -79,8 +79,8 @@ impl Packed {
     /// of rendering.
     fn expect_readable(&self) -> Result<(), PackError> {
         let bytes = AlignedBytes::from(&self.bytes()?[..]);
-        let read: Result<Organ<'_>, _> = Organ::read(&bytes);
-        read.map(|_| ()).map_err(PackError::Refused)
+        let read: Result<Box<Organ<'_>>, _> = Organ::read_boxed(&bytes);
+        read.map(drop).map_err(PackError::Refused)
     }
 
     /// Adds a certificate of the tables as JSON and replaces an earlier one. The bits of the tables do not

@@ -67,7 +67,7 @@ pub fn solve_truth(
         let store = Store::open(space)?;
         let flags_only = PackOptions { methods: &[], intermediate: false, threads: run.threads };
         let bytes = AlignedBytes::from(&pack(&store, &flags_only)?.bytes()?[..]);
-        let organ: Organ<'_> = Organ::read(&bytes)?;
+        let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes)?;
         let mut clear = clear_positions(&store, &organ)?;
         clear.retain(|&(_, count)| count > 0 && count < asked as usize);
         let Some(least) = clear.iter().map(|&(_, count)| count as u32).min() else { break };
@@ -123,7 +123,7 @@ fn lacking_uniform(store: &Store, actives: &[usize], wanted: u32) -> Result<Vec<
 pub fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Packed, Certificate), PipelineError> {
     let mut packed = pack(store, options)?;
     let bytes = AlignedBytes::from(&packed.bytes()?[..]);
-    let organ: Organ<'_> = Organ::read(&bytes)?;
+    let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes)?;
     let certificate = certify(store, &organ)?;
     packed.certify(&serde_json::to_string(&certificate)?)?;
     Ok((packed, certificate))
@@ -140,7 +140,7 @@ pub fn add_ledgers(
     began: impl Fn(&str),
 ) -> Result<(), PipelineError> {
     let bytes = AlignedBytes::from(&packed.bytes()?[..]);
-    let organ: Organ<'_> = Organ::read(&bytes)?;
+    let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes)?;
     let analysis = Analysis::of_store(store)?;
     let effort = Effort { positions, threads: run.threads, stop: run.stop };
     let wanted = if certificate.spaces.len() > FEW { 1 } else { certificate.spaces.len() };
