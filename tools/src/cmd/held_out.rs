@@ -19,7 +19,7 @@ use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Solve held-out solutions into a .space file: they measure interpolation errors; no fit uses them.
+/// Solve held-out positions into a .space file: they measure interpolation errors, and no fit uses them.
 ///
 /// Three kinds for every active node: regular paths from rest in 26 directions and random paths whose
 /// direction turns slowly (both as in the paper), and uniform positions in the ball that can be reached (|h|

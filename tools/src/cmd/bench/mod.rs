@@ -17,7 +17,7 @@ use clap::{Args as ClapArgs, Subcommand};
 
 use crate::failure::Failure;
 
-/// Measure what the parts cost on this machine, beside a peer where one is installed.
+/// Measure the cost of the parts on this machine, and of installed peers.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     #[command(subcommand)]

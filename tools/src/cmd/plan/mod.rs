@@ -47,10 +47,10 @@ const CELLS_OF_A_STEP: f64 = 5.0;
 /// Predict the cost of a scene before it is solved: configurations, seconds, memory, bytes, query time and
 /// error of the reasonable choices.
 ///
-/// A few probing solves on every active node measure the stiffness and nonlinearity there and the time of a
-/// solve on this machine. The loop, the plan and the fits of `precompute` and `pack` then run on a surrogate
-/// that meets the probes. Errors are against the finite elements of the same model; the column `stiffer` is
-/// the additional error of its discretisation.
+/// A few probing solves on each active node (at most four nodes) measure stiffness, nonlinearity and the time
+/// of a solve on this machine. The sampling, the plan and the fits of `precompute` and `pack` then run on a
+/// surrogate that interpolates the probes. Errors are against the finite elements of the same model; the
+/// column `stiffer` is the additional error of its discretisation.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
