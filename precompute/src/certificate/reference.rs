@@ -7,7 +7,7 @@
 use palpate_core::flags::{FOLD, INTERIOR, SMOOTH, SUPERCELL};
 use palpate_core::grid::CORNERS;
 use palpate_core::method::kernel::{Block, KernelTable, LANES, NUMBERS};
-use palpate_core::{Method, Space};
+use palpate_core::{Method, Space, SpacePlanes};
 
 /// h at a displacement inside the ball, N; `None` if the method is not packed.
 pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
@@ -20,11 +20,11 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
             Some(mix(share, cell.lattice(&LINEAR)?, cell.lattice(&CUBIC)?))
         }
         Method::RbfLinear => {
-            let planes = space.planes().rbf_linear?;
+            let planes = cell.planes.rbf_linear?;
             Some(radial(&planes.centres, &planes.weights, cell.position, |r| r))
         }
         Method::RbfCubic => {
-            let planes = space.planes().rbf_cubic?;
+            let planes = cell.planes.rbf_cubic?;
             Some(radial(&planes.centres, &planes.weights, cell.position, |r| r * r * r))
         }
         Method::Hermite => cell.hermite(),
@@ -144,6 +144,7 @@ fn slope(powers: &[f64], t: f64) -> f64 {
 /// The cell of a query and the position in it.
 struct Cell<'s, 'a> {
     space: &'s Space<'a>,
+    planes: SpacePlanes<'a>,
     low: [i32; 3],
     t: [f64; 3],
     position: [f64; 3],
@@ -155,7 +156,7 @@ impl<'s, 'a> Cell<'s, 'a> {
         let position = displacement_m.map(|x| f64::from(x) / spacing_m);
         let low = position.map(|x| (x.floor() as i32).clamp(-reach, reach - 1));
         let t = std::array::from_fn(|axis| position[axis] - f64::from(low[axis]));
-        Self { space, low, t, position }
+        Self { space, planes: space.planes(), low, t, position }
     }
 
     fn slot(&self, offset: [i32; 3]) -> usize {
@@ -164,7 +165,7 @@ impl<'s, 'a> Cell<'s, 'a> {
     }
 
     fn lattice(&self, stencil: &Stencil) -> Option<[f64; 3]> {
-        let force_n = self.space.planes().force_n?;
+        let force_n = self.planes.force_n?;
         let mut sum = [0.0; 3];
         let points = || stencil.points.iter().enumerate();
         for (a, &i) in points() {
@@ -198,18 +199,19 @@ impl<'s, 'a> Cell<'s, 'a> {
         w * w * (3.0 - 2.0 * w)
     }
 
-    /// W_abc at a corner.
-    fn derivative(&self, corner: [i32; 3], [a, b, c]: [usize; 3]) -> Option<f64> {
-        let planes = self.space.planes().hermite?;
-        let row = planes.row[self.slot(corner)] as usize;
-        Some(f64::from(planes.nodes[row][a][b][c]))
+    /// W_abc at a corner, as a function of the orders [a, b, c].
+    fn derivatives(&self, corner: [i32; 3]) -> Option<impl Fn([usize; 3]) -> f64 + 'a> {
+        let planes = self.planes.hermite?;
+        let node = &planes.nodes[planes.row[self.slot(corner)] as usize];
+        Some(|[a, b, c]: [usize; 3]| f64::from(node[a][b][c]))
     }
 
     fn energy(&self) -> Option<[f64; 3]> {
         let mut sum = [0.0; 3];
         for corner in CORNERS {
+            let derivative = self.derivatives(corner)?;
             for orders in (0..27).map(|code: usize| [code / 9, code / 3 % 3, code % 3]) {
-                let value = self.derivative(corner, orders)?;
+                let value = derivative(orders);
                 let of = |axis: usize| &QUINTIC[3 * corner[axis] as usize + orders[axis]];
                 for (along, sum) in sum.iter_mut().enumerate() {
                     let factor = |axis: usize| {
@@ -226,6 +228,7 @@ impl<'s, 'a> Cell<'s, 'a> {
     fn hermite(&self) -> Option<[f64; 3]> {
         let mut sum = [0.0; 3];
         for corner in CORNERS {
+            let derivative = self.derivatives(corner)?;
             for orders in CORNERS.map(|corner| corner.map(|n| n as usize)) {
                 let factor = |axis: usize| {
                     polynomial(&HERMITE[2 * corner[axis] as usize + orders[axis]], self.t[axis])
@@ -234,7 +237,7 @@ impl<'s, 'a> Cell<'s, 'a> {
                 for (along, sum) in sum.iter_mut().enumerate() {
                     let mut of_energy = orders;
                     of_energy[along] += 1;
-                    *sum += weight * self.derivative(corner, of_energy)?;
+                    *sum += weight * derivative(of_energy);
                 }
             }
         }
