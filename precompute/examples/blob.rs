@@ -1,4 +1,4 @@
-//! A blob made and queried: the interpolated force beside the finite-element force along a push, 1 to 4 mm deep.
+//! A blob is made and queried: interpolated and finite-element force along a push, 1 to 4 mm deep.
 //!
 //! `cargo run --release -p palpate-precompute --example blob -- assets/scenes/palpation.toml`
 

@@ -217,14 +217,14 @@ fn a_law_of_ones_own_is_neither_stored_nor_sent() {
         assert!(refused.is_bad_input());
         let line = refused.to_string();
         assert!(
-            line.contains("palpation.toml: the law \"neo\" is one of your own") && !line.contains('\n'),
+            line.contains("palpation.toml: the law \"neo\" is user-defined") && !line.contains('\n'),
             "{line}"
         );
     }
     assert!(!space.exists());
     let unsent =
         serde_json::to_string(&analysis.scene.materials[0].material).expect_err("a law is code").to_string();
-    assert!(unsent.contains("the law \"neo\" is one of your own"), "{unsent}");
+    assert!(unsent.contains("the law \"neo\" is user-defined"), "{unsent}");
     let equal = |a: Neo, b: Neo| Material::own("neo", a) == Material::own("neo", b);
     assert!(equal(NEO, NEO) && !equal(NEO, Neo { lame: Lame { mu_pa: 1.0, ..LAME }, ..NEO }));
 }

@@ -119,7 +119,7 @@ fn a_radius_that_is_no_length_of_an_organ_is_refused() {
 fn a_force_that_the_tolerance_swallows_is_refused() {
     for force in [1e-300, 0.001, 0.02] {
         let bench = Bench::new(LAW, ADAPTIVE, force);
-        let words = ["beam.toml:", "0.02 N", "no force would be felt", "max_force_n"];
+        let words = ["beam.toml:", "0.02 N", "no force would be perceptible", "max_force_n"];
         bench.plan(2, &words);
         bench.precompute(2, &words);
     }

@@ -288,7 +288,10 @@ fn what_never_was_a_space_is_not_salvaged() {
         }
     }
     bench.put("empty.space", b"");
-    bench.refuses("precompute beam.toml --out empty.space --salvage", &["empty.space", "nothing in it yet"]);
+    bench.refuses(
+        "precompute beam.toml --out empty.space --salvage",
+        &["empty.space", "no configuration yet"],
+    );
     // A space without its magic number, and one without its first page.
     let whole = std::fs::read(bench.at("b.space")).expect("there");
     for lost in [16, 4096] {

@@ -51,7 +51,7 @@ mod tests {
         // One prediction in five is affected by the jump; the errors of the others decrease.
         let folded = |n: usize| if n.is_multiple_of(5) { 6.0 } else { falling(n) };
         assert!(is_stalled(&tests((0..160).map(folded))));
-        assert!(!is_stalled(&tests((0..2 * WINDOW - 1).map(folded))), "too few to say");
+        assert!(!is_stalled(&tests((0..2 * WINDOW - 1).map(folded))), "too few predictions for a decision");
         // Errors within tolerance need not decrease; predictions beyond the force limit are ignored.
         assert!(!is_stalled(&tests((0..200).map(|_| 0.9))));
         let mut beyond = tests((0..200).map(folded));

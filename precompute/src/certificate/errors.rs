@@ -149,7 +149,7 @@ pub fn certified_share(tests: usize, exceeded: usize) -> f64 {
     1.0 - high
 }
 
-/// P(at most k of n) for events of probability p.
+/// Probability of at most k events in n independent trials of probability p.
 fn at_most(n: usize, k: usize, p: f64) -> f64 {
     let mut log_term = n as f64 * (1.0 - p).ln();
     let mut sum = log_term.exp();

@@ -57,7 +57,7 @@ pub struct Health {
     pub min_jacobian: f64,
     /// Number of configurations with inverted elements.
     pub inverted: usize,
-    /// Number of unstable equilibria, which a body would leave.
+    /// Number of unstable equilibria, in which a real body does not stay.
     pub unstable: usize,
     /// Number of configurations whose transition switched the branch.
     pub switched: usize,
@@ -168,22 +168,19 @@ impl Health {
         say(
             BRANCHES.of(share(points)),
             format!(
-                "two stable solutions at {points} points, up to {apart_n:.2} N apart: the body buckles; take a smaller radius_m"
+                "two stable solutions at {points} points, with forces up to {apart_n:.2} N apart: the body buckles; use a smaller radius_m"
             ),
         );
         let of_all = format!("of {} reachable configurations", self.reachable);
-        say(
-            BRANCHES.of(share(self.unstable)),
-            format!("{} {of_all} are unstable: a body would leave them", self.unstable),
-        );
+        say(BRANCHES.of(share(self.unstable)), format!("{} {of_all} are unstable equilibria", self.unstable));
         say(
             BRANCHES.of(share(self.switched)),
-            format!("{} {of_all} left the branch they were followed on", self.switched),
+            format!("{} {of_all} switched to another branch", self.switched),
         );
         say(
             INVERTED.of(share(self.inverted)),
             format!(
-                "{} {of_all} have elements inside out (smallest J {:.2}): refine the mesh there, or take order = 2 or a smaller radius_m",
+                "{} {of_all} have inverted elements (smallest J {:.2}): refine the mesh there, or use order = 2 or a smaller radius_m",
                 self.inverted, self.min_jacobian
             ),
         );
@@ -199,20 +196,19 @@ impl Health {
         if self.loop_stalled {
             say(
                 Verdict::Yellow,
-                "the predictions of the blind loop did not fall: the space folds, and its table is that of a lattice; take a smaller radius_m"
+                "adaptive sampling stagnated at a branch jump, and a lattice replaced it; use a smaller radius_m"
                     .into(),
             );
         } else if self.loop_passed == Some(false) {
             say(
                 Verdict::Yellow,
-                "the blind loop did not come within its tolerance; take a smaller radius_m, or a lattice"
-                    .into(),
+                "adaptive sampling did not reach its tolerance; use a smaller radius_m, or a lattice".into(),
             );
         }
         if let Some(condition) = self.condition {
             say(
                 CONDITION.of(condition),
-                format!("the fit's matrix has a condition of {condition:.0e} or more"),
+                format!("the fit's matrix has a condition number of {condition:.0e} or more"),
             );
         }
         let measured = || found.methods.iter().filter(|method| method.uniform.count > 0);
@@ -227,14 +223,14 @@ impl Health {
             say(
                 FELT.of(felt(best)).min(most),
                 format!(
-                    "the error can be felt at {percent:.1} % of {} independent positions ({}, the best method)",
+                    "the error is perceptible at {percent:.1} % of {} independent positions ({}, the best method)",
                     best.uniform.count, best.method
                 ),
             );
         } else {
             say(
                 Verdict::Yellow,
-                "no independent position away from folds was solved: of the errors nothing is known but what the search itself met".into(),
+                "no independent position away from branch jumps was solved: the errors are known only from the predictions of the search".into(),
             );
         }
         let beyond = |m: &MethodCertificate| Some(1.0 - m.tolerated?.count as f64 / m.uniform.count as f64);

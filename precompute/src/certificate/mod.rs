@@ -31,8 +31,8 @@ use crate::held_out::{Summary, is_on_training_lattice};
 use crate::space::{Kind, Record, SpaceState, Store, StoreError, Walk, folds, samples, state};
 use crate::spec::{GridIndex, Sampling, Scattered, Tolerance, is_within};
 
-/// Largest number of active nodes that each have their own held-out positions. More nodes share the positions,
-/// and the bounds hold for all of them together.
+/// Largest number of active nodes that each have their own held-out positions. More nodes share the
+/// positions, and the bounds hold for all of them together.
 pub const FEW: usize = 8;
 
 /// All measurements of a blob.

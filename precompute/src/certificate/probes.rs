@@ -156,8 +156,8 @@ fn seam_n(space: &Space<'_>, method: Method) -> f64 {
     largest_jump_n((space.lattice().spacing_m(), space.lattice().radius_m()), crossings, field)
 }
 
-/// Largest jump of a force field between both sides of a face, of the rim, or of a ray through a face at the rim,
-/// less the change that the gradients on both sides account for. `field` is as [`force_and_change_n`].
+/// Largest jump of a force field between both sides of a face, of the rim, or of a ray through a face at the
+/// rim, less the change that the gradients on both sides account for. `field` is as [`force_and_change_n`].
 fn largest_jump_n(
     (spacing_m, radius_m): (f32, f32),
     crossings: u32,

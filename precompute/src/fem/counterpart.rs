@@ -20,7 +20,7 @@ impl std::fmt::Display for NoCounterpart {
             Self::UnknownLaw => write!(f, "no such law; choose from {}", LAWS.join(", ")),
             Self::Fibres => write!(f, "fibres have no counterpart in an isotropic law; leave it out"),
             Self::Own => {
-                write!(f, "the moduli of a law of one's own are not known; give the other law itself")
+                write!(f, "the moduli of a user-defined law are not known; give the other law itself")
             }
         }
     }

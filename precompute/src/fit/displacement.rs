@@ -344,9 +344,8 @@ impl Row {
     }
 }
 
-/// Rounds to int16. If a number exceeds the range, all are scaled by the same factor. A slope that changes by
-/// more than its mode's range within a cell occurs at a fold, and such a distant ghost is never the only
-/// corner of a query.
+/// Rounds to int16. If a number exceeds the range, all are scaled by the same factor. A slope can change by
+/// more than its mode's range within a cell only at a branch jump, or at a ghost far from the data.
 fn pack_whole(numbers: &[f64], packed: &mut Vec<i16>) {
     let top = numbers.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
     let factor = if top > UNITS { UNITS / top } else { 1.0 };

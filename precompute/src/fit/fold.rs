@@ -1,4 +1,4 @@
-//! Fold flags: neighbouring points on different branches, by the test of [`crate::num::branch`].
+//! Branch jumps: neighbouring points on different branches, by the test of [`crate::num::branch`].
 
 use crate::num::branch::Excess;
 use crate::num::jet::EnergyJet;
@@ -39,8 +39,8 @@ pub fn flagged_pairs(
     folds
 }
 
-/// The folds at which tables must not be smooth: [`flagged_pairs`] of one space, without the pairs whose
-/// third derivatives show a strongly curved but continuous branch.
+/// The branch jumps at which tables must not be smooth: [`flagged_pairs`] of one space, without the pairs
+/// whose third derivatives show a strongly curved but continuous branch.
 pub fn folds(solved: &[(GridIndex, EnergyJet)]) -> Vec<Fold> {
     let by_index: std::collections::HashMap<GridIndex, EnergyJet> = solved.iter().copied().collect();
     let at = |index| by_index.get(&index).copied();

@@ -7,7 +7,7 @@
 //! - W_iijj and W_iijk are differences of W_ijk with respect to the neighbours; W_iijjk and W_iijjkk are
 //!   differences of those and of W_ijk. Each is the mean over all available differences: central if both
 //!   neighbours are solved, one-sided at the boundary.
-//! - No difference is taken across a fold, because W is not one smooth function there.
+//! - No difference is taken across a branch jump, because W is not smooth there.
 //!
 //! A corner without a configuration is a ghost. It is the degree-5 polynomial that best fits W, h, S and
 //! W_ijk of its neighbours. With too few neighbours it is the mean of the Taylor polynomials of the nearest
@@ -35,7 +35,7 @@ pub struct HermiteNodes {
     pub nodes: Vec<Node>,
 }
 
-/// Sets the fold flag of every cell with a flagged pair among its corners.
+/// Sets the branch-jump flag of every cell with a flagged pair among its corners.
 pub fn flag_folds(grid: &SpaceGrid, folds: &[Fold], values: &mut LatticeValues) {
     for slot in folds.iter().flat_map(folded_cells).filter_map(|cell| grid.lattice.slot(cell)) {
         values.flags[slot] |= flags::FOLD;
@@ -122,9 +122,9 @@ fn nodes_with(
     table
 }
 
-/// Limit of the slopes at a fold, as a multiple of the largest change of the force to a neighbour, because a
-/// slope can belong to a branch that ends within the cell. The limit is that of monotone cubic interpolation
-/// (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980: 3).
+/// Limit of the slopes at a branch jump, as a multiple of the largest change of the force to a neighbour,
+/// because a slope can belong to a branch that ends within the cell. The limit is that of monotone cubic
+/// interpolation (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980: 3).
 const STEEPEST: f64 = 3.0;
 /// Limit of a ghost's force, as a multiple of the largest solved |h|; the same as in the table of forces.
 const LARGEST_GHOST: f64 = 2.0;
@@ -209,7 +209,7 @@ fn orders(axes: &[usize]) -> [usize; 3] {
 struct Field<'g> {
     grid: &'g SpaceGrid,
     solved: Vec<Option<Known>>,
-    /// Neighbours with a fold between them, in both directions, sorted.
+    /// Pairs of neighbours with a branch jump between them, in both directions, sorted.
     cuts: Vec<(GridIndex, GridIndex)>,
 }
 
@@ -582,8 +582,8 @@ mod tests {
             let table = hermite_nodes(&grid, &samples(jump), folds);
             table.nodes[table.row[grid.lattice.slot([1, 0, 0]).unwrap()] as usize]
         };
-        assert_eq!(node(0.0, &folds), node(1e6, &folds), "the near side does not feel the far one");
-        assert_ne!(node(0.0, &[]), node(1e6, &[]), "without flags it would");
+        assert_eq!(node(0.0, &folds), node(1e6, &folds), "no difference is taken across the jump");
+        assert_ne!(node(0.0, &[]), node(1e6, &[]), "without flags a difference is taken across the jump");
         let mut values = super::super::lattice_values(&grid, &samples(0.0));
         flag_folds(&grid, &folds, &mut values);
         for (slot, bits) in values.flags.iter().enumerate() {
@@ -633,9 +633,9 @@ mod tests {
         let free = largest_n(&runaway(1e4, &[]));
         assert!(
             free > 100.0 * as_it_is,
-            "where no fold is, the solver is believed: {free} N beside {as_it_is} N"
+            "slopes are limited away from branch jumps: {free} N, unlimited {as_it_is} N"
         );
-        // A realistic stiffness is not limited, also at folds.
+        // A realistic stiffness is not limited, also at branch jumps.
         let node = |nodes: &HermiteNodes, p| nodes.nodes[nodes.row[grid.lattice.slot(p).unwrap()] as usize];
         let (folded, plain) = (runaway(1.0, &fold), runaway(1.0, &[]));
         for p in [[1, 0, 0], [2, 0, 0], [1, 1, 1]] {

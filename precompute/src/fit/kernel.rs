@@ -190,9 +190,11 @@ impl KernelFit {
     /// Each configuration extends the factor by 20 rows. N configurations cost (20 N)^3 / 3 operations in
     /// total, for any number of calls.
     ///
-    /// # Panics If the fit is [read-only](Self::as_it_is).
+    /// # Panics
+    ///
+    /// If the fit is [read-only](Self::as_it_is).
     pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), Indistinct> {
-        assert_eq!(self.factor.nrows(), DATA.len() * self.centres.len(), "the fit cannot grow");
+        assert_eq!(self.factor.nrows(), DATA.len() * self.centres.len(), "the fit is read-only");
         let (old, more) = (DATA.len() * self.centres.len(), DATA.len() * jets.len());
         let added: Vec<[f64; 3]> = jets.iter().map(|jet| jet.control_m.map(|x| x / self.length_m)).collect();
         let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());

@@ -172,7 +172,7 @@ mod tests {
         for number in 3..NUMBERS {
             let kept = planes.blocks[2][number][1];
             planes.blocks[2][number][1] += 1e-4;
-            assert!(worst(&planes) > 1e-7, "number {number} may be anything");
+            assert!(worst(&planes) > 1e-7, "the test ignores number {number}");
             planes.blocks[2][number][1] = kept;
         }
     }

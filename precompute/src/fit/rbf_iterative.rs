@@ -11,7 +11,6 @@
 //! Measured: 26 steps to 1e-11 at 1,459 centres, about 150 at 6,204; a Krylov space of 60 hardly converges.
 //! For phi = r^3 with linear polynomials the residual is still 1e-1 after 60 steps, also with 20 to 60
 //! distant points in every local fit. The cubic weights are therefore always computed by factorisation.
-//! to 60 far points in every local fit too, so the cubic weights are always found by factorisation.
 
 use nalgebra::{DMatrix, DVector};
 

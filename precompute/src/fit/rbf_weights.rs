@@ -51,26 +51,26 @@ pub struct RbfFit {
     pub misfit_n: f64,
 }
 
-/// The weights could not be found.
+/// Why the weights could not be computed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FitError {
-    /// More centres than memory is taken for.
+    /// The factorisation would exceed the memory limit.
     TooMany {
         /// The kernel.
         kernel: Kernel,
-        /// How many centres.
+        /// Number of centres.
         centres: usize,
     },
-    /// The weights miss the forces at their own centres, or are no numbers.
+    /// The matrix is singular: the weights do not reproduce the forces at the centres, or are not finite.
     Singular {
         /// The kernel.
         kernel: Kernel,
-        /// How many centres.
+        /// Number of centres.
         centres: usize,
         /// Largest misfit, N.
         misfit_n: f64,
     },
-    /// The threads did not start.
+    /// The threads could not be started.
     Threads(ThreadError),
 }
 

@@ -69,7 +69,7 @@ impl std::fmt::Display for HeldOutError {
             Self::Store(error) => write!(f, "{error}"),
             Self::Crew(error) => write!(f, "{error}"),
             Self::Interrupted => {
-                write!(f, "interrupted; every finished path is kept, run the same command to go on")
+                write!(f, "interrupted; every finished path is kept, run the same command to continue")
             }
             Self::NoSpace(name) => write!(
                 f,

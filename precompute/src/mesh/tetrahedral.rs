@@ -74,7 +74,7 @@ impl fmt::Display for MeshFault {
         match *self {
             Self::Empty => write!(f, "the mesh holds no tetrahedra"),
             Self::NotFinite { node } => write!(f, "node {node} has a coordinate that is not finite"),
-            Self::NoSuchNode { tet, node } => write!(f, "tet {tet} names node {node}, which is not there"),
+            Self::NoSuchNode { tet, node } => write!(f, "tet {tet} names node {node}, which does not exist"),
             Self::Flat { tet } => write!(f, "tet {tet} has zero volume"),
             Self::Negative { tet, volume, .. } => write!(f, "tet {tet} has negative volume ({volume:e})"),
             Self::Repeated { tet, first } => write!(f, "tet {tet} has the same vertices as tet {first}"),

@@ -99,7 +99,7 @@ fn shape(cell_type: u8) -> &'static str {
         13 => "wedge",
         14 => "pyramid",
         42 => "polyhedron",
-        _ => "shape this reader does not know",
+        _ => "cell of unknown shape",
     }
 }
 

@@ -175,7 +175,7 @@ mod tests {
             }
             Excess::between(&both[0], &both[1]).is_jump()
         };
-        assert!(scaled(0.0) && !scaled(6.0), "0.8 N is a jump at 7 N and none at 9 N");
+        assert!(scaled(0.0) && !scaled(6.0), "0.8 N is a jump at 7 N and not at 9 N");
         let broken = EnergyJet { energy_j: f64::NAN, ..sample(0.02, 1.0, 0.0) };
         assert!(Excess::between(&sample(0.01, 1.0, 0.0), &broken).is_jump());
     }

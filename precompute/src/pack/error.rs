@@ -77,7 +77,7 @@ impl std::fmt::Display for PackError {
             Self::Lattice { active, error } => write!(f, "active node {active}: {error}; change `radius_m`"),
             Self::NoKernel { active } => write!(
                 f,
-                "active node {active} has no kernel to pack: its positions are not scattered, or a lattice took over at a fold; pack `energy`"
+                "active node {active} has no kernel to pack: it was sampled on a lattice, or a lattice replaced its adaptive sampling at a branch jump; pack `energy`"
             ),
             Self::Threads(error) => write!(f, "{error}"),
             Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),

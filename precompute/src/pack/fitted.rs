@@ -103,13 +103,14 @@ impl Fitter<'_> {
                 chosen.get(at).zip(done.get(at))
             } {
                 let fitted = self.one(&own, chosen);
-                *done.lock().expect("nobody panics with it") = Some(fitted);
+                *done.lock().expect("no thread panics while it holds the lock") = Some(fitted);
             }
             Ok(())
         };
         pool.each(work).into_iter().collect::<Result<(), PackError>>()?;
-        let taken = |done: Mutex<Option<_>>| done.into_inner().expect("nobody panics with it");
-        done.into_iter().map(|done| taken(done).expect("every space was worked on")).collect()
+        let taken =
+            |done: Mutex<Option<_>>| done.into_inner().expect("no thread panics while it holds the lock");
+        done.into_iter().map(|done| taken(done).expect("every space was fitted")).collect()
     }
 
     fn one(&self, store: &Store, chosen: &Chosen) -> Result<Fitted, PackError> {

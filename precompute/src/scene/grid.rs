@@ -46,7 +46,7 @@ impl Lookup<'_> {
             }
             if max_force_n <= tolerance.absolute_n {
                 let what = format!(
-                    "the largest force {max_force_n} N is within the tolerance {} N: no force would be felt",
+                    "the largest force {max_force_n} N is within the tolerance {} N: no force would be perceptible",
                     tolerance.absolute_n
                 );
                 let span = table.error_driven().map_or(grid.span(), |(span, _)| span);
@@ -121,7 +121,7 @@ impl Lookup<'_> {
         let space_grid = SpaceGrid::new(spacing_m, radius_m).map_err(|error| {
             self.place.error(
                 grid.span(),
-                format!("[grid] is no lattice: {error}"),
+                format!("[grid] is not a valid lattice: {error}"),
                 "correct its numbers (metres)",
             )
         })?;

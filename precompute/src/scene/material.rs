@@ -123,7 +123,11 @@ pub(super) fn law(
 fn bulk(place: &Place, law: &Material, value: &Spanned<f64>) -> Result<f64, InputError> {
     if law.rest_pressure_pa().is_none() {
         let what = format!("`bulk_pa` does not belong to the law \"{}\", which has no pressure", law.name());
-        return Err(place.error(value.span(), what, "remove it: `poisson` or `lambda_pa` says it"));
+        return Err(place.error(
+            value.span(),
+            what,
+            "remove it: `poisson` or `lambda_pa` defines the bulk modulus",
+        ));
     }
     let bulk = *value.get_ref();
     if !(bulk.is_finite() && bulk > 0.0) {

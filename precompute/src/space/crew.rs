@@ -33,9 +33,13 @@ impl std::fmt::Display for CrewError {
         match self {
             Self::Panicked => write!(f, "a worker stopped on an internal error; please report it"),
             Self::Seed => write!(f, "a stored state does not fit the body; the file is damaged"),
-            Self::Confused => write!(f, "a worker gave back what it was not asked for; please report it"),
+            Self::Confused => {
+                write!(f, "a worker returned a result that was not requested; please report it")
+            }
             Self::Threads(error) => write!(f, "{error}"),
-            Self::Lost(what) => write!(f, "{what}; what it was doing is lost, run the same command to go on"),
+            Self::Lost(what) => {
+                write!(f, "{what}; its unfinished work is lost, run the same command to continue")
+            }
         }
     }
 }

@@ -70,7 +70,10 @@ impl std::fmt::Display for ExpansionError {
                 )
             }
             Self::Interrupted => {
-                write!(f, "interrupted; every finished configuration is kept, run the same command to go on")
+                write!(
+                    f,
+                    "interrupted; every finished configuration is kept, run the same command to continue"
+                )
             }
             Self::Crew(error) => write!(f, "{error}"),
         }
@@ -146,7 +149,10 @@ impl Space {
         while let Some(task) = self.plan.next_task() {
             let Some(record) = self.known.remove(&(task.target, task.attempt)) else { return Ok(Some(task)) };
             if record.parent != task.parent || record.round != task.round {
-                let what = format!("point {:?} was not solved as this version would", task.target);
+                let what = format!(
+                    "point {:?} was solved by a plan that differs from that of this version",
+                    task.target
+                );
                 return Err(store.corrupt(what).into());
             }
             expect_rest(&record)?;

@@ -18,7 +18,7 @@ impl<'s> SurfaceMotion<'s> {
     pub fn new(store: &'s Store, active: usize, nodes: &'s [u32]) -> Result<Self, StoreError> {
         let rest = store.displacements(active, [0; 3], 0)?;
         if nodes.iter().any(|&n| n as usize >= rest.len()) {
-            return Err(store.corrupt("a surface node is not one of its mesh"));
+            return Err(store.corrupt("a surface node is not in its mesh"));
         }
         Ok(Self { store, active, nodes, rest })
     }

@@ -33,7 +33,7 @@ impl Plans {
                 let (mesh, _) = store.body()?;
                 let active = store.active()?;
                 if identity.normals.len() != active.len() {
-                    return Err(store.corrupt("it has not one normal for each active node"));
+                    return Err(store.corrupt("the numbers of normals and of active nodes differ"));
                 }
                 let wanted = |((_, node), normal): ((String, u32), [f64; 3])| {
                     scattered.wanted(identity.max_force_n, mesh.nodes_m[node as usize], normal)

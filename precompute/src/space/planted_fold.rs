@@ -34,7 +34,7 @@ fn a_jump_halfway_between_grid_points_is_flagged_by_the_force_where_the_energy_i
             assert!((f.rho_h_n / jump_n - 1.0).abs() < 0.2, "scale {scale}: the force does not, {f:?}");
         }
         let crosses = |f: &Fold| f.from[0].max(f.to[0]) > 1;
-        assert!(folds.iter().all(crosses), "scale {scale}: nothing is flagged where all is smooth");
+        assert!(folds.iter().all(crosses), "scale {scale}: a smooth edge is flagged");
     }
 }
 
@@ -79,7 +79,7 @@ fn flagged_points_are_solved_from_another_parent_and_the_lower_energy_is_kept_bo
         for record in &kept {
             assert_eq!(record.energy_j, lower(record), "scale {scale}, {:?}: the lower branch", record.index);
         }
-        assert_eq!(folds(&grid, &kept), [], "no fold is left");
+        assert_eq!(folds(&grid, &kept), [], "a branch jump is left");
     }
 }
 

@@ -70,7 +70,7 @@ fn a_full_disk_is_one_clear_line_and_the_store_goes_on_when_there_is_room() {
         assert_eq!(stopped.status.code(), Some(1), "{kib} KiB: {line}");
         assert_eq!(line.lines().count(), 1, "{kib} KiB: {line}");
         assert!(line.contains("a.space: the disk is full; "), "{kib} KiB: {line}");
-        assert!(line.contains("make room and run the same command again"), "{kib} KiB: {line}");
+        assert!(line.contains("free some space and run the same command again"), "{kib} KiB: {line}");
         // Still full: the same error.
         assert_eq!(output(precompute(&scene, &space, 1)).status.code(), Some(1), "{kib} KiB, again");
         disk.resize("16m");

@@ -85,7 +85,7 @@ fn kept(space: &Path, aside: &Path) -> Vec<String> {
     let probe = output(probe);
     if !probe.status.success() {
         let said = String::from_utf8_lossy(&probe.stderr);
-        assert!(said.contains("there is nothing in it yet"), "{said}");
+        assert!(said.contains("contains no configuration yet"), "{said}");
         return Vec::new();
     }
     let mut rows = rows(space, aside, true);

@@ -24,9 +24,9 @@ fn a_folder_that_may_not_be_written_is_one_line_and_its_stores_can_be_read() {
     fails(
         precompute(&scene, &disk.0.join("new.space"), 2),
         2,
-        &["new.space", "cannot be opened", "may be written"],
+        &["new.space", "cannot be opened", "is writable"],
     );
-    fails(precompute(&scene, &space, 2), 2, &["a #1.space", "cannot be opened", "may be written"]);
+    fails(precompute(&scene, &space, 2), 2, &["a #1.space", "cannot be opened", "is writable"]);
     let mut salvage = precompute(&scene, &space, 2);
     salvage.arg("--salvage");
     fails(salvage, 2, &["a #1.space", "Read-only file system"]);

@@ -50,7 +50,7 @@ impl Started {
         assert_eq!(status.code(), Some(1), "{lines:?}");
         let last = lines.last().expect("it says something");
         let expected = format!(
-            "palpate: interrupted; every finished {kept} is kept, run the same command to go on{more}"
+            "palpate: interrupted; every finished {kept} is kept, run the same command to continue{more}"
         );
         assert_eq!(*last, expected, "{lines:?}");
         let stopping = lines.iter().filter(|line| line.contains(": stopping: ")).count();
@@ -83,7 +83,7 @@ fn interrupted_again_and_again(
             return interrupts;
         }
         assert_eq!(status.code(), Some(1), "{lines:?}");
-        let line = format!("every finished {kept} is kept, run the same command to go on");
+        let line = format!("every finished {kept} is kept, run the same command to continue");
         assert!(lines.last().is_some_and(|last| last.contains(&line)), "{lines:?}");
         interrupts += 1;
         assert!(interrupts < 200, "it does not get on");

@@ -102,7 +102,7 @@ fn it_ends_after_ten_in_a_row_or_four_where_the_others_say_every_configuration()
 fn the_deviation_is_asked_where_it_decides() {
     let tolerance = Tolerance { relative: 1e-3, absolute_n: 1e-3 };
     let (mut search, _) = searched(Wanted { tolerance, ..WANTED }, solved);
-    assert_eq!(search.asked_deviation(), None, "nothing is beyond, so four are enough");
+    assert_eq!(search.asked_deviation(), None, "no error is beyond the tolerance: four suffice");
     let chosen = search.chosen;
     search.fits[chosen].left_out[3] = 1.1;
     let largest = search.asked_deviation().expect("one of many is beyond");
@@ -159,7 +159,7 @@ fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
         !is_within(&[low, high], &jet.control_m)
     };
     assert_eq!(search.jets().iter().filter(outside).count(), 0);
-    assert!(all.jets().iter().filter(outside).count() > 5, "nothing was outside anyhow");
+    assert!(all.jets().iter().filter(outside).count() > 5, "too few positions are outside for the test");
     // The positions extend nearly to the sides of the box, and the reachable set ends at them.
     let highest = search.jets().iter().map(|jet| jet.control_m[2]).fold(0.0, f64::max);
     assert!(highest > 0.0034, "{highest}");
@@ -187,7 +187,7 @@ fn failures_are_gone_round() {
     let (search, verdict) = searched(wanted, |at| if at[2] < -0.02 { Found::Failed } else { solved(at) });
     assert_eq!(verdict, Verdict::Passed);
     assert!(search.jets().iter().all(|jet| jet.control_m[2] >= -0.02));
-    assert!(search.jets().iter().any(|jet| jet.control_m[2] < -0.01), "right up to them");
+    assert!(search.jets().iter().any(|jet| jet.control_m[2] < -0.01), "positions close to the failed ones");
 }
 
 #[test]

@@ -122,7 +122,7 @@ impl Serialize for OwnLaw {
     fn serialize<S: Serializer>(&self, _: S) -> Result<S::Ok, S::Error> {
         let name = self.name;
         Err(S::Error::custom(format!(
-            "the law \"{name}\" is one of your own and cannot be stored or sent; build the material where it is used"
+            "the law \"{name}\" is user-defined and cannot be stored or sent; build the material where it is used"
         )))
     }
 }
@@ -130,6 +130,6 @@ impl Serialize for OwnLaw {
 /// Always fails, as [`Serialize`] does.
 impl<'de> Deserialize<'de> for OwnLaw {
     fn deserialize<D: Deserializer<'de>>(_: D) -> Result<Self, D::Error> {
-        Err(D::Error::custom("a law of one's own cannot be read; build the material where it is used"))
+        Err(D::Error::custom("a user-defined law cannot be read; build the material where it is used"))
     }
 }

@@ -177,7 +177,7 @@ impl<'a> Parameters<'a> {
         let unit = vector.try_normalize(0.0).filter(|unit| unit.iter().all(|c| c.is_finite()));
         unit.map(Into::into).ok_or_else(|| ParameterError {
             key: Some(key.into()),
-            what: format!("`{key}` = {:?} is no direction", value.numbers()),
+            what: format!("`{key}` = {:?} is not a direction", value.numbers()),
             fix: "give a vector that is not zero".into(),
         })
     }

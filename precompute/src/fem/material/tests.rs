@@ -30,7 +30,8 @@ fn every_law_is_the_derivatives_of_one_energy() {
         // The smooth switch of the fibres is narrow. The difference has an error proportional to its fourth
         // derivative, which is large.
         assert!(found.third < 1e-7 || law.name() == "holzapfel-gasser-ogden", "{law:?}: {found:?}");
-        // The check skips an inverted state without an energy. Only ln J and fractional powers of J justify it.
+        // The check skips an inverted state without an energy. Only ln J and fractional powers of J
+        // justify that.
         let has_barrier = matches!(law, Material::ReducedMooneyRivlin(_) | Material::NeoHookean(_));
         let inverted = Kinematics::of(&Matrix3::from_diagonal(&nalgebra::Vector3::new(-1.2, 0.2, 0.2)));
         assert_eq!(law.stress(&inverted, 0.0).0.is_finite(), !has_barrier, "{law:?}");

@@ -35,7 +35,9 @@ impl KernelFit {
     /// Leave-one-out errors of the force, N, in the order of the configurations: the true force minus the
     /// prediction of the fit to all other configurations.
     ///
-    /// # Panics If the fit is [read-only](Self::as_it_is).
+    /// # Panics
+    ///
+    /// If the fit is [read-only](Self::as_it_is).
     pub fn left_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
         self.left_out().map(|(missed_n, _)| missed_n)
     }
@@ -46,7 +48,9 @@ impl KernelFit {
     ///
     /// Cost: (20 N)^2 operations for N configurations and each of the three right-hand sides of a position.
     ///
-    /// # Panics If the fit is [read-only](Self::as_it_is).
+    /// # Panics
+    ///
+    /// If the fit is [read-only](Self::as_it_is).
     pub fn deviation_n(&self, places: &[[f64; 3]]) -> Vec<f64> {
         let by_its_own = |(missed_n, own): ([f64; 3], f64)| missed_n.iter().map(|e| e * e).sum::<f64>() / own;
         let shares: Vec<f64> = self.left_out().skip(1).map(by_its_own).collect();
@@ -57,7 +61,7 @@ impl KernelFit {
 
     /// Leave-one-out errors, and their variance for s = 1, 1/m^2.
     fn left_out(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
-        assert_eq!(self.inverse.len(), self.centres.len(), "the fit does not know its matrix any more");
+        assert_eq!(self.inverse.len(), self.centres.len(), "the fit is read-only");
         let scale = DATA.map(diagonal).map(f64::sqrt);
         self.inverse.iter().zip(&self.weights).map(move |(block, weights)| {
             let Ok(factor) = block.llt(Side::Lower) else { return ([f64::INFINITY; 3], f64::INFINITY) };
@@ -142,7 +146,7 @@ mod tests {
             let nugget = 3.0 * NUGGET[1];
             assert!((own - others - nugget).abs() < 1e-7 + 1e-4 * own, "{left}: {own} {others}");
         }
-        assert!(largest > 0.01, "nothing is missed: {largest} N");
+        assert!(largest > 0.01, "no error is large: {largest} N");
         // Far from all data the deviation is that of the process, estimated from these errors without rest.
         let process_n = (shares[1..].iter().sum::<f64>() / (shares.len() - 1) as f64 * 3.0).sqrt() / 0.03;
         let far_n = whole.deviation_n(&[[0.5; 3]])[0];
@@ -167,7 +171,7 @@ mod tests {
         }
         fit.add(&jets[8..]).expect("apart");
         let many = fit.variances(&places);
-        assert!(few.iter().zip(&many).all(|(few, many)| many <= few), "more data say less");
+        assert!(few.iter().zip(&many).all(|(few, many)| many <= few), "sigma decreases with more data");
         assert!(many.iter().sum::<f64>() < 0.1 * few.iter().sum::<f64>());
     }
 

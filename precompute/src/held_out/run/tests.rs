@@ -43,7 +43,7 @@ fn a_uniform_position_starts_from_the_nearest_corner_and_from_its_solution_that_
         let squared =
             |index: GridIndex| (0..3).map(|i| (f64::from(index[i]) - cells[i]).powi(2)).sum::<f64>();
         let of_the_cell = |index: GridIndex| (0..3).all(|i| (f64::from(index[i]) - cells[i]).abs() < 1.0);
-        assert!(of_the_cell(*corner), "{corner:?} is no corner round {cells:?}");
+        assert!(of_the_cell(*corner), "{corner:?} is not a corner of the cell of {cells:?}");
         let nearer = records
             .iter()
             .find(|r| of_the_cell(r.index) && squared(r.index) < squared(*corner))
@@ -53,7 +53,7 @@ fn a_uniform_position_starts_from_the_nearest_corner_and_from_its_solution_that_
         assert_eq!(*seed, store.stored_seed(0, *corner, kept.attempt).expect("its state"));
         superseded += usize::from(*seed != store.stored_seed(0, *corner, 0).expect("the first one's"));
     }
-    assert!(superseded > 0, "no position starts from a solution that took the place of another");
+    assert!(superseded > 0, "no position starts from a solution that replaced an earlier one");
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn a_uniform_position_that_fails_or_is_beyond_the_limit_is_replaced() {
         .map(|tag| truths.iter().filter(|(_, truth)| truth.tag == tag).count());
     assert_eq!(counts, 60, "{beyond} beyond, {failed} failed");
     assert!(beyond > 5 && failed > 5, "{beyond} beyond, {failed} failed");
-    assert_eq!((last.walks, last.total), (60, 60), "and nothing else is told");
+    assert_eq!((last.walks, last.total), (60, 60), "the progress is complete");
 }
 
 #[test]
@@ -95,7 +95,7 @@ fn all_walks_that_were_done_before_a_stop_are_committed_and_none_is_cut_short() 
         assert!(matches!(ended, Err(HeldOutError::Interrupted)), "{ended:?}");
         before += told;
         // The writer stays open: the reader does not see its uncommitted rows.
-        let done = Store::open(&path).and_then(|reader| reader.walks_done(0)).expect("readers are welcome");
+        let done = Store::open(&path).and_then(|reader| reader.walks_done(0)).expect("a reader can open it");
         assert_eq!(done.len(), before);
     }
     held_out.run(&store, &mut made_up, &AtomicBool::new(false), |_| ()).expect("runs to its end");

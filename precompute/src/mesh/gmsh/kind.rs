@@ -29,6 +29,6 @@ pub(super) fn kind_of(element_type: u32) -> Kind {
         6 => Kind::Refused("prism"),
         7 => Kind::Refused("pyramid"),
         10 | 12..=14 | 16..=33 | 36..=65 | 71..=75 | 79..=93 => Kind::HigherOrder,
-        _ => Kind::Refused("shape this reader does not know"),
+        _ => Kind::Refused("cell of unknown shape"),
     }
 }

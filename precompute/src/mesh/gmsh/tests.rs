@@ -109,10 +109,14 @@ fn both_versions_give_the_same_mesh_in_file_order() {
         assert_eq!(mesh.nodes_m[2], [0.0, 1.0, 0.0], "tag 5 is the third node of the file");
         assert_eq!(mesh.tets, [[0, 1, 2, 3], [1, 2, 3, 4]]);
         assert_eq!(mesh.node_groups["held here"], [0, 1, 2]);
-        assert_eq!(mesh.node_groups["curve 3"], [0, 3], "a group without a name goes by dimension and tag");
+        assert_eq!(
+            mesh.node_groups["curve 3"],
+            [0, 3],
+            "a group without a name is named by dimension and tag"
+        );
         assert_eq!(mesh.node_groups["liver"], [0, 1, 2, 3, 4]);
         assert_eq!(mesh.tet_groups["liver"], [0, 1]);
-        assert_eq!(mesh.node_groups.len(), 3, "physical tag 0 is no group");
+        assert_eq!(mesh.node_groups.len(), 3, "physical tag 0 defines no group");
         assert_eq!(mesh.tet_groups.len(), 1);
     }
 }
@@ -193,7 +197,7 @@ fn other_elements_are_refused_by_name() {
     let error = broken(V41, "3 1 4 2\n100", "3 1 6 2\n100");
     assert_says(&error, "body.msh:41", "element 100 is a prism", "tetrahedra only");
     let error = broken(V41, "3 1 4 2\n100", "3 1 4000 2\n100");
-    assert_says(&error, "body.msh:41", "does not know (Gmsh type 4000)", "tetrahedra only");
+    assert_says(&error, "body.msh:41", "of unknown shape (Gmsh type 4000)", "tetrahedra only");
 }
 
 #[test]

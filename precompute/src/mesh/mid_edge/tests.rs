@@ -244,7 +244,7 @@ fn every_format_gives_the_vertices_in_file_order() {
     assert_eq!(
         (body.nodes.len(), &body.vertices[..]),
         (14, &[0, 1, 3, 6, 10][..]),
-        "middles stand in between"
+        "mid-edge nodes are between the vertices"
     );
     for format in FORMATS {
         let mesh = format.read(&body).unwrap_or_else(|error| panic!("{format:?}: {error}"));
@@ -252,7 +252,7 @@ fn every_format_gives_the_vertices_in_file_order() {
         let names: Vec<&str> = mesh.node_groups.keys().map(String::as_str).collect();
         match format {
             Format::Gmsh22 | Format::Gmsh41 => {
-                assert_eq!(names, ["base", "liver"], "the group of one mid-edge node has gone");
+                assert_eq!(names, ["base", "liver"], "the group of one mid-edge node is removed");
                 assert_eq!(mesh.node_groups["base"], [0, 1, 2]);
                 assert_eq!(mesh.node_groups["liver"], [0, 1, 2, 3, 4]);
                 assert_eq!(mesh.tet_groups["liver"], [0, 1]);

@@ -134,7 +134,7 @@ fn pieces_bad_surfaces_and_hanging_tets_are_told() {
             Some(node) => [node, n, n + 1, n + 2],
             None => [n, n + 1, n + 2, n + 3],
         });
-        mesh.check().expect("sound as single tets go");
+        mesh.check().expect("every single tet is valid");
         mesh
     };
     assert_warns(&beside([1.0; 3], None), &["2 separate pieces", "85.7 % of the volume", "merge"]);
@@ -174,7 +174,7 @@ fn doubts_about_pressures_follow_surface_shape_and_fixed_nodes() {
     let all: Vec<u32> = (0..27).collect();
     let rigid = doubtful_for_pressure(&mesh, &all);
     assert_eq!(counted(rigid), (without, 48, 27));
-    let warning = rigid.warning().expect("there is much to doubt");
+    let warning = rigid.warning().expect("a warning");
     assert!(warning.contains("48 have all vertices fixed") && warning.contains("27 nodes"), "{warning}");
     assert!(!warning.contains('\n') && !warning.contains("dihedral"), "{warning}");
     let flat = doubtful_for_pressure(&kite(0.01, 1.0), &[]);

@@ -152,7 +152,7 @@ fn faults_name_line_and_cell() {
         "order 1 or as quadratic tetras",
     );
     assert_says("10\n5\n10", "10\n10\n10", "body.vtk:19", "cell 1 is a tetra with 3 nodes", "export it");
-    assert_says("10 5 10", "10 5 900", "body.vtk", "cell 2 is a shape this reader", "tetrahedra only");
+    assert_says("10 5 10", "10 5 900", "body.vtk", "cell 2 is a cell of unknown shape", "tetrahedra only");
     assert_says("0 4 7 11", "0 4 7 12", "body.vtk", "cell 2 reaches beyond the connectivity", "export it");
     assert_says(
         "UNSTRUCTURED_GRID",

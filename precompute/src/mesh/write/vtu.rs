@@ -104,7 +104,9 @@ impl fmt::Display for WriteError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Io(error) => write!(f, "{error}"),
-            Self::NoSuchNode { cell, node } => write!(f, "cell {cell} names node {node}, which is not there"),
+            Self::NoSuchNode { cell, node } => {
+                write!(f, "cell {cell} names node {node}, which does not exist")
+            }
             Self::FieldLength { field, found, due } => {
                 write!(f, "field `{field}` has {found} values where {due} are due")
             }

@@ -26,7 +26,7 @@ fn every_law_is_read_with_its_parameters() {
     };
     refuses(&format!("law = \"{law}\"\nc10_pa = 1\nk1_pa = 1\nk2 = 1"), 7, "lacks `fibre`", "direction");
     let zero = fibres.replace("[0.0, 3.0, 4.0]", "[0.0, 0.0, 0.0]");
-    refuses(&format!("law = \"{law}\"\n{zero}"), 11, "is no direction", "not zero");
+    refuses(&format!("law = \"{law}\"\n{zero}"), 11, "is not a direction", "not zero");
     let wide = format!("law = \"{law}\"\n{fibres}\ndispersion = 0.5");
     refuses(&wide, 12, "must be from 0 to 1/3", "isotropic");
     let bulk = "law = \"neo-hookean\"\nlambda_pa = 2e4\nmu_pa = 1e4\nbulk_pa = 1e6";

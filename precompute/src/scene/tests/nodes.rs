@@ -87,7 +87,7 @@ fn active_nodes_in_every_way() {
     assert_eq!(scene.active.len(), 40 + 1);
     let single = SCENE.replacen("[[active]]", "[active]", 1).replacen("[[active]]\nname = \"A2\"", "", 1);
     let single = single.replacen("nearest = [0.31, 0.1, 0.1]", "", 1);
-    assert_eq!(bench.resolve(&single).expect("one table will do").active.len(), 1);
+    assert_eq!(bench.resolve(&single).expect("one table is accepted").active.len(), 1);
 
     let refuses = |to, place, what, fix| bench.refuses("node = 63", to, place, what, fix);
     refuses("node = 64", "block.toml:15", "node 64 is out of range", "0 to 63");

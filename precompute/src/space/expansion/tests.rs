@@ -23,7 +23,7 @@ fn stopped(made_up: &mut MadeUp, store: &Store, nodes: u32, tries: usize) -> usi
 
 /// Committed attempts of so many nodes, which a kill would leave.
 fn committed(path: &std::path::Path, nodes: usize) -> usize {
-    let reader = Store::open(path).expect("readers are welcome");
+    let reader = Store::open(path).expect("a reader can open it");
     (0..nodes).map(|active| reader.attempts(active).expect("records").len()).sum()
 }
 
@@ -94,7 +94,11 @@ impl Crew for Slow {
     fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError> {
         self.silent += patience;
         if self.silent >= Duration::from_secs(1) {
-            assert_eq!(committed(&self.path, 1), self.given_back, "after a second of silence");
+            assert_eq!(
+                committed(&self.path, 1),
+                self.given_back,
+                "committed after one second without a result"
+            );
         }
         if self.silent < Duration::from_secs(10) {
             return Ok(None);
@@ -140,7 +144,8 @@ fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
     let outcomes = outcomes(&whole, 0);
     let some_try =
         |wanted: u32| outcomes.iter().position(|o| o.record.attempt == wanted && o.record.round > 1);
-    let (first, again) = (some_try(0).expect("far out"), some_try(1).expect("the fold was looked at again"));
+    let (first, again) =
+        (some_try(0).expect("a first attempt"), some_try(1).expect("a second attempt at the branch jump"));
     type Alter = fn(&mut Record);
     let altered: [(usize, Alter); 5] = [
         (first, |_| ()),
@@ -159,13 +164,16 @@ fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
         let expansion = made_up.expansion(1);
         let ended = expansion.run(&store, &mut made_up, &AtomicBool::new(false), |_| ());
         if n == 0 {
-            ended.expect("a copy is as good");
+            ended.expect("the copy is accepted");
             assert_eq!(made_up.given.len(), 0, "nothing is solved again");
             continue;
         }
-        let line = ended.expect_err("not the plan's").to_string();
+        let line = ended.expect_err("the outcome does not match the plan").to_string();
         let index = format!("{:?}", outcomes[at].record.index);
-        assert!(line.contains(&index) && line.contains("not solved as this version would"), "{n}: {line}");
+        assert!(
+            line.contains(&index) && line.contains("a plan that differs from that of this version"),
+            "{n}: {line}"
+        );
     }
 }
 
@@ -181,7 +189,7 @@ fn two_nodes_of_one_store_are_resumed_and_salvaged_each_by_itself() {
     let [one, other] = &expected;
     assert!(one.len() > 100 && other.len() > 100);
     let energy = |records: &[Record]| records.iter().map(|r| r.energy_j).fold(0.0, f64::max);
-    assert!(energy(other) > 1.5 * energy(one), "the nodes are told apart");
+    assert!(energy(other) > 1.5 * energy(one), "each node has its own energy");
 
     let torn = made_up.store(&at("torn.space"), 2);
     for tries in [1, one.len() / 2, one.len() / 2 + 10, other.len() / 2] {
@@ -189,7 +197,7 @@ fn two_nodes_of_one_store_are_resumed_and_salvaged_each_by_itself() {
     }
     made_up.expand(&torn, 2);
     let found = [0, 1].map(|active| torn.attempts(active).expect("records"));
-    assert!(found == expected, "an interrupted store is another one");
+    assert!(found == expected, "the store of an interrupted run differs");
     drop(torn);
 
     let (identity, nodes) = (made_up.identity(), actives(2));

@@ -6,7 +6,7 @@
 //! result is that of rounds with a barrier between them. But a point is issued as soon as its level and
 //! parent are certain, so that no worker waits for the end of a round. The `floor` of a point is one more
 //! than the lowest level that any of its neighbours has or can still get. A point is certain when an
-//! expandable neighbour has level `floor` - 1 and every neighbour that could have a level as low is decided.
+//! expandable neighbour has level `floor` - 1 and every neighbour that could still get this level is decided.
 //! Floors are shortest paths from the expandable and pending points through the undecided ones. They only
 //! rise, so an outdated floor only delays a point.
 //!

@@ -113,23 +113,20 @@ impl std::fmt::Display for StoreError {
                 match error.sqlite_error_code() {
                     _ if is_full_disk(error) => write!(
                         f,
-                        "{path}: the disk is full; what was done before is kept: make room and run the same command again"
+                        "{path}: the disk is full; earlier results are kept: free some space and run the same command again"
                     ),
                     Some(ErrorCode::ReadOnly | ErrorCode::PermissionDenied) => {
-                        write!(
-                            f,
-                            "{path}: may not be written ({error}); choose a folder of your own with --out"
-                        )
+                        write!(f, "{path}: is not writable ({error}); choose a writable folder with --out")
                     }
                     Some(ErrorCode::CannotOpen) => {
                         write!(
                             f,
-                            "{path}: cannot be opened (SQLite: unable to open database file); see that its folder exists and may be written, or choose another"
+                            "{path}: cannot be opened (SQLite: unable to open database file); check that its folder exists and is writable, or choose another"
                         )
                     }
                     Some(ErrorCode::SystemIoFailure) => write!(
                         f,
-                        "{path}: the disk failed ({error}); what was done before is kept: see that it has room and is sound, and run the same command again"
+                        "{path}: the disk failed ({error}); earlier results are kept: check its free space and its state, and run the same command again"
                     ),
                     Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
                         write!(f, "{path}: another process is writing it; wait for it or stop it")
@@ -144,7 +141,7 @@ impl std::fmt::Display for StoreError {
             Self::Empty { path } => {
                 write!(
                     f,
-                    "{}: there is nothing in it yet; run palpate precompute with it as --out",
+                    "{}: contains no configuration yet; run `palpate precompute` with it as --out",
                     path.display()
                 )
             }
@@ -155,7 +152,7 @@ impl std::fmt::Display for StoreError {
                 let path = path.display();
                 write!(
                     f,
-                    "{path}: its last commits are in {path}-wal, and its folder may not be written; copy both files to a folder of your own"
+                    "{path}: its last commits are in {path}-wal, and its folder is not writable; copy both files to a writable folder"
                 )
             }
             Self::InUse { path } => {
@@ -163,12 +160,12 @@ impl std::fmt::Display for StoreError {
             }
             Self::Mismatch { path, what, stored, wanted } => write!(
                 f,
-                "{}: made with another {what} ({stored}, now {wanted}); give --out another name or delete the file",
+                "{}: was made with a different {what} ({stored}, now {wanted}); give --out another name or delete the file",
                 path.display()
             ),
             Self::Drawn { path, stored, wanted } => write!(
                 f,
-                "{}: holds held-out truth of another draw ({stored}; now {wanted}); take the same, or --again to draw anew",
+                "{}: contains held-out positions of a different draw ({stored}; now {wanted}); use the same draw, or --again for a new one",
                 path.display()
             ),
             Self::Corrupt { path, what } => write!(f, "{}: {what}; {SALVAGE}", path.display()),

@@ -352,7 +352,7 @@ impl Store {
         let tets = corners.as_chunks().0.to_vec();
         let in_range = |n: &u32| (*n as usize) < nodes_m.len();
         if !tets.iter().flatten().chain(&fixed).all(in_range) {
-            return Err(self.corrupt("its mesh names a node that is not there"));
+            return Err(self.corrupt("its mesh refers to a node that does not exist"));
         }
         let (node_groups, tet_groups) = serde_json::from_str(&groups)
             .map_err(|error| self.corrupt(format!("the groups of its mesh cannot be read ({error})")))?;

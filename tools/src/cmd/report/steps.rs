@@ -35,7 +35,9 @@ impl Steps {
     /// Fails after Ctrl-C.
     pub(super) fn go_on(&self) -> Result<(), Failure> {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Failure::work("interrupted; what is done is kept, run the same command to go on"));
+            return Err(Failure::work(
+                "interrupted; finished steps are kept, run the same command to continue",
+            ));
         }
         Ok(())
     }

@@ -94,7 +94,7 @@ fn nothing_depends_on_who_is_done_first() {
     for seed in 0..6 {
         let world = World { seed, fails: 0.08, terminates: 0.15, ..World::default() };
         let (expected, counts) = run(&world, 1, 0);
-        assert!(expected.len() > 300, "seed {seed}: a space to speak of");
+        assert!(expected.len() > 300, "seed {seed}: the space is too small for the test");
         for (hands, order) in [(2, 1), (7, 2), (64, 3), (1000, 4)] {
             let (log, others) = run(&world, hands, order);
             assert_eq!((log == expected, others), (true, counts), "seed {seed}, {hands} hands");
@@ -167,7 +167,7 @@ fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
     assert_eq!((counts.failed, counts.terminating, counts.unknown), (0, 0, 0));
     let jumped: Vec<GridIndex> =
         log.values().filter(|t| t.attempt == 0 && world.solve(t).energy_j > 0.5).map(|t| t.target).collect();
-    assert!(jumped.len() > 3, "the world has solutions of another branch");
+    assert!(jumped.len() > 3, "the synthetic body has solutions on another branch");
     let domain = Domain::new(&grid(), true);
     for index in jumped {
         let tries = log.values().filter(|t| t.target == index).count();
@@ -189,10 +189,10 @@ fn a_fold_is_looked_at_a_second_time_only_where_the_other_side_found_something()
     let (log, _) = run(&stubborn, 3, 1);
     let tries = |log: &Log, attempt: u32| log.keys().filter(|(_, a)| *a == attempt).count();
     assert!(tries(&log, 1) > 100, "{} second tries", tries(&log, 1));
-    assert_eq!(tries(&log, 2), 0, "nothing was found, and yet it was looked for again");
+    assert_eq!(tries(&log, 2), 0, "a persistent branch jump was solved again");
     // A better solution on one side causes one repetition on the other.
     let (log, _) = run(&World { seed: 5, jumps: 0.3, ..World::default() }, 3, 1);
-    assert!(tries(&log, 2) > 0, "none of the folds was looked at a second time");
+    assert!(tries(&log, 2) > 0, "no branch jump was solved a second time");
     assert_eq!(tries(&log, 3), 0);
 }
 
@@ -244,7 +244,10 @@ fn the_first_solution_is_kept_unless_a_later_one_is_clearly_lower() {
         record
     };
     let first = with(ConfigTag::Expandable, 1.0);
-    assert!(!supersedes(&with(ConfigTag::Expandable, 1.0 - 1e-9), Some(&first)), "rounding is no reason");
+    assert!(
+        !supersedes(&with(ConfigTag::Expandable, 1.0 - 1e-9), Some(&first)),
+        "a difference by rounding does not supersede"
+    );
     assert!(supersedes(&with(ConfigTag::Terminating, 0.9), Some(&first)));
     assert!(!supersedes(&with(ConfigTag::Failed, f64::NAN), Some(&first)));
     assert!(supersedes(&first, Some(&with(ConfigTag::Failed, f64::NAN))));
