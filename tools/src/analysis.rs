@@ -54,7 +54,7 @@ pub(crate) fn threads_or(given: Option<usize>, default: usize) -> Result<usize, 
         None => Ok(default),
         Some(n) if (1..=MAX_THREADS).contains(&n) => Ok(n),
         Some(n) => Err(Failure::input(format!(
-            "--threads {n}: give 1 to {MAX_THREADS}, or leave it out for as many as this machine has cores"
+            "--threads {n}: give 1 to {MAX_THREADS}, or omit it for one per core"
         ))),
     }
 }

@@ -48,7 +48,7 @@ impl Displacements {
                 Ok(Self::Pvd { file, series: None })
             }
             _ => Err(Failure::input(format!(
-                "{OPTION} {}: the name says neither CSV nor ParaView; end it with .csv or .pvd",
+                "{OPTION} {}: unknown extension; end the name with .csv or .pvd",
                 path.display()
             ))),
         }

@@ -35,7 +35,7 @@ impl Failure {
         if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) {
             let path = path.display();
             return Self::work(format!(
-                "{path}: no space left on the disk ({error}); make room and run the same command again"
+                "{path}: no space left on the disk ({error}); free some space and run the same command again"
             ));
         }
         Self::input(format!("{}: {error}; check the name, the folder and its permissions", path.display()))

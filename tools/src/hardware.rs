@@ -218,7 +218,7 @@ pub(crate) fn open(
         );
     }
     if let Hardware::Link { .. } = hardware {
-        eprintln!("palpate: home the device, as its maker says; it has no force before");
+        eprintln!("palpate: home the device as its manual describes; it has no force before that");
     }
     opened.home(stop).map_err(|error| {
         Failure::input(format!("{}: {error}; check cable and power and start again", holding.device))
@@ -249,7 +249,9 @@ fn try_command(command: Command) -> Result<Duration, StartError> {
 
 fn supervised(holding: Holding<'_>, limit_ms: u32, stop: &AtomicBool) -> Result<Supervised, Failure> {
     let mut command = supervisor(holding.device).map_err(|error| {
-        Failure::work(format!("this program does not find itself ({error}); --no-supervisor does without"))
+        Failure::work(format!(
+            "the path of this program is unknown ({error}); --no-supervisor runs without a supervisor"
+        ))
     })?;
     if let Some(profile) = holding.profile_name {
         command.args(["--profile", profile]);

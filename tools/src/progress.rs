@@ -53,7 +53,7 @@ impl WorkProgress {
         let Progress { counts, total, passes, spaces: (done, spaces), round, solved_now, again, stopping } =
             *progress;
         if let Some(out) = stopping {
-            return self.stopping(out, "solves in hand are waited for");
+            return self.stopping(out, "running solves will be finished");
         }
         let of_spaces = if spaces > 1 { format!("{done}/{spaces} spaces, ") } else { String::new() };
         if let Some((passed, wanted)) = passes {
@@ -73,7 +73,7 @@ impl WorkProgress {
         // than once.
         let left = if again { Left::Unknown } else { Left::Steps(counts.unknown, solved_now) };
         self.show(total - counts.unknown, total, left, || {
-            let doing = if again { "failed points and folds again, " } else { "" };
+            let doing = if again { "retries at failed points and branch jumps, " } else { "" };
             format!(
                 "{of_spaces}{doing}{} expandable, {} terminating, {} failed, {} unknown (round {round})",
                 counts.expandable, counts.terminating, counts.failed, counts.unknown
@@ -85,7 +85,7 @@ impl WorkProgress {
     pub(crate) fn walks(&mut self, progress: &HeldOutProgress) {
         let HeldOutProgress { walks, total, positions_now, steps: (done, all), stopping, .. } = *progress;
         if let Some(out) = stopping {
-            return self.stopping(out, "paths in hand are given up");
+            return self.stopping(out, "running paths are cancelled");
         }
         let left = Left::Steps(all - done, done);
         self.show(walks, total, left, || format!("{positions_now} positions solved"));
@@ -96,7 +96,7 @@ impl WorkProgress {
         if out == 0 {
             return;
         }
-        let line = format!("stopping: {out} {what} (again to end at once)");
+        let line = format!("stopping: {out} {what} (press again to end at once)");
         match &self.bar {
             Some(bar) => bar.set_message(line),
             None if !std::mem::replace(&mut self.told, true) => eprintln!("{}: {line}", self.label),

@@ -52,7 +52,7 @@ impl fmt::Display for Resident {
             None => Ok(()),
         };
         if self.end_kb.is_none() {
-            return f.write_str("memory       this system does not say");
+            return f.write_str("memory       not reported by this system");
         }
         f.write_str("memory      ")?;
         part(f, self.start_kb, "at the start,")?;

@@ -25,8 +25,8 @@ pub(crate) struct Timing {
     /// Last part of every wait that spins instead of sleeping, us
     #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us)]
     pub spin_us: u32,
-    /// Time between two ticks, us, 100 to 2500; 1000, or what the profile says, if not given. The stiffness
-    /// cap of a profile is that of this period
+    /// Time between two ticks, us, 100 to 2500; 1000, or the period of the profile, if not given. The
+    /// stiffness cap of a profile is that of this period
     #[arg(long, value_name = "US", help_heading = "Timing",
           value_parser = clap::value_parser!(u32).range(100..=i64::from(SLOWEST_US)))]
     pub period_us: Option<u32>,

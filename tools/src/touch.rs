@@ -31,7 +31,7 @@ const FILM_PICTURE: RendererConfig = RendererConfig { width: 800, height: 450, s
 
 /// Error of the mouse device without a window.
 pub(crate) const MOUSE_NEEDS_WINDOW: &str =
-    "the mouse device needs a window, and there is none: use a display and no --headless, or --device sim";
+    "the mouse device needs a window: use a display without --headless, or --device sim";
 
 /// How a session is shown and how long it lasts.
 #[derive(Debug, Clone, Copy)]
@@ -158,7 +158,7 @@ pub(crate) fn run<D: Device>(
     };
     if options.haptic.spin_us >= options.haptic.period_us {
         return Err(Failure::input(format!(
-            "--spin-us {} leaves nothing of a period of {} us to sleep: give less",
+            "--spin-us {} leaves no time to sleep in a period of {} us: give a smaller value",
             options.haptic.spin_us, options.haptic.period_us
         )));
     }

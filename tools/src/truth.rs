@@ -96,7 +96,7 @@ pub(crate) fn check(
     let pool = Pool::new(threads).map_err(Failure::work)?;
     let found = pool.each(work).into_iter().collect::<Result<Vec<_>, Failure>>()?;
     if stop.load(Ordering::Relaxed) {
-        return Err(Failure::work("interrupted while checking the felt force"));
+        return Err(Failure::work("interrupted while checking the rendered force"));
     }
     let mut found: Vec<(usize, [f64; 3])> = found.into_iter().flatten().collect();
     found.sort_unstable_by_key(|(at, _)| *at);

@@ -465,7 +465,10 @@ fn a_law_that_fails_is_shown_as_far_as_it_came() {
     let reached: f64 = rows["st-venant-kirchhoff"][1].parse().expect("a number");
     assert_eq!(rows["st-venant-kirchhoff"][0], "failed");
     assert!(reached > 0.0 && reached < 0.06, "{reached}");
-    assert!(said.contains("st-venant-kirchhoff") && said.contains("shown as it was before"), "{said}");
+    assert!(
+        said.contains("st-venant-kirchhoff") && said.contains("the last converged state is shown"),
+        "{said}"
+    );
     assert_eq!(rows["linear"][0], "ok");
     assert!(png.exists());
 }
@@ -538,7 +541,7 @@ fn held_out_truth_is_solved_shown_and_tabled() {
     assert!(ask(&["--seed", "9", "--again"]).status.success());
 
     let shown = palpate(&["inspect", text(&space), "--held-out", text(&csv)]);
-    assert!(String::from_utf8_lossy(&shown.stdout).contains("held-out truth"));
+    assert!(String::from_utf8_lossy(&shown.stdout).contains("held-out solutions"));
     let table = std::fs::read_to_string(&csv).expect("the table is written");
     let header: Vec<&str> = table.lines().next().expect("a header").split(',').collect();
     assert!(table.lines().skip(1).all(|line| line.split(',').count() == header.len()));

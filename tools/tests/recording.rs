@@ -124,7 +124,7 @@ fn a_session_is_recorded_inspected_and_replayed() {
     let bytes = std::fs::read(&recording).expect("there");
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).expect("writable");
     let (code, told) = said(&["inspect", text(&cut)]);
-    assert!(code == Some(0) && told.contains("cut: the file ends"), "{told}");
+    assert!(code == Some(0) && told.contains("truncated: the file ends"), "{told}");
     let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&cut)], &shown[..]].concat());
     assert!(
         code == Some(0) && told.contains("bit-identical") && told.contains("is truncated here"),

@@ -29,7 +29,7 @@ pub(super) enum Report {
         host: String,
         /// Number of its solver threads.
         desks: u32,
-        /// What it works on, or the error that prevents it.
+        /// Scene and solver version, or the error that prevents the rank from working.
         basis: Result<Basis, String>,
     },
     /// A job is done.
@@ -45,7 +45,7 @@ pub(super) enum Report {
     Gone,
 }
 
-/// What all ranks must have in common. Otherwise the bits would differ from those of one machine.
+/// Properties that must be equal on all ranks. Otherwise the bits would differ from those of one machine.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Basis {
     /// Hash of everything in scene and mesh that affects the numbers.
@@ -66,11 +66,13 @@ impl Basis {
             |hash: &[u8; 32]| format!("{:08x}", u32::from_be_bytes([hash[0], hash[1], hash[2], hash[3]]));
         if self.solver != other.solver {
             let (theirs, ours) = (&other.solver, &self.solver);
-            Some(format!("solves with {theirs}, rank 0 with {ours}; use one build on processors of one kind"))
+            Some(format!(
+                "solves with {theirs}, rank 0 with {ours}; use the same build and the same kind of processor on all ranks"
+            ))
         } else if self.content != other.content {
             let (theirs, ours) = (short(&other.content), short(&self.content));
             Some(format!(
-                "has another scene or mesh ({theirs}, rank 0 has {ours}); all must see the same files"
+                "has another scene or mesh ({theirs}, rank 0 has {ours}); give all ranks the same files"
             ))
         } else {
             None

@@ -78,7 +78,7 @@ pub fn palpate_mpi() -> ExitCode {
     let parsed = Cli::try_parse();
     // Only the main thread calls MPI.
     let Some((mut universe, _)) = mpi::initialize_with_threading(Threading::Funneled) else {
-        eprintln!("palpate-mpi: MPI does not start");
+        eprintln!("palpate-mpi: MPI cannot be started");
         return ExitCode::FAILURE;
     };
     let world = universe.world();

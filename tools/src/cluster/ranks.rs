@@ -52,7 +52,9 @@ impl<'w> Ranks<'w> {
                 }
             };
             let Report::Hello { host, desks, basis } = report else {
-                return Err(Failure::work(format!("rank {rank} did not introduce itself; use one build")));
+                return Err(Failure::work(format!(
+                    "rank {rank} did not start with a Hello message; use the same build on all ranks"
+                )));
             };
             let objection = match basis {
                 Ok(theirs) => ours.objection(&theirs),
@@ -78,8 +80,9 @@ impl<'w> Ranks<'w> {
         let Some(found) = self.world.any_process().immediate_matched_probe() else { return Ok(None) };
         let (bytes, status) = found.matched_receive_vec::<u8>();
         let rank = status.source_rank();
-        let report = decode(&bytes)
-            .ok_or_else(|| CrewError::Lost(format!("rank {rank} sent what this build cannot read")))?;
+        let report = decode(&bytes).ok_or_else(|| {
+            CrewError::Lost(format!("rank {rank} sent a message that this build cannot decode"))
+        })?;
         if matches!(report, Report::Gone) {
             self.present[rank as usize] = false;
         }
@@ -150,12 +153,15 @@ impl Crew for Ranks<'_> {
         };
         match report {
             Report::Done { desk, outcome } => {
-                let unasked = || CrewError::Lost(format!("rank {rank} answered what it was not asked"));
+                let unasked =
+                    || CrewError::Lost(format!("rank {rank} returned a result that was not requested"));
                 let worker = self.answered(rank, desk).ok_or_else(unasked)?;
                 Ok(Some((worker, *outcome)))
             }
             Report::Stuck(error) => Err(error),
-            Report::Hello { .. } | Report::Gone => Err(CrewError::Lost(format!("rank {rank} left"))),
+            Report::Hello { .. } | Report::Gone => {
+                Err(CrewError::Lost(format!("rank {rank} ended too early")))
+            }
         }
     }
 

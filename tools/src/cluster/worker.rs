@@ -87,13 +87,17 @@ impl Line<'_> {
                 Some(Order::Work { desk, job }) => crew.give(desk as usize, *job)?,
                 Some(Order::Stop) => crew.stop(),
                 Some(Order::Release) => {}
-                None => return Err(CrewError::Lost("rank 0 sent what this build cannot read".into())),
+                None => {
+                    return Err(CrewError::Lost(
+                        "rank 0 sent a message that this build cannot decode".into(),
+                    ));
+                }
             }
         }
         Ok(())
     }
 
-    /// Sends a report, and receives orders meanwhile: if both ends only sent, neither would ever receive.
+    /// Sends a report and receives orders meanwhile, because two ends that only send would block each other.
     fn say(&mut self, report: &Report, mut crew: Option<&mut Threads>) {
         let bytes = encode(report);
         mpi::request::scope(|scope| {

@@ -135,7 +135,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::work(format!(
-        "{} did not get to {} mm: pull less far, or leave it out with --laws",
+        "{} did not reach {} mm; use a shorter pull, or omit the law with --laws",
         failed.join(", "),
         args.length_mm
     )))
@@ -171,11 +171,13 @@ fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
             return Err(Failure::input(format!("--laws: no law `{law}`; choose from {}", LAWS.join(", "))));
         }
         if args.laws[..index].contains(law) {
-            return Err(Failure::input(format!("--laws: `{law}` stands there twice; name each law once")));
+            return Err(Failure::input(format!("--laws: `{law}` is given twice; name each law once")));
         }
     }
     if args.laws.len() < 2 {
-        return Err(Failure::input("--laws: one law is no comparison; give two or more, with commas"));
+        return Err(Failure::input(
+            "--laws: a comparison needs two laws; give two or more, separated by commas",
+        ));
     }
     if !args.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         return Err(Failure::input(format!(
@@ -235,7 +237,9 @@ impl Pull {
                     iterations += failure.iterations;
                     status = "failed";
                     let mm = 1e3 * length_m;
-                    eprintln!("palpate: {law}: {failure} on the way to {mm:.1} mm; shown as it was before");
+                    eprintln!(
+                        "palpate: {law}: {failure} on the way to {mm:.1} mm; the last converged state is shown"
+                    );
                     break;
                 }
             }
@@ -321,8 +325,8 @@ fn note(row: &Row) -> Option<String> {
     }
     match row.inverted {
         0 => None,
-        1 => Some("1 element inside out".into()),
-        n => Some(format!("{n} elements inside out")),
+        1 => Some("1 inverted element".into()),
+        n => Some(format!("{n} inverted elements")),
     }
 }
 

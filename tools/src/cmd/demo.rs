@@ -173,7 +173,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (summary, visits) = palpate(args, &organ, &frames, &stop)?;
     say(format!("\nmethod       {}\n{summary}", args.method.name()))?;
     if stop.load(Ordering::Relaxed) {
-        return Err(Failure::work("interrupted; the hand was left with zero force, the spaces are kept"));
+        return Err(Failure::work("interrupted; the force on the hand is zero, the spaces are kept"));
     }
 
     touch::judge(&summary)?;
@@ -240,7 +240,7 @@ const HELD_OUT: u32 = 60;
 fn hold_out(bench: &Analysis, store: &Store, threads: usize, stop: &AtomicBool) -> Result<(), Failure> {
     let actives: Vec<usize> = (0..bench.scene.active.len()).collect();
     let draw = Draw { regular_m: None, random: 0, uniform: HELD_OUT, ..Draw::PAPER };
-    let mut progress = WorkProgress::new("held-out truth", "positions");
+    let mut progress = WorkProgress::new("held-out solutions", "positions");
     let held_out = bench.held_out(&actives, draw)?;
     let solved = bench.solve_held_out(&held_out, store, Run { threads, stop }, |p| progress.walks(p));
     progress.finish();
@@ -300,9 +300,9 @@ fn spread(visits: &[Visit], count: usize) -> Vec<Visit> {
 
 fn error_table(errors: &[MethodError], used: Method) -> String {
     let mut table =
-        String::from("  method        mean mN   max mN  mean % (Eq. 14)     max %   own data all round\n");
+        String::from("  method        mean mN   max mN  mean % (Eq. 14)     max %   own data around\n");
     for e in errors {
-        let name = if e.method == "loop" { format!("felt ({})", used.name()) } else { e.method.clone() };
+        let name = if e.method == "loop" { format!("rendered ({})", used.name()) } else { e.method.clone() };
         table.push_str(&format!(
             "  {name:<14}{:>7.3}{:>9.3}{:>15.4}{:>11.3}{:>15}\n",
             1e3 * e.mean_n,

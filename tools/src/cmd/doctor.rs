@@ -20,8 +20,8 @@ use crate::{hardware, output};
 /// Checks this PC for 1 kHz operation and prints the fixes.
 ///
 /// Checks kernel, rights, CPUs and ports in order of importance, starts a supervisor without a device, and
-/// measures the wake-up lateness with the rights of this user. It changes nothing. Exit code 0 also where
-/// things could be better; 1 only if 1 kHz is out of reach: a measured p99 of more than 1 ms late.
+/// measures the wake-up lateness with the rights of this user. It changes nothing. Exit code 1 only if 1 kHz
+/// is not possible: a measured p99 of the lateness above 1 ms.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds to measure; 0 does not measure
@@ -46,7 +46,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let seconds = args.measure.unwrap_or(args.seconds);
     if !(0.0..=1e6).contains(&seconds) {
-        return Err(Failure::input(format!("{seconds} is no time to measure for, in seconds")));
+        return Err(Failure::input(format!("{seconds} is not a valid duration in seconds")));
     }
     let mut files = Files::new(args.replace);
     let histograms = args.histograms.as_ref().map(|path| files.write("--histograms", path, FileKind::Table));
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     match measured {
         Some(measured) if measured.verdict() == Verdict::Bad => Err(Failure::work(format!(
-            "1 kHz is out of reach: one wake-up of a hundred is {:.1} ms late or more",
+            "1 kHz is not possible: one wake-up in a hundred is at least {:.1} ms late",
             measured.latency.wake.p99_ns as f64 * 1e-6
         ))),
         _ => Ok(()),
@@ -101,8 +101,8 @@ fn supervisor(started: Result<Duration, StartError>, fifo_priority: Option<i32>)
         Ok(started) => started,
         Err(error) => {
             let fix = [
-                "a session that is killed leaves a real device its last force:",
-                "run palpate from a file that this user may read and execute, and leave room for one more process (ulimit -u)",
+                "if a session is killed, a real device keeps its last force:",
+                "run palpate from a file that this user may read and execute, and permit one more process (ulimit -u)",
             ];
             return check(Verdict::Bad, error.to_string(), &fix);
         }
@@ -112,13 +112,13 @@ fn supervisor(started: Result<Duration, StartError>, fifo_priority: Option<i32>)
     let policy = std::thread::spawn(move || sys::enter_real_time(&request).0.policy).join();
     let policy = policy.unwrap_or(Policy::Other);
     let found = format!(
-        "starts within {} ms, as a process of its own with {policy}; answers over a socket pair, which is no file and which no other process \
-         can open. Takes the force of a polhem or a falcon away after {DEFAULT_LIMIT_MS} ms without an order",
+        "starts within {} ms, as a separate process with {policy}; communicates over a socket pair, which has no path and which no other process \
+         can open. Zeros the force of a polhem or a falcon after {DEFAULT_LIMIT_MS} ms without an order",
         started.as_millis()
     );
     match (policy, fifo_priority) {
         (Policy::Other, Some(_)) => {
-            check(Verdict::Better, found, &["it is as late as this PC is busy: see `priority`"])
+            check(Verdict::Better, found, &["its latency depends on the load of this PC: see `priority`"])
         }
         _ => check(Verdict::Good, found, &[]),
     }
@@ -131,7 +131,7 @@ fn print(
     surroundings: &SystemInfo,
 ) -> Result<(), Failure> {
     if !checks.is_empty() {
-        output::line(format!("{:<9} {:<13} found; what to do, for a loop on CPU {cpu}", "", "what"))?;
+        output::line(format!("{:<9} {:<13} found; fix, for a loop on CPU {cpu}", "", "what"))?;
     }
     for check in checks {
         output::line(check)?;
@@ -182,7 +182,7 @@ mod tests {
         assert_eq!((bad.name, bad.verdict), ("supervisor", Verdict::Bad));
         assert!(bad.found.contains("exited immediately") && bad.fix[0].contains("last force"), "{bad}");
         let plain = supervisor(Ok(Duration::from_millis(7)), None);
-        assert_eq!(plain.verdict, Verdict::Good, "nothing was asked for, nothing is missing");
+        assert_eq!(plain.verdict, Verdict::Good, "a request without options is granted in full");
         assert!(plain.found.contains("within 7 ms") && plain.found.contains("SCHED_OTHER"), "{plain}");
     }
 }

@@ -99,7 +99,7 @@ pub(crate) fn run_with(
     };
     if args.uniform > 0 && !args.out.exists() {
         return Err(Failure::input(format!(
-            "{}: not there; uniform positions start from the solved space: run `palpate precompute` first, or --uniform 0",
+            "{}: does not exist; uniform positions start from the solved space: run `palpate precompute` first, or --uniform 0",
             args.out.display()
         )));
     }
@@ -138,7 +138,7 @@ pub(crate) fn run_with(
         if uniform < draw.uniform {
             eprintln!(
                 "palpate: warning: {name}: only {uniform} of {} uniform positions were found within f_max, in a thousand draws \
-                 for each: hardly anything of the grid's ball can be reached",
+                 for each: almost none of the grid's ball is reachable",
                 draw.uniform
             );
         }
@@ -156,7 +156,7 @@ pub(crate) fn run_with(
 /// Adds a warning to a failure if `--again` has deleted the held-out solutions of the file: the same command
 /// would also delete the new ones.
 pub(crate) fn after(again: bool, failure: Failure) -> Failure {
-    if again { failure.with("; leave --again out now, or it starts from nothing once more") } else { failure }
+    if again { failure.with("; omit --again, which would delete them") } else { failure }
 }
 
 fn draw(args: &Args, radius_m: f64) -> Result<Draw, Failure> {
@@ -191,7 +191,7 @@ pub(crate) fn in_words(label: &str, kinds: &BTreeMap<Kind, Summary>) -> String {
             if *kind == Kind::Uniform { ("positions", "within f_max") } else { ("paths", "whole") };
         lines.push(format!(
             "{label} {:7} {} {what}: {} {whole}, {} ended at f_max, {} failed{reasons}; {} solved, |h| up to {:.2} N, {} with \
-             inverted elements, {} unstable, {} changes of branch",
+             inverted elements, {} unstable, {} branch jumps",
             kind.name(),
             s.walks,
             s.whole,

@@ -95,12 +95,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let (mut packed, mut made) = certified(&store, &options)?;
         let (stop, positions) = (stop_flag()?, args.ledger.unwrap_or(0));
         add_ledgers(&store, (&mut packed, &mut made), positions, Run { threads, stop: &stop }, |active| {
-            eprintln!("palpate: ledger of {active}: {positions} positions by each other body");
+            eprintln!("palpate: ledger of {active}: {positions} positions with each other body");
         })?;
         (packed, Some(made))
     };
     for name in &packed.left_out {
-        eprintln!("palpate: warning: active node {name} has no solved configuration and is left out");
+        eprintln!("palpate: warning: active node {name} has no solved configuration and is omitted");
     }
     packed.expect_kernels()?;
     let bytes = packed.bytes()?;
@@ -133,7 +133,7 @@ fn expect_kernels(store: &Store) -> Result<(), Failure> {
 fn solve_certificate(args: &Args, space: &Output) -> Result<(), Failure> {
     let (stop, start) = (stop_flag()?, Instant::now());
     let run = Run { threads: threads(args.threads)?, stop: &stop };
-    let mut progress = WorkProgress::new("held-out truth", "positions");
+    let mut progress = WorkProgress::new("held-out solutions", "positions");
     let solved = solve_truth(space.path(), args.uniform, run, |p| progress.walks(p));
     progress.finish();
     let (solved, seconds) = (solved?, start.elapsed().as_secs_f64());

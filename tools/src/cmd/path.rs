@@ -98,7 +98,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (_, active) = bench.active(args.active.as_deref())?;
     if args.turn.is_some() && active.patch.is_empty() {
         return Err(Failure::input(format!(
-            "--turn: active node {} is a single node, which has nothing to turn; give it a `patch` or `patch_radius_m`",
+            "--turn: active node {} is a single node and has no patch to rotate; give it a `patch` or `patch_radius_m`",
             active.name
         )));
     }
@@ -131,8 +131,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                 push_row(&mut table, step, &configuration, args.details);
                 if configuration.switched {
                     eprintln!(
-                        "palpate: warning: step {step}: the body left its branch (it snapped, or Newton found another \
-                         equilibrium): W, h and S do not join those of the step before"
+                        "palpate: warning: step {step}: the body left its branch (snap-through, or Newton found another \
+                         equilibrium): W, h and S do not continue those of the last step"
                     );
                 }
                 ended = displacements.add(step, length_mm, &bench.body, &configuration);

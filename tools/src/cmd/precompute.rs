@@ -162,18 +162,18 @@ pub(crate) fn run_with(
                 continue;
             }
             Some(Verdict::Stalled) => {
-                "the space folds: predictions do not fall, and a lattice took over; `palpate pack` measures what it is worth. Take a smaller \
+                "adaptive sampling stagnated at a branch jump, and a lattice replaced it; `palpate pack` measures its error. Use a smaller \
                  radius_m"
             }
             Some(Verdict::NotReached) => {
-                "predictions do not come within the tolerance; `palpate pack` measures by how much. Take a smaller radius_m, or a lattice \
-                 (`spacing_m`), which tells where the space folds"
+                "the predictions are not within the tolerance; `palpate pack` measures the error. Use a smaller radius_m, or a lattice \
+                 (`spacing_m`), which shows where branch jumps are"
             }
             _ => continue,
         };
         eprintln!("palpate: warning: {name}: {what}");
     }
-    let peak = peak_bytes.map_or(String::new(), |bytes| format!(", {} MB at most", bytes / 1_000_000));
+    let peak = peak_bytes.map_or(String::new(), |bytes| format!(", at most {} MB", bytes / 1_000_000));
     output::line(format!(
         "{}: {solved_now} solved now in {seconds:.1} s {}{peak}",
         args.out.display(),
@@ -201,7 +201,7 @@ fn expect_movable(
         return Err(Failure::input(format!("{}: active node {first}", bench.path.display())));
     }
     for node in too_stiff {
-        eprintln!("palpate: warning: {node}; it is left out");
+        eprintln!("palpate: warning: {node}; it is omitted");
     }
     Ok(())
 }

@@ -34,7 +34,7 @@ pub(crate) struct Args {
     /// Folder for the .space files
     #[arg(long)]
     out: PathBuf,
-    /// Groups of the mesh to fix, one after the other
+    /// Groups of the mesh to fix, one per run of the protocol
     #[arg(long, value_delimiter = ',', default_value = "F1,F2")]
     fixed: Vec<String>,
     /// Active nodes

@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     if args.displacements && space.displacement().is_none() {
         return Err(Failure::input(format!(
-            "{}: holds no displacements; set visual = true under [needs], run `palpate precompute` again (nothing is solved anew) and pack",
+            "{}: contains no displacements; set visual = true under [needs], run `palpate precompute` (no point is solved again) and pack again",
             args.blob.display()
         )));
     }
@@ -128,7 +128,7 @@ fn read_points(path: &PathBuf) -> Result<Vec<[f64; 3]>, Failure> {
     let header = reader.headers().map_err(|error| at(1, error.to_string()))?;
     let column = |name: &str| header.iter().position(|h| h == name);
     let (Some(x), Some(y), Some(z)) = (column("x_m"), column("y_m"), column("z_m")) else {
-        return Err(at(1, "columns x_m, y_m and z_m are not all there".into()));
+        return Err(at(1, "columns x_m, y_m and z_m are required".into()));
     };
     let mut points = Vec::new();
     for (row, record) in reader.records().enumerate() {

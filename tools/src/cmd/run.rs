@@ -38,7 +38,7 @@ use palpate_precompute::certificate::Verdict;
 /// Without a display (or with --headless) PNG frames are written instead of a window. The device's button or
 /// the window's key arms a real device; a start does not. Ctrl-C ends the session with zero force.
 ///
-/// A supervisor, a separate process, holds a real device and zeros the force if this one dies, stops or
+/// A supervisor, a separate process, holds a real device and zeros the force if this process ends, stops or
 /// hangs.
 ///
 /// --record writes every tick to an MCAP file. --device replay:FILE.mcap runs the loop over such a file
@@ -220,7 +220,7 @@ fn open_device(
             let seed = rest.map(|rest| rest.strip_prefix("random:").and_then(|seed| seed.parse().ok()));
             if seed == Some(None) {
                 return Err(Failure::input(format!(
-                    "no device `{name}`; write sim, or sim:random:SEED with a whole number"
+                    "no device `{name}`; give sim, or sim:random:SEED with a whole number"
                 )));
             }
             let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::for_profile);
@@ -319,7 +319,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     if organs.iter().all(|organ| organ.spaces.iter().all(|space| space.displacement().is_none())) {
         eprintln!(
-            "palpate: no displacements in the blob ([needs] visual = false): the forces are right, the picture stays at rest"
+            "palpate: no displacements in the blob ([needs] visual = false): the forces are correct, the picture shows the body at rest"
         );
     }
     let record = outputs.record.as_ref().map(|file| touch::Record { file, blob_blake3: &blob_blake3 });
@@ -459,13 +459,13 @@ fn run_replay(
         output::line(format!("method       {}\n{summary}", summary.method.name()))?;
     }
     if summary.method == summary.recorded_method && summary.different > 0 {
-        return Err(Failure::work(named(&format!("{} of its ticks come out otherwise", summary.different))));
+        return Err(Failure::work(named(&format!("{} of its ticks differ", summary.different))));
     }
     if summary.ticks == 0 && !summary.is_stopped {
-        return Err(Failure::work(named(&"holds no tick to replay")));
+        return Err(Failure::work(named(&"contains no tick to replay")));
     }
     if summary.lost > 0 {
-        return Err(Failure::work(named(&"records are missing, so it was replayed in part only")));
+        return Err(Failure::work(named(&"records are missing, so only a part was replayed")));
     }
     Ok(())
 }
@@ -481,7 +481,7 @@ fn check_certificate(
     let path_name = path.display();
     let Some(certificate) = certificate::of(path, organ)? else {
         return Err(Failure::input(format!(
-            "{path_name}: has no certificate, so nothing says how far its forces are from the organ's; pack it without \
+            "{path_name}: has no certificate, so the error of its forces is unknown; pack it without \
              --no-certificate, or run it with --uncertified"
         )));
     };
@@ -489,7 +489,7 @@ fn check_certificate(
         let measured = space.methods.iter().find(|m| m.method == method.name());
         if measured.is_none_or(|m| m.uniform.count == 0) {
             return Err(Failure::input(format!(
-                "{path_name}: its certificate has no position of {} away from folds for {}, so it says nothing about its forces; pack it \
+                "{path_name}: its certificate has no position of {} away from branch jumps for {}, so the error of its forces is unknown; pack it \
                  with --uniform 299, on a finer grid or a smaller radius, or run it with --uncertified",
                 space.active,
                 method.name()

@@ -7,7 +7,7 @@ use palpate_host::sys::{self, RtRequest};
 use crate::failure::Failure;
 use crate::hardware::{self, Hardware};
 
-/// Hold a device for `palpate run`, and zero its force if that process dies, stops or hangs.
+/// Hold a device for `palpate run`, and zero its force if that process ends, stops or hangs.
 ///
 /// `palpate run` starts it with a socket as its standard input. Ctrl-C and SIGTERM do not end it; it ends
 /// with its host.

@@ -199,7 +199,7 @@ impl Files {
             let (shown, other) = (path.display(), same.shown.display());
             return Err(Failure::input(match same.option {
                 None => format!(
-                    "{option} {shown}: is the input {other}, which would be lost; choose another name"
+                    "{option} {shown}: is the input {other}, which would be overwritten; choose another name"
                 ),
                 Some(of) => format!("{option} {shown}: is the output {of} {other}, too; choose another name"),
             }));

@@ -213,7 +213,7 @@ fn long_walks_are_given_up_when_interrupted() {
     let asked = Instant::now();
     run.interrupt();
     // The same command would delete what it keeps now.
-    run.ends_interrupted("path", "; leave --again out now, or it starts from nothing once more");
+    run.ends_interrupted("path", "; omit --again, which would delete them");
     let took = asked.elapsed();
     assert!(took < Duration::from_secs(2), "{took:?} to give up a walk");
     assert_eq!(walks_of(&space), 0);

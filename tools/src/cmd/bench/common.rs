@@ -10,7 +10,7 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::output;
 
-/// Where the figures go.
+/// Destination of the figures.
 #[derive(Debug, ClapArgs)]
 pub(super) struct Out {
     /// Write the figures as CSV.
@@ -64,7 +64,7 @@ pub(super) fn assets(folder: &Path) -> Vec<PathBuf> {
     names.flat_map(|name| ["toml", "msh"].map(|kind| folder.join(format!("{name}.{kind}")))).collect()
 }
 
-/// Where it runs.
+/// The CPU of the measurement.
 #[derive(Debug, ClapArgs)]
 pub(super) struct Pinned {
     /// CPU to run on; the last one if not given.

@@ -21,7 +21,8 @@ const ROUNDS: usize = 21;
 /// One byte in this number is damaged.
 const DAMAGED: usize = 40;
 
-/// Decoder, kinematics and motors of the Falcon's driver: nanoseconds each, pinned, the median of 21 rounds.
+/// Measure decoder, kinematics and motor mapping of the Falcon's driver: nanoseconds each, pinned, median of
+/// 21 rounds.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -90,7 +91,7 @@ fn decoder(counts: &[[i16; 3]]) -> [Figure; 2] {
     for byte in stream.iter_mut().step_by(DAMAGED) {
         *byte = 0xff;
     }
-    [sound, measure("decoder, a packet of a stream with a byte in 40 damaged", &stream)]
+    [sound, measure("decoder, packet of a stream with one of 40 bytes damaged", &stream)]
 }
 
 fn kinematics(way: &[[f64; 3]], counts: &[[i16; 3]]) -> [Figure; 2] {
@@ -116,7 +117,7 @@ fn kinematics(way: &[[f64; 3]], counts: &[[i16; 3]]) -> [Figure; 2] {
             black_box(solved(from_last));
         });
         let error =
-            format!("largest {:.0} um, of counts; {most} steps at most, {kept} not found", 1e6 * largest_m);
+            format!("largest {:.0} um, of counts; at most {most} steps, {kept} not found", 1e6 * largest_m);
         figure(part, ns, error)
     };
     [

@@ -16,24 +16,24 @@ use serde::{Deserialize, Serialize};
 use super::common::{Out, assets};
 use crate::failure::Failure;
 
-/// Seconds of the solver on the five bodies of the paper's Table 1, one thread: parts of a Newton iteration,
-/// and a whole configuration 10 mm from a solved neighbour.
+/// Measure the solver on the five bodies of the paper's Table 1, on one thread: the parts of a Newton
+/// iteration, and a whole configuration 10 mm from a solved neighbour.
 ///
-/// With --peer, GetFEM + MUMPS does the same in the same run (tests/peers/install brings it); its seconds are
-/// those of its own calls only. Machines are shared and noisy: pin the run
-/// (`taskset -c 1 palpate bench fem --peer ...`) and read ratios.
+/// With --peer, GetFEM + MUMPS computes the same in the same run (tests/peers/install installs it). Its times
+/// are those of its own calls only. Other load affects absolute times: pin the run
+/// (`taskset -c 1 palpate bench fem --peer ...`) and compare ratios.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Folder with liver-small.toml and liver-large.toml.
+    /// Folder with liver-small.toml and liver-large.toml
     #[arg(long, value_name = "DIR", default_value = "assets")]
     assets: PathBuf,
-    /// Cases, comma-separated; all by default.
+    /// Cases, separated by commas; all if not given
     #[arg(long, value_name = "A,B", value_delimiter = ',')]
     cases: Vec<String>,
-    /// Repetitions; medians are shown.
+    /// Number of repetitions; medians are shown
     #[arg(long, value_name = "N", default_value_t = 9)]
     repetitions: usize,
-    /// Run this GetFEM script (tests/peers/getfem_bench.py) for the same cases.
+    /// Run this GetFEM script (tests/peers/getfem_bench.py) for the same cases
     #[arg(long, value_name = "SCRIPT")]
     peer: Option<PathBuf>,
     #[command(flatten)]
@@ -128,7 +128,7 @@ fn measure(
     }
     let active =
         scene.active.iter().find(|a| a.name == "A2").ok_or_else(|| {
-            Failure::input("the organ's scene has no active node A2: take the bundled assets")
+            Failure::input("the organ's scene has no active node A2; use the bundled assets")
         })?;
     let body = Arc::new(Body::new(&scene.mesh, &scene.model())?);
     let problem = Arc::new(Problem::new(body, active.node));
@@ -155,7 +155,7 @@ fn measure(
         whole.push(start.elapsed().as_secs_f64());
         reached = Some((spent, configuration.residual_n));
     }
-    let (spent, residual_n) = reached.expect("one repetition at least");
+    let (spent, residual_n) = reached.expect("at least one repetition");
     let profile = IterationProfile::median(&profiles);
     let (_, factor_entries) = problem.entries();
     let (configuration_s, configuration_with_derivatives_s) = (median(bare), median(whole));
@@ -197,7 +197,8 @@ fn peer(script: &Path, case: &str, assets: &Path) -> Result<Peer, Failure> {
         return Err(Failure::work(format!("{}: {last}", script.display())));
     }
     let text = String::from_utf8_lossy(&output.stdout);
-    let unreadable = || Failure::work(format!("{}: its table is not the one expected", script.display()));
+    let unreadable =
+        || Failure::work(format!("{}: its table does not have the expected columns", script.display()));
     let mut lines = text.lines().filter(|line| line.contains(','));
     let header: Vec<&str> = lines.next().ok_or_else(unreadable)?.split(',').collect();
     let values: Vec<&str> = lines.next().ok_or_else(unreadable)?.split(',').collect();
@@ -255,7 +256,7 @@ fn table(rows: &[Row]) -> String {
         );
     }
     if rows.iter().any(|row| row.peer.is_some()) {
-        text += "\nGetFEM + MUMPS in the same run, ms, and how many times as long\n\
+        text += "\nGetFEM + MUMPS in the same run, ms, and ratio to Palpate\n\
                  case           assembly    solve   iteration        ten 1 mm steps     one step, predicted\n";
         for (row, peer) in rows.iter().filter_map(|row| Some((row, row.peer.as_ref()?))) {
             let times = |theirs: f64, ours: f64| format!("{} ({:.1}x)", ms(theirs), theirs / ours);

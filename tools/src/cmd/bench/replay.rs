@@ -55,7 +55,10 @@ impl Replay {
                 continue;
             }
             if state(&store, active)?.open > 0 {
-                return Err(Failure::input(format!("{}: not finished; precompute it first", path.display())));
+                return Err(Failure::input(format!(
+                    "{}: the space is not finished; run `palpate precompute` first",
+                    path.display()
+                )));
             }
             actives.push(active);
             for record in attempts {
@@ -128,7 +131,7 @@ impl Crew for AtOnce<'_> {
 
     fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
         let (worker, at) = self.done.pop_front().ok_or_else(|| CrewError::Lost("nothing is out".into()))?;
-        let unknown = || CrewError::Lost(format!("the file has no try {} at {:?}", at.2, at.1));
+        let unknown = || CrewError::Lost(format!("the file has no attempt {} at {:?}", at.2, at.1));
         let bytes = self.replay.messages.get(&at).ok_or_else(unknown)?;
         self.outcome_bytes += bytes.len();
         let done = postcard::from_bytes(bytes).map_err(|error| CrewError::Lost(error.to_string()))?;

@@ -29,23 +29,23 @@ use crate::cmd::plan::tables::{Place, Tables};
 use crate::failure::Failure;
 use crate::output;
 
-/// Configurations that scenes need until the error cannot be felt: lattices and radial basis functions
-/// against the blind loop.
+/// Count the configurations that a scene needs until the error is imperceptible: lattices and radial basis
+/// functions compared with adaptive sampling.
 ///
-/// All are asked at the same fresh random positions within reach. Lattices and centres of the baselines are
-/// given with and without knowing where the tool can be.
+/// All methods are evaluated at the same new random reachable positions. The counts of the lattices and of
+/// the centres are given with and without restriction to the reachable set.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Scenes whose sampling is driven by the error
+    /// Scenes with adaptive sampling
     #[arg(required = true)]
     scenes: Vec<PathBuf>,
-    /// Fresh positions a node
+    /// Number of new positions per node
     #[arg(long, value_name = "N", default_value_t = 299)]
     uniform: usize,
-    /// Solve the baselines' configurations too, at the counts found
+    /// Also solve the configurations of the baselines at the counts found
     #[arg(long)]
     real: bool,
-    /// Worker threads; one a core if not given
+    /// Worker threads; one per core if not given
     #[arg(long)]
     threads: Option<usize>,
     /// Print the figures as JSON
@@ -163,7 +163,7 @@ impl Case<'_> {
                 break;
             }
         }
-        let (reference, wider, places, p99) = best.expect("at least one reference was made");
+        let (reference, wider, places, p99) = best.expect("there is at least one reference");
         let on = resample(&own.search.fitted(Some(own.verdict))).map_err(Failure::work)?;
         let table = Tables::of(&on.grid, &on.samples, Some(&on.derivatives));
         let within = table.share_within(Method::Energy, &places, &wanted.tolerance).unwrap_or(0.0);
@@ -419,7 +419,7 @@ impl Row {
     fn in_words(&self) -> String {
         let (solves, wider, p99) = self.reference;
         let mut text = format!(
-            "{} {}: {} fresh positions; the loop {}: {} configurations, {:.1} % within tolerance\n  reference: {solves} configurations to \
+            "{} {}: {} new positions; adaptive sampling {}: {} configurations, {:.1} % within tolerance\n  reference: {solves} configurations to \
              {wider} f_max, p99 of its error {:.0} % of the tolerance",
             self.scene,
             self.active,
@@ -431,8 +431,9 @@ impl Row {
         );
         for Need { way, configurations, within, within_real } in &self.needs {
             let count = configurations.map_or("more".into(), |n| n.to_string());
-            let times = configurations
-                .map_or(String::new(), |n| format!("{:.1} times the loop", n as f64 / self.solved as f64));
+            let times = configurations.map_or(String::new(), |n| {
+                format!("{:.1} times adaptive sampling", n as f64 / self.solved as f64)
+            });
             let real =
                 within_real.map_or(String::new(), |real| format!(", {:.1} % when solved", 100.0 * real));
             text += &format!("\n  {way:<20} {count:>6}  {:.1} % within{real}  {times}", 100.0 * within);

@@ -15,22 +15,22 @@ use super::simulated::{Costs, Simulated, Solves, nanoseconds};
 use crate::failure::Failure;
 use crate::output;
 
-/// Makespan of whole configuration spaces on 1 to 4,096 workers, by discrete simulation: the real planning
-/// and hand-out over workers that only exist in simulated time.
+/// Simulate the makespan of configuration spaces on 1 to 4,096 workers: the real planner and dispatcher with
+/// workers in simulated time.
 ///
-/// With --space the solve times are drawn from that file, its own expansion is simulated as well (with the
-/// failures and retries it had), and what rank 0 does for a try is measured by replaying it: plan, read the
-/// parent's state, encode the job, decode the outcome, store it; all but the transport. Without it every
-/// solve takes --solve-ms.
+/// With --space the solve times are drawn from that file, and its own expansion is simulated too, with its
+/// failures and retries. The time of rank 0 per attempt is measured by a replay: plan, read the parent's
+/// state, encode the job, decode the outcome, store it, without the transport. Without --space every solve
+/// takes --solve-ms.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Solve times come from this file.
+    /// File with the solve times
     #[arg(long, value_name = "FILE.space")]
     space: Option<PathBuf>,
-    /// Grids, by their number of points: 514, 1418, 4168 or 14146; cells are completed.
+    /// Numbers of points of the grids: 514, 1418, 4168 or 14146; cells are completed
     #[arg(long, value_name = "N,M", value_delimiter = ',', default_value = "514,1418,4168,14146")]
     points: Vec<usize>,
-    /// Numbers of workers.
+    /// Numbers of workers
     #[arg(
         long,
         value_name = "N,M",
@@ -38,16 +38,16 @@ pub(crate) struct Args {
         default_value = "1,2,4,8,16,32,64,128,256,512,1024,2048,4096"
     )]
     workers: Vec<usize>,
-    /// Milliseconds of a solve, where no file gives them.
+    /// Time of a solve without --space, ms
     #[arg(long, value_name = "MS", default_value_t = 50.0)]
     solve_ms: f64,
-    /// Microseconds that rank 0 is busy with a try; measured with --space, else 350.
+    /// Time of rank 0 per attempt, us; measured with --space, otherwise 350
     #[arg(long, value_name = "US")]
     rank0_us: Option<f64>,
-    /// Microseconds in which rank 0 hands a job to MPI.
+    /// Time of rank 0 to pass a job to MPI, us
     #[arg(long, value_name = "US", default_value_t = 25.0)]
     send_us: f64,
-    /// Microseconds that a message is under way.
+    /// Latency of a message, us
     #[arg(long, value_name = "US", default_value_t = 200.0)]
     message_us: f64,
     #[command(flatten)]
@@ -99,10 +99,10 @@ struct Case<'a> {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if args.workers.contains(&0) {
-        return Err(Failure::input("--workers: there must be one at least"));
+        return Err(Failure::input("--workers: give at least one worker"));
     }
     let out = args.out.ready(args.space.as_deref())?;
-    let dir = tempfile::tempdir().map_err(|error| Failure::work(format!("no folder to work in: {error}")))?;
+    let dir = tempfile::tempdir().map_err(|error| Failure::work(format!("no temporary folder: {error}")))?;
     let replay = args.space.as_deref().map(Replay::load).transpose()?;
     let rank0 = replay.as_ref().map(|replay| measure(replay, dir.path())).transpose()?;
     let seconds: Vec<f64> = match &replay {
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         None => vec![args.solve_ms / 1e3],
     };
     if seconds.is_empty() {
-        return Err(Failure::input("the file holds no solves"));
+        return Err(Failure::input("the file contains no solves"));
     }
     let rank0_us = args.rank0_us.or(rank0.as_ref().map(|r| r.us_per_try)).unwrap_or(350.0);
     let costs = Costs {
@@ -164,7 +164,11 @@ fn grid_of(points: usize) -> Result<SpaceGrid, Failure> {
         1418 => 7.0,
         4168 => 10.0,
         14146 => 15.0,
-        _ => return Err(Failure::input(format!("no grid of {points} points; 514, 1418, 4168 or 14146"))),
+        _ => {
+            return Err(Failure::input(format!(
+                "no grid has {points} points; choose from 514, 1418, 4168 and 14146"
+            )));
+        }
     };
     SpaceGrid::new(0.05 / cells, 0.05).map_err(Failure::input)
 }
@@ -230,12 +234,12 @@ fn table(figures: &Figures) -> String {
     let mut text = String::new();
     if let Some(r) = &figures.rank0 {
         text += &format!(
-            "rank 0 alone: {:.0} tries a second ({:.0} us each); a job has {:.0} bytes, an outcome {:.0}\n",
+            "rank 0 alone: {:.0} attempts per second ({:.0} us each); a job has {:.0} bytes, an outcome {:.0}\n",
             r.tries_per_second, r.us_per_try, r.job_bytes, r.outcome_bytes
         );
     }
     text += &format!(
-        "mean solve {:.1} ms; rank 0 {:.0} us a try and {:.0} us a send; a message is {:.0} us under way\n\n",
+        "mean solve {:.1} ms; rank 0 {:.0} us per attempt and {:.0} us per send; latency of a message {:.0} us\n\n",
         1e3 * figures.mean_solve_s,
         figures.rank0_us,
         figures.send_us,

@@ -118,7 +118,7 @@ impl<'a> Simulated<'a> {
             }
             Solves::Known(records) => {
                 let record = records.get(&(active, task.target, task.attempt)).ok_or_else(|| {
-                    CrewError::Lost(format!("the file has no try {} at {:?}", task.attempt, task.target))
+                    CrewError::Lost(format!("the file has no attempt {} at {:?}", task.attempt, task.target))
                 })?;
                 Ok((nanoseconds(record.seconds), record.clone()))
             }
@@ -190,7 +190,7 @@ impl Crew for Simulated<'_> {
     }
 
     fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        let idle = || CrewError::Lost("nothing is under way".into());
+        let idle = || CrewError::Lost("no message is in flight".into());
         let Reverse((arrival, number, worker)) = self.under_way.pop().ok_or_else(idle)?;
         self.now = self.now.max(arrival) + self.costs.take;
         self.ran.rank0_busy += self.costs.take;

@@ -14,10 +14,11 @@ use crate::failure::Failure;
 use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 
-/// Time and memory of a Newton iteration against the number of equations: cubes of 0.1 m, touched at the top.
+/// Measure time and memory of a Newton iteration for increasing numbers of equations: cubes of 0.1 m, touched
+/// at the top.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Stop before the first body with more equations than this.
+    /// Stop before the first body with more equations than this
     #[arg(long, value_name = "N", default_value_t = 110_000)]
     largest: usize,
 }

@@ -19,23 +19,23 @@ use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Seconds, memory and work of whole configuration spaces of the bundled organ (A1, F1, r_G = 5 cm, cells
-/// completed, no force limit): the paper's Fig. 7 on this machine.
+/// Measure time, memory and iterations of whole configuration spaces of the bundled organ (A1, F1, r_G = 5
+/// cm, cells completed, no force limit): the paper's Fig. 7 on this machine.
 ///
-/// Every space is made in a file of its own under --dir and taken away again. Ctrl-C ends the run; what is
-/// done so far is not kept, since a resumed run would measure nothing.
+/// Every space is a separate temporary file under --dir. Ctrl-C ends the run without results, because a
+/// resumed run would not measure the whole time.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Folder with liver-small.toml and liver-large.toml.
+    /// Folder with liver-small.toml and liver-large.toml
     #[arg(long, value_name = "DIR", default_value = "assets")]
     assets: PathBuf,
-    /// Cases as body-law-points: small or large, mr or stvk, and 514, 1418, 4168 or 14146.
+    /// Cases as body-law-points: small or large, mr or stvk, and 514, 1418, 4168 or 14146
     #[arg(long, value_name = "A,B", value_delimiter = ',', default_value = "small-mr-514,large-mr-514")]
     cases: Vec<String>,
-    /// Worker threads to measure with, one table row each; all cores if not given.
+    /// Numbers of worker threads, one table row each; all cores if not given
     #[arg(long, value_name = "N,M", value_delimiter = ',')]
     threads: Vec<usize>,
-    /// Where the spaces are made.
+    /// Folder for the temporary spaces
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
     #[command(flatten)]
@@ -71,7 +71,7 @@ struct Case {
 }
 
 fn case(name: &str) -> Result<Case, Failure> {
-    let unknown = || Failure::input(format!("no case `{name}`; write body-law-points, as in small-mr-514"));
+    let unknown = || Failure::input(format!("no case `{name}`; give body-law-points, as in small-mr-514"));
     let [body, law, points] = name.split('-').collect::<Vec<_>>()[..] else { return Err(unknown()) };
     Ok(Case {
         scene: match body {
@@ -106,7 +106,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         Some(dir) => tempfile::tempdir_in(dir),
         None => tempfile::tempdir(),
     }
-    .map_err(|error| Failure::input(format!("no folder to work in: {error}; give one with --dir")))?;
+    .map_err(|error| Failure::input(format!("no temporary folder: {error}; give a folder with --dir")))?;
     let stop = stop_flag()?;
     let mut rows = Vec::new();
     for (name, case) in &cases {

@@ -25,28 +25,28 @@ const PATIENCE: u64 = 2_000;
 /// More than the last-level cache of most processors.
 const EVICTED_BYTES: usize = 64 << 20;
 
-/// Nanoseconds of one whole tick: device, contact with the surface, sliding over blended spaces, limits,
+/// Measure the time of one whole tick: device, contact with the surface, sliding over blended spaces, limits,
 /// histograms, queues.
 ///
-/// A made-up sphere, active round its top, is touched at random places, pressed, stroked over its triangles
-/// and left again. Every active node has tables of its own, so that they compete for the caches as those of
-/// an organ do. `hot` runs tick after tick; `cold` empties the caches before each, which is worse than a loop
-/// at 1 kHz on a machine that does nothing else. Both begin with the first tick in touch.
+/// A simulated hand touches a synthetic sphere near its top at random positions, presses, strokes over the
+/// triangles and leaves it again. Every active node has separate tables, so that they compete for the caches
+/// as those of an organ do. `hot` runs tick after tick. `cold` empties the caches before each tick, which is
+/// slower than a loop at 1 kHz on an otherwise idle machine. Both begin with the first tick in contact.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Active nodes, at most 256
+    /// Number of active nodes, at most 256
     #[arg(long, value_name = "N", default_value_t = 200)]
     active: usize,
-    /// Vertices of the surface, at least
+    /// Minimum number of vertices of the surface
     #[arg(long, value_name = "N", default_value_t = 2_000)]
     surface: usize,
-    /// Points of each grid: 514, 1418, 4168
+    /// Number of points of each grid: 514, 1418, 4168
     #[arg(long, value_name = "N", default_value_t = 514)]
     grid: usize,
-    /// Methods
+    /// Methods, separated by commas
     #[arg(long, value_name = "M,N", value_delimiter = ',', value_parser = crate::cmd::pack::method, default_value = "energy,tricubic,trilinear")]
     method: Vec<Method>,
-    /// Ticks with hot caches; a fiftieth of them with cold ones
+    /// Number of ticks with hot caches; a fiftieth of it with cold ones
     #[arg(long, value_name = "N", default_value_t = 200_000)]
     ticks: u64,
     #[command(flatten)]
@@ -77,7 +77,7 @@ struct Row {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(3..=256).contains(&args.active) || args.surface > 100_000 {
-        return Err(Failure::input("3 to 256 active nodes and at most 100,000 vertices can be held"));
+        return Err(Failure::input("give 3 to 256 active nodes and at most 100,000 vertices"));
     }
     let out = args.out.ready([])?;
     let pinned = args.pinned.pin();
@@ -161,7 +161,7 @@ fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) 
             break;
         }
         if begin == PATIENCE {
-            return Err(Failure::work(format!("{}: the stroke does not touch", method.name())));
+            return Err(Failure::work(format!("{}: the stroke has no contact", method.name())));
         }
     }
     for index in begin..begin + ticks {
@@ -295,7 +295,7 @@ impl Ball {
                 outward_normal: vec3::normalize_or_zero(rest_position_m),
                 ..ActiveNode::default()
             };
-            organ.spaces.push(space).expect("at most 256 were asked for");
+            organ.spaces.push(space).expect("at most 256 are requested");
         }
         organ
     }

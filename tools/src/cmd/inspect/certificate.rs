@@ -45,7 +45,7 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
     worst.retain(|space| verdict(space) > Verdict::Green);
     worst.truncate(MOST_SHOWN);
     if !worst.is_empty() {
-        let _ = writeln!(text, "the worst {} of them:\n", worst.len());
+        let _ = writeln!(text, "the {} worst nodes:\n", worst.len());
     }
     text + &tables(&worst)
 }
@@ -82,7 +82,7 @@ fn together(certificate: &Certificate) -> String {
         let mean = of().map(|e| e.mean_n * e.count as f64).sum::<f64>() / positions.max(1) as f64;
         let _ = writeln!(
             text,
-            "  {:<12} error not felt at {:.1} % of {positions} independent positions away from folds ({:.1} % certified of a random such position \
+            "  {:<12} error below JND at {:.1} % of {positions} independent positions away from branch jumps ({:.1} % certified of a random such position \
              of a random node); mean {} mN, largest {} mN",
             method.name(),
             100.0 * not_felt as f64 / positions.max(1) as f64,
@@ -110,7 +110,7 @@ fn together(certificate: &Certificate) -> String {
             |of: fn(&DisplacementCertificate) -> f64| eyes.iter().map(|eye| of(eye)).fold(0.0, f64::max);
         let _ = writeln!(
             text,
-            "  displacement {:.3} mm rms in the mean over {count} independent positions, {:.3} mm at most, {:.3} mm at a node; {} kB, {} modes",
+            "  displacement mean rms {:.3} mm over {count} independent positions, maximum rms {:.3} mm, maximum at a node {:.3} mm; {} kB, {} modes",
             sum / count.max(1) as f64,
             largest(|eye| eye.uniform.rms_max_mm),
             largest(|eye| eye.uniform.max_mm),
@@ -120,15 +120,16 @@ fn together(certificate: &Certificate) -> String {
     }
     let linear = spaces.iter().filter(|space| space.linear.is_some()).count();
     if linear > 0 {
-        let _ = writeln!(text, "  linear model suffices: at {linear} of them");
+        let _ = writeln!(text, "  linear model suffices: at {linear} of the nodes");
     }
     let switched = spaces.iter().filter(|space| space.switched_to_spacing_m.is_some());
     let at = |space: &SpaceCertificate| {
-        format!("{} ({:.0} % of its ball at folds)", space.active, 100.0 * space.folded_volume)
+        format!("{} ({:.0} % of its ball at branch jumps)", space.active, 100.0 * space.folded_volume)
     };
     let switched: Vec<String> = switched.map(at).collect();
     if !switched.is_empty() {
-        let _ = writeln!(text, "  folds: a lattice took over at {}", switched.join(", "));
+        let _ =
+            writeln!(text, "  branch jumps: a lattice replaced adaptive sampling at {}", switched.join(", "));
     }
     text
 }
@@ -158,16 +159,16 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
         }
         let _ = writeln!(
             text,
-            "  folds: {} pairs of neighbours, {:.1} % of the volume in touch with them{}",
+            "  branch jumps: {} pairs of neighbours, {:.1} % of the volume in cells with them{}",
             space.fold_pairs,
             100.0 * space.folded_volume,
-            if space.folded_volume > 0.0 { ": what is certified is certified away from it" } else { "" }
+            if space.folded_volume > 0.0 { "; the certified errors exclude this volume" } else { "" }
         );
         for method in space.methods.iter().filter(|method| method.probe.work_folded.circles > 0) {
             let work = &method.probe.work_folded;
             let _ = writeln!(
                 text,
-                "  work round circles that touch folds, {}: {:.2} % mean, {:.2} % at most of the energy exchanged",
+                "  work around circles through branch jumps, {}: mean {:.2} %, maximum {:.2} % of the energy exchanged",
                 method.method,
                 100.0 * work.mean,
                 100.0 * work.max
@@ -177,12 +178,12 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
         if points > 0 {
             let _ = writeln!(
                 text,
-                "  two stable solutions were found at {points} points, up to {apart_n:.2} N apart; the one of lower energy is packed"
+                "  two stable solutions at {points} points, with forces up to {apart_n:.2} N apart; the one of lower energy is packed"
             );
         }
         let _ = writeln!(
             text,
-            "  error vector, mN      mean     p50     p95     p99     max  covered  not felt (certified)      at folds: \
+            "  error vector, mN      mean     p50     p95     p99     max  covered  < JND (certified)         at jumps: \
              mean / max"
         );
         for method in &space.methods {
@@ -231,16 +232,16 @@ fn of_health(health: &Health) -> String {
         let _ = write!(text, ", condition of the fit {condition:.0e}");
     }
     match (health.loop_passed, health.loop_stalled) {
-        (_, true) => text.push_str(", blind loop stalled"),
-        (Some(true), _) => text.push_str(", blind loop passed"),
-        (Some(false), _) => text.push_str(", blind loop not within tolerance"),
+        (_, true) => text.push_str(", adaptive sampling stagnated"),
+        (Some(true), _) => text.push_str(", adaptive sampling passed"),
+        (Some(false), _) => text.push_str(", adaptive sampling not within tolerance"),
         (None, _) => {}
     }
     text.push_str(")\n");
     for Reason { verdict, what } in &health.reasons {
         let _ = writeln!(text, "    {}: {what}", verdict.name());
     }
-    text.push_str("    (what mesh and element order leave out is not in it: `pack --ledger`, and `stiffer` in `plan`)\n");
+    text.push_str("    (without the discretisation error of mesh and element order: see `pack --ledger`, and `stiffer` in `plan`)\n");
     text
 }
 
@@ -265,7 +266,7 @@ fn line(method: &MethodCertificate) -> String {
     let MethodCertificate { uniform: e, folded, .. } = method;
     if e.count == 0 {
         return format!(
-            "    {:<14}no independent position away from folds: nothing is certified           {:>8} positions: {}\n",
+            "    {:<14}no independent position away from branch jumps: no bound                {:>8} positions: {}\n",
             method.method,
             folded.count,
             pair(folded)
@@ -307,11 +308,11 @@ fn second_line(method: &MethodCertificate) -> String {
 fn of_ledger(ledger: &Ledger) -> String {
     let bodies = match ledger.positions {
         0 => "element order and mesh: `pack --ledger`".to_owned(),
-        positions => format!("{positions} positions by each other body in {:.1} s", ledger.seconds),
+        positions => format!("{positions} positions with each other body in {:.1} s", ledger.seconds),
     };
     let mut text = format!(
-        "  ledger: what is left out (-) or could be (o), and what that changes and costs; {bodies}\n    \
-         {:<62} force, mN: mean      max   relative  not felt   surface, mm: rms      max   cost with   without\n",
+        "  ledger: approximations made (-) or possible (o), with their effect and cost; {bodies}\n    \
+         {:<62} force, mN: mean      max   relative     < JND   surface, mm: rms      max   cost with   without\n",
         ""
     );
     for line in &ledger.lines {
@@ -364,7 +365,7 @@ fn of_surface(surface: &DisplacementCertificate) -> String {
         ("configurations", &surface.configurations),
         ("held-out", &surface.uniform),
         ("  without slopes", &surface.uniform_trilinear),
-        ("held-out at folds", &surface.folded),
+        ("held-out at jumps", &surface.folded),
     ];
     for (name, apart) in rows {
         let Apart { count, rms_mean_mm, rms_max_mm, max_mean_mm, max_mm } = apart;

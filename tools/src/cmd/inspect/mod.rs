@@ -176,7 +176,7 @@ fn in_words(scattered: &Scattered) -> String {
     let within = workspace_m
         .map_or_else(String::new, |[low, high]| format!(", in the workspace from {low:?} to {high:?} m"));
     format!(
-        "scattered within r_G {radius_m} m{contact}{within}, error at most {} % of |h| or {} mN, the larger",
+        "scattered within r_G {radius_m} m{contact}{within}, error at most the larger of {} % of |h| and {} mN",
         certificate::significant(1e2 * relative),
         certificate::significant(1e3 * absolute_n)
     )
@@ -221,7 +221,9 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
     let certificate = certificate::of(path, &organ)?;
     match &certificate {
         Some(certificate) => text.push_str(&format!("\n{}", certificate::in_words(certificate))),
-        None => text.push_str("\nno certificate: nothing says how far its forces are from finite elements\n"),
+        None => {
+            text.push_str("\nno certificate: the error of its forces against finite elements is unknown\n")
+        }
     }
     let figures = json!({
         "certificate": certificate,

@@ -84,7 +84,7 @@ impl Figures {
             "device       {}\nscene        {} (active nodes {})\nblob         {}\nmethod       {} ({}, {})\n\
              begun        {:.3} s after 1970\nticks        {}, {seconds:.3} s; {} deadlines skipped, {} without a sample\n\
              touch        {} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; \
-             peak displacement {:.1} mm\ntiming       compute {mean_compute_us:.1} us mean, {:.1} us max; {:.1} us late at most\n\
+             peak displacement {:.1} mm\ntiming       compute {mean_compute_us:.1} us mean, {:.1} us max; at most {:.1} us late\n\
              faults       {}\nlosses       {} records missing between ticks, {dropped} counted as dropped\nend          {}",
             header.device.name,
             header.scene,
@@ -132,7 +132,7 @@ impl Figures {
 
 fn ended(is_cut: bool, end: Option<&End>) -> String {
     match end {
-        _ if is_cut => "cut: the file ends before the recording did".into(),
+        _ if is_cut => "truncated: the file ends before the end of the recording".into(),
         Some(end) => format!("{}, {}, {} device exchanges failed", end.reason, end.phase, end.device_errors),
         None => "not known".into(),
     }

@@ -9,7 +9,7 @@ use serde_json::json;
 pub(crate) fn in_words(linear: &LinearSuits) -> String {
     let LinearSuits { tests, worst, from_fit } = linear;
     format!(
-        "linear model suffices: worst of its {tests} tests {:.0} % of tolerance, {:.0} % from the fit anywhere",
+        "linear model suffices: largest error of its {tests} tests {:.0} % of tolerance, largest difference from the fit {:.0} %",
         100.0 * worst,
         100.0 * from_fit
     )
@@ -38,12 +38,12 @@ pub(super) fn describe(
         Some(Verdict::Passed) => {
             let sure = fit.deviation.map_or_else(String::new, |largest| {
                 format!(
-                    "; the fit is sure: deviation of its force estimated at {:.0} % of tolerance or less",
+                    "; estimated standard deviation of the force at most {:.0} % of tolerance",
                     100.0 * largest
                 )
             });
             format!(
-                "passed: the last {} predictions were within tolerance, and {} of {left_out} configurations as the others say{sure}",
+                "passed: the last {} predictions were within tolerance, and {} of {left_out} leave-one-out errors{sure}",
                 fit.passes().min(PASSES),
                 left_out - beyond
             )
@@ -53,11 +53,11 @@ pub(super) fn describe(
                 let solved = |r: &&Record| r.tag.is_solved() && r.index != [0; 3];
                 let solved = lattice.records(records).iter().filter(solved).count();
                 let spacing_mm = 1e3 * lattice.grid.spacing_m;
-                format!(": {solved} points of a lattice of {spacing_mm:.1} mm took over")
+                format!("; replaced by {solved} points of a lattice of {spacing_mm:.1} mm")
             });
-            format!("FOLDS: the predictions did not fall{on}")
+            format!("STAGNATED: the prediction errors did not decrease, which indicates a branch jump{on}")
         }
-        Some(Verdict::NotReached) => "NOT REACHED: the predictions do not come within tolerance".into(),
+        Some(Verdict::NotReached) => "NOT REACHED: the predictions are not within tolerance".into(),
         Some(Verdict::TooStiff) => format!("TOO STIFF: {}", too_stiff(fit)),
         None => format!("not finished: {} of {PASSES} predictions in a row", fit.passes()),
     };
@@ -69,7 +69,7 @@ pub(super) fn describe(
         .map(|test| format!("{:.2}", share(test)))
         .collect();
     let words = format!(
-        "  {verdict}\n  {} configurations in the fit, length {:.1} mm; errors of the last predictions by their tolerance: {}; of each from the others: up to {worst:.2}\n",
+        "  {verdict}\n  {} configurations in the fit, length {:.1} mm; last prediction errors, as shares of the tolerance: {}; largest leave-one-out error: {worst:.2}\n",
         fit.jets.len(),
         1e3 * fit.fit.length_m(),
         last.join(" ")

@@ -111,7 +111,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         }
         let walks = Summary::of(&store, active)?;
         if !walks.is_empty() {
-            text.push_str(&format!("  held-out truth\n{}\n", in_words("   ", &walks)));
+            text.push_str(&format!("  held-out solutions\n{}\n", in_words("   ", &walks)));
         }
         let walks: BTreeMap<&str, &Summary> = walks.iter().map(|(kind, sum)| (kind.name(), sum)).collect();
         numbers["held_out"] = json!(walks);
@@ -185,7 +185,7 @@ impl Space {
         let state = match (solved, self.open) {
             (0, _) => "nothing solved yet".to_string(),
             (_, 0) => "complete".to_string(),
-            (_, n) => format!("not finished: {n} points or more are still to be solved"),
+            (_, n) => format!("not finished: at least {n} points are still to be solved"),
         };
         let mut text = format!(
             "\n{} (node {}): {state}\n  {expandable} expandable, {terminating} terminating, {failed} failed, \
@@ -199,7 +199,7 @@ impl Space {
         if solved > 0 {
             text.push_str(&format!(
                 "  {again} solved again (from another neighbour), {superseded} of them counted\n  \
-                 {} pairs of neighbours flagged as folds\n  {inverted} with inverted elements, {unstable} unstable\n  \
+                 {} pairs of neighbours flagged as branch jumps\n  {inverted} with inverted elements, {unstable} unstable\n  \
                  |h| {least:.3} to {largest:.3} N, residual up to {residual:.1e} N\n  {:.2} Newton iterations and {:.2} \
                  factorisations a configuration, {seconds:.1} s of solving\n",
                 self.folds.len(),

@@ -136,7 +136,7 @@ impl Predicted<'_> {
                 let what = |figure| format!("{name}: {figure} of {}", method.method);
                 all.push(Compared {
                     what: what(if method.folded.count > 0 {
-                        "error at p99 away from folds"
+                        "error at p99 away from branch jumps"
                     } else {
                         "error at p99"
                     }),

@@ -106,7 +106,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     output::line(row::table(&rows, threads))?;
     output::line(format!("Recommended: {}: {why}.", rows[chosen].in_words()))?;
     output::line(format!(
-        "Seconds are on {threads} thread{} of this machine as busy as it is now; ~ is continued from coarser or smaller solves. Planned in \
+        "Seconds are on {threads} thread{} of this machine with its present load; ~ marks values extrapolated from coarser or smaller solves. Planned in \
          {seconds:.1} s",
         if threads == 1 { "" } else { "s" }
     ))
@@ -117,7 +117,7 @@ fn solved(bench: &Analysis, path: &Path) -> Result<Store, Failure> {
     let store = Store::open(path)?;
     if !bench.is_of(&store)? {
         return Err(Failure::input(format!(
-            "{}: it was solved from another scene than {}; name the scene that it was solved from",
+            "{}: was solved for another scene than {}; give the scene that it was solved for",
             path.display(),
             bench.path.display()
         )));
@@ -274,7 +274,7 @@ impl Plan {
             .collect();
         if !given_up.is_empty() {
             why.push_str(&format!(
-                "; a blind loop would not come within the tolerance at {}: a lattice takes over there, and is counted",
+                "; adaptive sampling would not reach the tolerance at {}: the counts include the lattice that replaces it",
                 given_up.join(", ")
             ));
         }
@@ -287,13 +287,13 @@ impl Plan {
         }
         if forked > 0 {
             signs.push(format!(
-                "{forked} of {again} probes have another solution when they are solved from elsewhere"
+                "{forked} of {again} probes have another solution when they are solved from another start"
             ));
         }
         if !signs.is_empty() {
             why.push_str(&format!(
-                "; BUT {}: the space folds, a lattice will take over where positions are scattered, and neither counts nor errors can be \
-                 foretold; a smaller radius_m would help",
+                "; BUT {}: the space has branch jumps, a lattice will replace adaptive sampling, and counts and errors cannot be \
+                 predicted; a smaller radius_m would help",
                 signs.join(", and ")
             ));
         }
@@ -301,11 +301,7 @@ impl Plan {
     }
 
     fn tolerance_in_words(&self) -> &'static str {
-        if self.tolerance == Tolerance::CANNOT_BE_FELT {
-            "what a hand feels"
-        } else {
-            "the scene's tolerance"
-        }
+        if self.tolerance == Tolerance::CANNOT_BE_FELT { "the JND of force" } else { "the scene's tolerance" }
     }
 
     fn in_words(&self, bench: &Analysis) -> String {
@@ -325,7 +321,7 @@ impl Plan {
             let NodePlan { probed, linear, .. } = node;
             let [near, far] = probed.reach_m();
             text.push_str(&format!(
-                "  {}: {:.0} N/m at rest; {} probes reach {:.0} to {:.0} mm ({} beyond f_max, {} lost, {} of {} forked), {:.2} s each; a linear body errs by \
+                "  {}: {:.0} N/m at rest; {} probes reach {:.0} to {:.0} mm ({} beyond f_max, {} lost, {} of {} forked), {:.2} s each; error of a linear body \
                  {:.0} mN (p99)\n",
                 scene.active[probed.active].name,
                 probed.jets[0].stiffness_n_m.trace() / 3.0,
@@ -387,7 +383,7 @@ fn expect_movable(bench: &Analysis, nodes: &[NodePlan]) -> Result<(), Failure> {
         return Err(Failure::input(first));
     }
     for node in too_stiff {
-        eprintln!("palpate: warning: {node}; it is left out");
+        eprintln!("palpate: warning: {node}; it is omitted");
     }
     Ok(())
 }

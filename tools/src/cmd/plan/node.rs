@@ -110,7 +110,7 @@ pub(super) fn plan(
 ) -> Result<NodePlan, Failure> {
     let probed = probe(order)?;
     let truth = Surrogate::of(&probed).ok_or_else(|| {
-        Failure::work("the probing solves failed or fell together; take a larger radius_m or look at the scene with `palpate path`")
+        Failure::work("the probing solves failed or coincide; use a larger radius_m or check the scene with `palpate path`")
     })?;
     let loop_ = truth.scattered();
     let (wanted, fit) = (probed.wanted, &loop_.fit);

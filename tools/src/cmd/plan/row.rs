@@ -61,7 +61,7 @@ impl Row {
             return String::new();
         }
         format!(
-            "; {} would take {:.0} % of that time and is no stiffer",
+            "; {} would take {:.0} % of that time and is not stiffer",
             self.model,
             100.0 * self.solving_s / chosen.solving_s
         )
@@ -112,16 +112,16 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     let why = match cheapest {
         Some(_) if row.model == LINEAR => {
             format!(
-                "small displacements: a linear model suffices, within {tolerance} ({mn:.1} mN at p99), and every solve of it is one iteration"
+                "small displacements: a linear model is within {tolerance} ({mn:.1} mN at p99), and each of its solves is one iteration"
             )
         }
         Some(_) => {
             format!(
-                "of the scene's own model the fewest seconds of solving within {tolerance}: {mn:.1} mN at p99{beside}"
+                "the shortest solve time with the scene's own model within {tolerance}: {mn:.1} mN at p99{beside}"
             )
         }
         None => format!(
-            "nothing looked at is within {tolerance} at 99 % of the positions; this comes closest, with {share:.1} %. A smaller radius_m \
+            "no choice is within {tolerance} at 99 % of the positions; this one is the closest, with {share:.1} %. A smaller radius_m \
              or max_force_n would help"
         ),
     };
@@ -220,18 +220,18 @@ mod tests {
     fn the_cheapest_within_the_tolerance_is_recommended() {
         let mut rows =
             [row(1.0, 10.0, 0.95), row(5.0, 30.0, 0.999), row(5.0, 20.0, 0.995), row(9.0, 1.0, 1.0)];
-        let (chosen, why) = recommend(&mut rows, "what a hand feels");
+        let (chosen, why) = recommend(&mut rows, "the JND of force");
         assert_eq!(chosen, 2);
         assert!(rows[2].recommended && why.contains("10.0 mN"), "{why}");
         let mut none = [row(1.0, 1.0, 0.5), row(2.0, 1.0, 0.7)];
-        let (chosen, why) = recommend(&mut none, "what a hand feels");
+        let (chosen, why) = recommend(&mut none, "the JND of force");
         assert!(chosen == 1 && why.contains("70.0 %"), "{why}");
     }
 
     #[test]
     fn the_linear_law_is_called_by_its_name() {
         let mut rows = [row(5.0, 1.0, 1.0), Row { model: LINEAR.into(), ..row(6.0, 1.0, 1.0) }];
-        let (chosen, why) = recommend(&mut rows, "what a hand feels");
+        let (chosen, why) = recommend(&mut rows, "the JND of force");
         assert!(chosen == 1 && why.contains("small displacements: a linear model"), "{why}");
     }
 

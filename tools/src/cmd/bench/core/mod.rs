@@ -21,26 +21,26 @@ use crate::{blob, output};
 use tables::Tables;
 use timing::{Run, Timing};
 
-/// Nanoseconds of one force query: every method, on every set of vector instructions this processor has, on
-/// the paper's four grids of a made-up smooth field or on a blob.
+/// Measure the time of one force query: every method with every vector instruction set of this processor, on
+/// the paper's four grids of a synthetic smooth field or on a blob.
 ///
-/// Positions are uniform in the ball and come in no order that could be learnt. All take turns in small
-/// batches, so that a busy machine is busy for all of them; medians and minima are shown, `waits` being the
-/// median where each query needs the answer to the one before. `off` is the largest difference from the same
-/// interpolant in f64. Built with `--features peers` it runs the crates interpn and rbf-interp along. At the
-/// end stands the time of a surface for the eye.
+/// The positions are uniform in the ball, in random order. The methods run interleaved in small batches, so
+/// that other load affects all of them. Medians and minima are shown. `waits` is the median of dependent
+/// queries, each of which needs the result of the one before. `off` is the largest difference from the same
+/// interpolant in f64. A build with `--features peers` also measures the crates interpn and rbf-interp. The
+/// last line is the time of one displayed surface.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Points of the made-up grids: 514, 1418, 4168, 14146.
+    /// Numbers of points of the synthetic grids: 514, 1418, 4168, 14146
     #[arg(long, value_name = "N,M", value_delimiter = ',', default_value = "514,1418,4168,14146")]
     grids: Vec<usize>,
-    /// A blob to ask instead of made-up tables.
+    /// A blob to query instead of synthetic tables
     #[arg(long, value_name = "FILE")]
     blob: Option<PathBuf>,
-    /// Active node of the blob; the first if not given.
+    /// Active node of the blob; the first if not given
     #[arg(long, value_name = "NAME", requires = "blob")]
     active: Option<String>,
-    /// Batches of each, taking turns.
+    /// Number of interleaved batches of each method
     #[arg(long, value_name = "N", default_value_t = 400)]
     rounds: usize,
     #[command(flatten)]
@@ -187,7 +187,7 @@ fn processor() -> String {
 fn table(figures: &Figures) -> String {
     let Figures { processor, built_for, best, pinned, rounds, rows, surface } = figures;
     let mut text = format!(
-        "processor  {processor}\nbuilt for  {built_for}; the best here is {best}\npinned     {pinned}\nbatches    {rounds} each\n\n\
+        "processor  {processor}\nbuilt for  {built_for}; the widest here is {best}\npinned     {pinned}\nbatches    {rounds} each\n\n\
          grid   method               on             median      min    waits ns    off mN      bytes"
     );
     for row in rows {
@@ -220,7 +220,8 @@ fn ratios(rows: &[Row]) -> String {
         let times: Vec<String> = same()
             .map(|row| format!("{:.1} ({})", peer.median_ns / row.median_ns, row.instructions))
             .collect();
-        text += &format!("\n{}: {} takes {} times as long as ours", peer.grid, peer.method, times.join(", "));
+        text +=
+            &format!("\n{}: {} takes {} times as long as Palpate", peer.grid, peer.method, times.join(", "));
     }
     if text.is_empty() { text } else { format!("\n{text}") }
 }

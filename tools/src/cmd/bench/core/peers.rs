@@ -62,7 +62,7 @@ impl Peers {
             let bytes = 3 * size_of_val(planes[0].as_slice());
             let [x, y, z] = planes.each_ref().map(|plane| {
                 MultilinearRegular::<f32, 3>::new(dims, low, step, plane)
-                    .expect("a grid of more than one point")
+                    .expect("a grid has more than one point")
             });
             let linear = Rc::new([x, y, z]);
             let ask =
@@ -70,7 +70,7 @@ impl Peers {
             runs.push(Run::new("interpn trilinear".into(), PEER, Method::Trilinear, bytes, ask));
             let [x, y, z] = planes.each_ref().map(|plane| {
                 MulticubicRegular::<f32, 3>::new(dims, low, step, plane, false)
-                    .expect("four points an axis and more")
+                    .expect("at least four points per axis")
             });
             let cubic = Rc::new([x, y, z]);
             let ask =

@@ -39,7 +39,7 @@ pub(super) fn measure(rounds: usize) -> Result<SurfaceTime, Failure> {
         outliers: &[],
     };
     let table = DisplacementTable::new(&lattice, planes, VERTICES)
-        .map_err(|error| Failure::work(format!("the made-up surface is refused: {error:?}")))?;
+        .map_err(|error| Failure::work(format!("the synthetic surface is refused: {error:?}")))?;
     let flags = vec![SMOOTH; lattice.slots()];
     let mut out = vec![[0.0; 3]; VERTICES];
     let mut times: Vec<f64> = (0..rounds)

@@ -38,7 +38,7 @@ impl Tables {
             14146 => 15.0,
             _ => {
                 return Err(Failure::input(format!(
-                    "no grid of {points} points; there are 514, 1418, 4168 and 14146"
+                    "no grid has {points} points; choose from 514, 1418, 4168 and 14146"
                 )));
             }
         };

@@ -20,20 +20,20 @@ use crate::failure::Failure;
 use crate::output;
 use cell::CellTable;
 
-/// The forms of a fitted energy side by side, of one scattered space: a polynomial a cell (which no blob
-/// has), the derivatives a node (`energy`), and the fit itself (`kernel`).
+/// Compare the storage forms of the fitted energy of a scattered space: one polynomial per cell (not in
+/// blobs), the derivatives at nodes (`energy`), and the fit itself (`kernel`).
 ///
-/// Positions are those that the tool can get to, in no order that could be learnt; all take turns in small
-/// batches. Errors are those at the held-out positions of the space (`palpate pack` solves some,
-/// `palpate held-out` more), and the distance from the fit in f64.
+/// The positions are reachable by the tool, in random order. The forms run interleaved in small batches.
+/// Errors are those at the held-out positions of the space (`palpate pack` solves some, `palpate held-out`
+/// more), and the difference from the fit in f64.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// The .space file, of scattered positions
+    /// The .space file of a scattered space
     space: PathBuf,
-    /// Active node; every one that has a fit if not given
+    /// Active node; all nodes with a fit if not given
     #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Batches of each, taking turns
+    /// Number of interleaved batches of each form
     #[arg(long, value_name = "N", default_value_t = 400)]
     rounds: usize,
     #[command(flatten)]
@@ -75,7 +75,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let rows = measure(&store, args.active.as_deref(), args.rounds.max(1))?;
     if rows.is_empty() {
         return Err(Failure::input(format!(
-            "{}: no such active node with a fit of scattered positions",
+            "{}: no such active node has a fit of scattered positions",
             args.space.display()
         )));
     }
@@ -220,5 +220,5 @@ fn table(rows: &[FormRow], pinned: &str) -> String {
             1e3 * row.rounding_n
         );
     }
-    text + "\n\ncell: one polynomial of 216 coefficients a cell; it is measured here and in no blob"
+    text + "\n\ncell: one polynomial of 216 coefficients per cell; measured here only, no blob contains it"
 }
