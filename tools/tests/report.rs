@@ -59,7 +59,7 @@ fn check_page(folder: &Path) {
     let plots: Vec<_> = named("svg").filter(|svg| svg.attribute("class") != Some("swatch")).collect();
     assert!(plots.len() >= 15, "{} plots", plots.len());
     for plot in plots {
-        let title = plot.attribute("aria-label").expect("a name for those who do not see it");
+        let title = plot.attribute("aria-label").expect("a name for screen readers");
         let labels = plot.descendants().filter(|node| node.attribute("class") == Some("label")).count();
         let marks = plot.descendants().filter(|n| n.has_tag_name("path") || n.has_tag_name("rect")).count();
         assert!(labels == 2 && marks > 0, "{title}: {labels} labels, {marks} marks");
@@ -83,7 +83,7 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{said}");
     let steps: Vec<&str> = said.lines().filter(|line| line.contains("step ")).collect();
-    let last = steps.last().expect("steps are counted aloud");
+    let last = steps.last().expect("steps are counted");
     let (done, total) =
         last.split_once("step ").and_then(|(_, s)| s.split_once(':')?.0.split_once(" of ")).unwrap();
     assert_eq!((done, steps.len()), (total, total.parse().unwrap()), "{said}");
@@ -151,7 +151,7 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
     assert!(number(between, "cost_without") > 100.0 * number(between, "cost_with"));
     let page = std::fs::read_to_string(out.join("report.html")).expect("the page is written");
-    assert!(page.contains("aria-label=\"What is left out: force\"") && page.contains("linear model"));
+    assert!(page.contains("aria-label=\"Approximations: force\"") && page.contains("linear model"));
 
     // The same rows as JSON, path means from the paths, and every certificate.
     let in_json = json(&out.join("methods.json"));

@@ -86,7 +86,7 @@ pub(super) fn measured(
     of: &Measured,
     steps: &mut Steps,
 ) -> Result<Vec<LedgerRow>, Failure> {
-    steps.next(&format!("{}: the ledger of what is left out", case.name))?;
+    steps.next(&format!("{}: the ledger of approximations", case.name))?;
     let Some(fitted) = of.fitted.last() else { return Ok(Vec::new()) };
     let positions = if plan.small { SMALL_POSITIONS } else { POSITIONS };
     let store = Store::open(&plan.work.path().join(format!("{}.space", case.name)))?;

@@ -105,7 +105,7 @@ fn surfaces(family: &Family, grid: u32, plan: &Plan, store: &Store) -> Result<Ve
     let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
     let certificate: Certificate = palpate_precompute::certificate::certify(store, &organ)?;
     let Some(packed) = certificate.spaces.first().and_then(|space| space.displacement.clone()) else {
-        return Err(Failure::work("a space for the eye without displacements"));
+        return Err(Failure::work("a space for display without displacements"));
     };
     let row = |how: &'static str, bytes: usize, apart: Apart, microseconds: f64| SurfaceRow {
         scene: family.name.clone(),

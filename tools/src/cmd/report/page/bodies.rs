@@ -73,8 +73,8 @@ pub(super) fn section(report: &Report) -> String {
     let body = paragraph(
         "setting",
         "The same displacements, along both directions of every axis, by other elements, pressure fields and meshes; the finest of them \
-         is the reference. Under a single node the force of ever finer meshes falls without end, so its column says how far apart \
-         discretisations are, not how far from the truth; a patch of fixed radius has a limit.",
+         is the reference. With a single node the force decreases without limit as the mesh is refined, so its column shows the difference \
+         between discretisations and not an error; with a patch of fixed radius the force converges.",
     ) + &says(&words)
         + &plots(&keys, note, &charts)
         + &body_table(rows)

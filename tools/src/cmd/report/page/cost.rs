@@ -29,7 +29,7 @@ const CONFIGURATIONS: Price = Price {
     shown: |row| format!("{} configurations", count(row.configurations)),
 };
 const SECONDS: Price = Price {
-    label: "seconds of solving, all threads together",
+    label: "solve time in seconds, all threads together",
     of: |row| row.solve_seconds,
     shown: |row| seconds(row.solve_seconds),
 };
@@ -47,15 +47,15 @@ pub(super) fn sections(report: &Report) -> String {
         + &figure_of(report, &[&SECONDS])
         + &paragraph(
             "setting",
-            "All methods of one grid stand on the same configurations. The corners that complete the cells at the rim are counted.",
+            "All methods of one grid use the same configurations. The counts include the corners that complete the cells at the rim.",
         )
         + &files(&["methods", "spaces"]);
     let c = says(&each(report, byte_words))
         + &figure_of(report, &[&BYTES])
         + &paragraph(
             "setting",
-            "Bytes are those that a blob grows by when the method alone is packed: forces only, without the organ\u{2019}s skin, its \
-             displacements for the eye, and the certificate.",
+            "Bytes are those of the method\u{2019}s own tables in a blob: forces only, without the organ\u{2019}s surface, its \
+             displacements for display, and the certificate.",
         )
         + &files(&["methods"]);
     section("a", "(a) Error against the time of a query", &a)
@@ -75,7 +75,7 @@ fn each(report: &Report, words: fn(&[Measured]) -> Vec<String>) -> Vec<String> {
 /// Mean and 99th percentile of every family against each price.
 fn figure_of(report: &Report, prices: &[&Price]) -> String {
     let grids: Vec<String> = report.plan.grids.iter().map(|(points, _)| count(*points as usize)).collect();
-    let note = format!("markers grow with the grid: {} points", grids.join(", "));
+    let note = format!("larger markers: larger grids; {} points", grids.join(", "));
     let mut charts = Vec::new();
     for price in prices {
         for n in 0..report.cases.len() {
@@ -117,7 +117,7 @@ fn chart(report: &Report, family: usize, price: &Price, what: &str, error: fn(&M
             .collect(),
     });
     let level = if what == "p99" {
-        vec![(1e3 * NOT_FELT_N, format!("{} mN: never felt", milli(NOT_FELT_N)))]
+        vec![(1e3 * NOT_FELT_N, format!("{} mN: always below JND", milli(NOT_FELT_N)))]
     } else {
         vec![]
     };
@@ -146,13 +146,14 @@ fn query_words(cases: &[Measured]) -> Vec<String> {
     for case in ends {
         let Some(best) = least(&case.methods, |row| row.mean_n) else {
             let grid = count(case.space.grid as usize);
-            lines
-                .push(format!("on {grid} points every position lies at a fold; nothing is left to compare."));
+            lines.push(format!(
+                "on {grid} points every position is at a branch jump; there is no comparison."
+            ));
             continue;
         };
         let Some(fast) = least(&case.methods, |row| row.nanoseconds) else { continue };
         let mut line = format!(
-            "on {} points {} has the least mean error, {} mN in {} ns",
+            "on {} points {} has the smallest mean error, {} mN in {} ns",
             count(best.grid as usize),
             best.method,
             milli(best.mean_n),
@@ -169,7 +170,7 @@ fn query_words(cases: &[Measured]) -> Vec<String> {
         let of_the_paper = least(case.methods.iter().filter(|row| is_of_the_paper(row)), |row| row.mean_n);
         if let Some(paper) = of_the_paper.filter(|paper| paper.method != best.method) {
             line += &format!(
-                "; of the paper\u{2019}s four {} errs least, {} mN in {} ns: {} the error, {} as long",
+                "; of the paper\u{2019}s four {} has the smallest error, {} mN in {} ns: {} the error, {} as long",
                 paper.method,
                 milli(paper.mean_n),
                 figure(paper.nanoseconds),
@@ -224,7 +225,7 @@ fn solving_words(cases: &[Measured]) -> Vec<String> {
             continue;
         }
         lines.push(format!(
-            "{}, the best of the paper\u{2019}s four on {} points, has {} mN from {} configurations; {} has as little from {} {}: {}{} fewer.",
+            "{}, the best of the paper\u{2019}s four on {} points, has {} mN from {} configurations; {} has the same error from {} {}: {}{} fewer.",
             paper.method,
             count(paper.grid as usize),
             milli(paper.mean_n),

@@ -10,10 +10,10 @@ use super::{method_words, title};
 pub(super) fn section(report: &Report) -> String {
     let mut body = paragraph(
         "setting",
-        "* not among the paper\u{2019}s four. Bold: the least of its grid. Covered: positions where the method has its own data all round; \
-         elsewhere the out-of-table policy answers. Work: round closed circles, share of the energy exchanged. Seam: largest jump of the \
-         force at a face of the grid or the rim. f32: what the tick\u{2019}s arithmetic adds. Solving: seconds of all threads together, \
-         corners that complete the cells at the rim with them.",
+        "* not among the paper\u{2019}s four. Bold: the smallest of its grid. Covered: positions that the method\u{2019}s own data surround; \
+         elsewhere the force is extrapolated. Work: around closed circles, share of the energy exchanged. Seam: largest jump of the \
+         force at a face of the grid or the rim. f32: rounding error of the tick\u{2019}s arithmetic. Solving: seconds of all threads together, \
+         including the corners that complete the cells at the rim.",
     );
     for (n, cases) in report.cases.iter().enumerate() {
         body += &heading(&title(report, n));
@@ -47,10 +47,10 @@ fn error_table(cases: &[Measured]) -> String {
         "p95",
         "p99",
         "max",
-        "not felt",
+        "below JND",
         "covered",
         "mean of covered, mN",
-        "positions at folds",
+        "positions at branch jumps",
         "mean there, mN",
         "max",
     ];

@@ -10,9 +10,9 @@ pub(super) fn section(report: &Report) -> String {
     let memory = m.memory_gb.map_or(String::new(), |gb| format!(", {} GB", figure(gb)));
     let others = match m.others_share {
         Some(share) if m.is_shared() => {
-            format!("shared machine: others took {} of it meanwhile", percent(share))
+            format!("shared machine: other processes used {} of it", percent(share))
         }
-        Some(share) => format!("others took {} of it meanwhile", percent(share)),
+        Some(share) => format!("other processes used {} of it", percent(share)),
         None => "unknown".into(),
     };
     let facts = [
@@ -31,7 +31,7 @@ pub(super) fn section(report: &Report) -> String {
         (
             "This run",
             escaped(&format!(
-                "{}; what an earlier run had solved was taken from {}, and its seconds of solving are those of that run",
+                "{}; solutions of an earlier run are from {}, and their solve times are those of that run",
                 seconds(m.wall_seconds),
                 report.plan.work.path().display()
             )),

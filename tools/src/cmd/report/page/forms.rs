@@ -8,8 +8,8 @@ use crate::cmd::bench::forms::FormRow;
 
 /// Description of each form.
 const FORMS: [(&str, &str); 3] = [
-    ("cell", "a polynomial a cell (in no blob)"),
-    ("node", "the derivatives a node (energy)"),
+    ("cell", "one polynomial per cell (not in blobs)"),
+    ("node", "derivatives at nodes (energy)"),
     ("kernel", "the fit itself (kernel)"),
 ];
 
@@ -19,7 +19,7 @@ pub(super) fn section(report: &Report) -> String {
     let scene = report.plan.families.first().map_or("", |family| family.name.as_str());
     let id = ("j", "(j) The forms of a fitted energy");
     let Some(first) = rows.first() else {
-        let body = paragraph("setting", &format!("{scene}: nothing within reach of the tool was fitted."));
+        let body = paragraph("setting", &format!("{scene}: no fit, because only rest is reachable."));
         return whole(id.0, id.1, &body);
     };
     let head = [
@@ -49,9 +49,9 @@ pub(super) fn section(report: &Report) -> String {
     let body = paragraph(
         "setting",
         &format!(
-            "{scene}, node {}, sampled until no error can be felt: {} configurations, and one fit of their energies. A blob holds the derivatives at \
-             nodes or the fit, by the method it is packed for; a polynomial a cell is measured beside them. Errors are at {} \
-             held-out positions away from folds; \u{201c}off the fit\u{201d} is the largest distance from the fit in f64. Flags and displacements come on top of all bytes.",
+            "{scene}, node {}, sampled until the error is below the JND: {} configurations, and one fit of their energies. A blob contains the \
+             derivatives at nodes or the fit, depending on its method; one polynomial per cell is measured for comparison. Errors are at {} \
+             held-out positions away from branch jumps; \u{201c}off the fit\u{201d} is the largest difference from the fit in f64. Bytes exclude flags and displacements.",
             first.active,
             count(first.configurations),
             count(first.positions)

@@ -48,8 +48,8 @@ pub(super) fn section(report: &Report) -> String {
     let body = paragraph(
         "setting",
         &format!(
-            "{scene} on {} points. Missing points are taken away at random before the fit. A fold pair: two neighbours that no smooth force \
-             joins. Two solutions: points where tries from different sides ended at different stable states. Change of branch: a held-out step after which the body rests elsewhere, however small the step.",
+            "{scene} on {} points. Missing points are removed at random before the fit. Jump pair: two neighbours on different branches. \
+             Two solutions: points where attempts from different neighbours found different stable states. Change of branch: a held-out step to another branch, for any step size.",
             count(grid as usize)
         ),
     ) + &says(&words(rows, &cases))
@@ -92,7 +92,7 @@ fn matrix(rows: &[HardRow], cases: &[&HardRow]) -> String {
             let at_folds =
                 |row: &HardRow| (row.folded_positions > 0).then_some([row.folded_mean_n, row.folded_max_n]);
             lines.push(line(
-                format!("\u{2014} {} positions at folds: mean / max", count(case.folded_positions)),
+                format!("\u{2014} {} positions at branch jumps: mean / max", count(case.folded_positions)),
                 &at_folds,
             ));
         }
@@ -130,8 +130,8 @@ fn holes(report: &Report) -> String {
         .svg()
     };
     let charts = [
-        chart("Error of tables with holes", "mean |error|, mN", |row| 1e3 * row.mean_n, true),
-        chart("Positions with data all round", "covered, %", |row| 100.0 * row.covered_share, false),
+        chart("Error of tables with missing points", "mean |error|, mN", |row| 1e3 * row.mean_n, true),
+        chart("Positions surrounded by data", "covered, %", |row| 100.0 * row.covered_share, false),
     ];
     plots(&method_keys(report), "", &charts)
 }
@@ -152,7 +152,7 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
         if case.missing_share > 0.0 {
             let before = of(&whole.case).into_iter().find(|row| row.method == best.method);
             lines.push(format!(
-                "{}: {} errs least, {} mN ({} with all points), {} most, {} mN; {} covers {} of the positions.",
+                "{}: {} has the smallest error, {} mN ({} with all points), {} the largest, {} mN; {} covers {} of the positions.",
                 case.case,
                 best.method,
                 milli(best.mean_n),
@@ -167,7 +167,7 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
             at_folds.sort_by(|a, b| a.folded_mean_n.total_cmp(&b.folded_mean_n));
             let folded = at_folds.first().zip(at_folds.last()).map_or(String::new(), |(low, high)| {
                 format!(
-                    "; at folds the mean is {} mN ({}) to {} mN ({})",
+                    "; at branch jumps the mean is {} mN ({}) to {} mN ({})",
                     milli(low.folded_mean_n),
                     low.method,
                     milli(high.folded_mean_n),
@@ -175,9 +175,9 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
                 )
             });
             let elsewhere = match best.positions {
-                0 => "every position lies at one".into(),
+                0 => "every position is at a branch jump".into(),
                 n => format!(
-                    "elsewhere {} errs least, {} mN, and is not felt at {} of {} positions",
+                    "elsewhere {} has the smallest error, {} mN, and is below JND at {} of {} positions",
                     best.method,
                     milli(best.mean_n),
                     percent(best.not_felt_share),
@@ -185,7 +185,7 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
                 ),
             };
             lines.push(format!(
-                "{}: {} pairs of neighbours lie on different branches, with jumps up to {} N, and {} of the volume touches them; \
+                "{}: {} pairs of neighbours lie on different branches, with jumps up to {} N, and {} of the volume is in cells with them; \
                  {elsewhere}{folded}.",
                 case.case,
                 count(case.fold_pairs),
@@ -194,7 +194,7 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
             ));
         } else {
             lines.push(format!(
-                "{}: no folds; {} errs least, {} mN, and is not felt at {} of {} positions.",
+                "{}: no branch jumps; {} has the smallest error, {} mN, and is below JND at {} of {} positions.",
                 case.case,
                 best.method,
                 milli(best.mean_n),

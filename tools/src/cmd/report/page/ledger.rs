@@ -21,7 +21,7 @@ const CHANGES: [Change; 2] = [
         of: |row| row.shown_n().map(|n| 1e3 * n),
     },
     Change {
-        title: "surface for the eye",
+        title: "displayed surface",
         label: "mean rms change of the surface, mm",
         of: |row| row.surface_rms_mm,
     },
@@ -64,24 +64,24 @@ pub(super) fn section(report: &Report) -> String {
     let body = paragraph(
         "setting",
         &format!(
-            "{scene}, {method}: what its blob leaves out of the body, or could, each measured against the same without that one omission. Right: \
-             it saves more; down: it changes less. Numbers are those of the table; what changes nothing that could be measured is only there."
+            "{scene}, {method}: approximations of its blob, made or possible, each compared with the blob without that approximation. Right: \
+             larger saving; down: smaller effect. Numbers are those of the table; approximations without a measurable effect are in the table only."
         ),
     ) + &says(&rows.iter().filter_map(linear_words).collect::<Vec<_>>())
-        + &plots(&[Key::line(made, "left out"), Key::line(could, "could be left out")], "", &charts)
+        + &plots(&[Key::line(made, "made"), Key::line(could, "possible")], "", &charts)
         + &table(&head, &table_rows)
         + &files(&["ledger"]);
-    whole("i", "(i) The ledger: what is left out", &body)
+    whole("i", "(i) The ledger of approximations", &body)
 }
 
 /// A sentence on whether the linear body suffices.
 fn linear_words(row: &LedgerRow) -> Option<String> {
     let share = row.not_felt_share.filter(|_| row.is_linear_body())?;
     Some(if share >= 1.0 {
-        "Linear model suffices: its error is felt at none of the held-out positions.".into()
+        "Linear model suffices: its error is below JND at all held-out positions.".into()
     } else {
         format!(
-            "A linear model does not suffice: its error is felt at {} of the held-out positions.",
+            "A linear model does not suffice: its error is perceptible at {} of the held-out positions.",
             percent(1.0 - share)
         )
     })
@@ -106,17 +106,17 @@ fn chart(rows: &[LedgerRow], change: &Change, styles: [Style; 2]) -> Option<Stri
     let points = || all.iter().flatten();
     points().next()?;
     let (x, y) = (
-        Axis::log("times cheaper with the omission", points().map(|p| p.x)),
+        Axis::log("cost ratio without and with the approximation", points().map(|p| p.x)),
         Axis::log(change.label, points().map(|p| p.y)),
     );
     let levels = match change.title {
-        "force" => vec![(1e3 * NOT_FELT_N, format!("{} mN: never felt", milli(NOT_FELT_N)))],
+        "force" => vec![(1e3 * NOT_FELT_N, format!("{} mN: always below JND", milli(NOT_FELT_N)))],
         _ => Vec::new(),
     };
     let series = styles.into_iter().zip(all);
     let series =
         series.map(|(style, points)| Series { style, joined: false, marked: true, points }).collect();
-    Some(Chart { title: format!("What is left out: {}", change.title), x, y, series, levels }.svg())
+    Some(Chart { title: format!("Approximations: {}", change.title), x, y, series, levels }.svg())
 }
 
 #[cfg(test)]
@@ -155,7 +155,7 @@ mod tests {
             let both = chart(&[bad, sound.clone()], force, styles).expect("the sound one");
             assert!(both.contains("2 nonlinearity") && !both.contains("1 nonlinearity"), "{both}");
         }
-        assert!(linear_words(&sound).is_some_and(|words| words.contains("felt at 25 %")));
+        assert!(linear_words(&sound).is_some_and(|words| words.contains("perceptible at 25 %")));
         assert!(
             linear_words(&LedgerRow { not_felt_share: Some(1.0), ..sound })
                 .is_some_and(|w| w.contains("suffices"))

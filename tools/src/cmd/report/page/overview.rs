@@ -17,10 +17,10 @@ const PARTS: [(&str, &str); 11] = [
     ("d", "(d) The paper\u{2019}s figures"),
     ("e", "(e) Discretisation"),
     ("f", "(f) Hard cases"),
-    ("g", "(g) States between, and the eye"),
+    ("g", "(g) Intermediate states, and display"),
     ("h", "(h) All figures"),
     ("i", "(i) The ledger"),
-    ("j", "(j) The forms of a fit"),
+    ("j", "(j) Storage forms of a fit"),
 ];
 
 /// Returns the title, the conditions and the main table.
@@ -28,8 +28,8 @@ pub(super) fn section(report: &Report) -> String {
     let mut page = String::from("<h1>Speed against error</h1>\n");
     page += &paragraph(
         "lead",
-        "A soft organ is solved by finite elements at the points of a grid of tool positions; between them the force is interpolated, a \
-         thousand times a second. This page says how wrong each method is, and what it costs.",
+        "A soft organ is solved by finite elements at the points of a grid of tool positions. The force between them is interpolated, a \
+         thousand times per second. This page shows error and cost of each method.",
     );
     for (family, cases) in report.plan.families.iter().zip(&report.cases) {
         page += &paragraph("setting", &setting(family, cases));
@@ -38,9 +38,9 @@ pub(super) fn section(report: &Report) -> String {
         "setting",
         &format!(
             "Errors are those of the force vector at independent uniform positions within r_G where |h| is below f_max, each solved by \
-             finite elements and never used for a fit; every method is asked at the same ones. Positions at folds, where neighbouring \
-             points lie on different branches, are never averaged in: they stand apart. \u{201c}Not felt\u{201d}: an error up to {} of |h| \
-             or {} mN, whichever is more.",
+             finite elements and never used for a fit; all methods use the same positions. Positions at branch jumps, where neighbouring \
+             points lie on different branches, are excluded from the means and reported separately. \u{201c}Below JND\u{201d}: an error up to the larger of {} of |h| \
+             and {} mN.",
             percent(NOT_FELT_SHARE),
             milli(NOT_FELT_N)
         ),
@@ -50,8 +50,8 @@ pub(super) fn section(report: &Report) -> String {
         page += &paragraph(
             "warning",
             &format!(
-                "Shared machine: other programs took {share} of the processor while this ran. Errors and bytes do not mind; seconds \
-                 and nanoseconds are too large, and not all by the same share."
+                "Shared machine: other processes used {share} of the processor during this run. Errors and bytes are not affected; seconds \
+                 and nanoseconds are too large by different amounts."
             ),
         );
     }
@@ -62,7 +62,7 @@ pub(super) fn section(report: &Report) -> String {
     page += "</nav>\n";
     let mut glance = paragraph(
         "setting",
-        "Error vector in mN, mean / 99th percentile, on each grid; bold: the least mean of the grid. Time of a query and bytes of the tables \
+        "Error vector in mN, mean / 99th percentile, on each grid; bold: the smallest mean of the grid. Time of a query and bytes of the tables \
          from the coarsest grid to the finest. * not among the paper\u{2019}s four.",
     );
     for (n, cases) in report.cases.iter().enumerate() {
@@ -87,7 +87,7 @@ fn setting(family: &Family, cases: &[Measured]) -> String {
         "no force limit".into()
     };
     format!(
-        "{}: {} nodes, {} tets, {}; active node {}, r_G = {} mm, {limit}, cells at the rim {}; {} uniform positions a grid away from folds.",
+        "{}: {} nodes, {} tets, {}; active node {}, r_G = {} mm, {limit}, cells at the rim {}; {} uniform positions per grid away from branch jumps.",
         family.name,
         count(scene.mesh.nodes_m.len()),
         count(scene.mesh.tets.len()),

@@ -106,8 +106,8 @@ fn curves(report: &Report) -> String {
     heading("Fig. 6: force against displacement by finite elements")
         + &paragraph(
             "setting",
-            "Along the one of the 26 regular directions that leads most outwards, as far as r_G. Stiffening: the force at the end is more \
-             than 2.1 times that half way.",
+            "Along the regular direction nearest to the outward normal, up to r_G. Stiffening: the force at the end is more than \
+             2.1 times that at half the distance.",
         )
         + &says(&words)
         + &plots(&keys, "", &charts)
@@ -180,7 +180,7 @@ fn along(report: &Report) -> String {
             })
             .collect();
         words.push(format!(
-            "{}, {} points: force up to {} N; largest error on the way: {}.",
+            "{}, {} points: force up to {} N; largest error along the path: {}.",
             case.space.scene,
             count(case.space.grid as usize),
             figure(along.truth_n.iter().fold(0.0, |a, b| a.max(*b))),
@@ -283,7 +283,7 @@ fn times(report: &Report) -> String {
         .filter_map(|cases| {
             let (first, last) = (&cases.first()?.space, &cases.last()?.space);
             Some(format!(
-                "{}: {} configurations in {}, {} in {}; {} tries failed on the finest grid.",
+                "{}: {} configurations in {}, {} in {}; {} attempts failed on the finest grid.",
                 first.scene,
                 count(first.configurations),
                 seconds(first.solve_seconds),
@@ -366,8 +366,8 @@ fn means(report: &Report) -> String {
         + &paragraph(
             "setting",
             &format!(
-                "Eqs. (13) and (14), averaged over {} regular and random paths as far as |h| < f_max; steps at folds and grid points left \
-                 out, components under 0.5 N left out of the relative error.",
+                "Eqs. (13) and (14), averaged over {} regular and random paths with |h| < f_max; without steps at branch jumps and grid points, \
+                 and for the relative error without components below 0.5 N.",
                 count(paths)
             ),
         )
@@ -420,7 +420,7 @@ fn maxima(report: &Report) -> String {
         charts.push(
             Chart {
                 title: format!(
-                    "{}, {} points: worst of each path",
+                    "{}, {} points: largest error of each path",
                     case.space.scene,
                     count(case.space.grid as usize)
                 ),
@@ -443,7 +443,7 @@ fn maxima(report: &Report) -> String {
             })
             .collect();
         words.push(format!(
-            "on {} points, paths with a component wrong by more than {} somewhere: {}.",
+            "on {} points, paths with a relative error of a component above {}: {}.",
             count(case.space.grid as usize),
             percent(JND),
             each.join(", ")
@@ -451,7 +451,7 @@ fn maxima(report: &Report) -> String {
     }
     let mut keys = method_keys(report);
     keys.retain(|key| shown.iter().any(|method| method.name() == key.name));
-    heading("Fig. 9: the worst of every path")
+    heading("Fig. 9: largest errors of every path")
         + &says(&words)
         + &plots(&keys, "", &charts)
         + &files(&["paths"])

@@ -13,7 +13,7 @@ pub(super) fn section(report: &Report) -> String {
     let force_rows: Vec<Vec<Cell>> = forces
         .iter()
         .map(|row| {
-            let from = if row.intermediate { "states between them too" } else { "grid points" };
+            let from = if row.intermediate { "grid points and intermediate states" } else { "grid points" };
             vec![
                 format!("{}, {from}", row.method).into(),
                 count(row.centres).into(),
@@ -52,19 +52,22 @@ pub(super) fn section(report: &Report) -> String {
     let body = paragraph(
         "setting",
         &format!(
-            "{scene} on {} points, every transition made in equal parts, each of which leaves a state.",
+            "{scene} on {} points; the intermediate states of every transition are stored.",
             count(grid as usize)
         ),
     ) + &heading(
-        "Force by radial basis functions, from grid points alone and with the states between them",
+        "Force by radial basis functions, from grid points alone and with intermediate states",
     ) + &table(&force_head, &force_rows)
-        + &heading(&format!("Displacement of the {} nodes of the surface, away from folds", count(nodes)))
+        + &heading(&format!(
+            "Displacement of the {} nodes of the surface, away from branch jumps",
+            count(nodes)
+        ))
         + &table(&surface_head, &surface_rows)
         + &paragraph(
             "setting",
-            "Packed: int16 modes within the scene\u{2019}s bound. Radial: all configurations, unpacked, for comparison; their states between \
-             grid points keep forces only.",
+            "Packed: int16 modes within the scene\u{2019}s bound. Radial: all configurations, unpacked, for comparison; intermediate \
+             states have forces only.",
         )
         + &files(&["parts", "surfaces"]);
-    whole("g", "(g) States between grid points, and the surface for the eye", &body)
+    whole("g", "(g) Intermediate states between grid points, and the displayed surface", &body)
 }
