@@ -69,7 +69,7 @@ pub const CHECKS: [Check; 16] = [
     Check { name: "forces arrive with their size, axis and sign", run: force::forces_arrive },
     Check { name: "no force and no sample before homing", run: force::nothing_before_homing },
     Check { name: "no force before arming", run: in_the_loop::nothing_before_arming },
-    Check { name: "no force beyond the profile's limitfor any command", run: force::never_beyond_the_limit },
+    Check { name: "no force beyond the profile's limit for any command", run: force::never_beyond_the_limit },
     Check { name: "positions are correct to one encoder count", run: samples::positions_are_right },
     Check {
         name: "time stamps are never later than the measurement",

@@ -122,7 +122,7 @@ fn space_table(cases: &[Measured]) -> String {
         "iterations",
         "factorisations",
         "residual up to, N",
-        "fold pairs",
+        "jump pairs",
         "volume at folds",
         "held-out solves",
         "store",

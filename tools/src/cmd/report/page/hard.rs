@@ -20,7 +20,7 @@ pub(super) fn section(report: &Report) -> String {
         "case",
         "f_max, N",
         "configurations",
-        "fold pairs",
+        "jump pairs",
         "volume at folds",
         "jump up to, N",
         "two solutions",
