@@ -256,7 +256,7 @@ impl Search {
     }
 
     /// Number of predictions that would end the search if all were within tolerance.
-    fn short_of_passing(&self) -> usize {
+    pub(crate) fn short_of_passing(&self) -> usize {
         let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
         let short = PASSES.saturating_sub(passes);
         if beyond == 0 || self.deviation.is_some_and(|largest| largest <= SURE) {

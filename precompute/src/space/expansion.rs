@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::crew::{Crew, CrewError, Shift};
 use super::job::{Done, Job, Work};
-use super::plan::SpacePlan;
+use super::plan::{Phase, SolvesLeft, SpacePlan};
 use super::plans::Plans;
 use super::record::Record;
 use super::state::SpaceState;
@@ -35,12 +35,21 @@ pub struct Progress {
     pub passes: Option<(usize, usize)>,
     /// Finished spaces and number of spaces.
     pub spaces: (usize, usize),
+    /// Number of the first unfinished space, from 1.
+    pub space: usize,
+    /// What is solved in it.
+    pub phase: Phase,
+    /// Number of spaces whose search a fallback lattice has replaced.
+    pub taken_over: usize,
+    /// Attempts in the store, over all spaces begun.
+    pub tried: usize,
+    /// Estimate of the attempts that are still needed, over all spaces.
+    pub left: SolvesLeft,
     /// Highest round of any space so far.
     pub round: u32,
     /// Attempts solved in this run (not read from the store).
     pub solved_now: usize,
-    /// Points of failed attempts or of branch jumps are being solved again. Their number is not known in
-    /// advance.
+    /// Points of failed attempts or of branch jumps are being solved again in the first unfinished space.
     pub again: bool,
     /// Solves still running after a stop request.
     pub stopping: Option<usize>,
@@ -103,6 +112,8 @@ struct Space {
     known: HashMap<(GridIndex, u32), Record>,
     counted: TagCounts,
     passed: usize,
+    /// Attempts in the store.
+    tried: usize,
 }
 
 impl Space {
@@ -113,6 +124,7 @@ impl Space {
         let finished = store.finished(active)?.map(|state| SpacePlan::Finished(Box::new(state)));
         let is_kept = finished.is_some();
         let mut space = Self {
+            tried: known.len(),
             plan: finished.unwrap_or_else(|| plans.plan(active)),
             ahead: None,
             known: known.into_iter().map(|r| ((r.index, r.attempt), r)).collect(),
@@ -135,6 +147,7 @@ impl Space {
     /// next task first, so that outcome and state are stored together.
     fn take(&mut self, record: &Record, store: &Store) -> Result<Option<SpaceState>, ExpansionError> {
         self.plan.decide(record);
+        self.tried += 1;
         if self.ahead.is_none() {
             self.ahead = self.next(store)?;
         }
@@ -167,6 +180,34 @@ fn expect_rest(record: &Record) -> Result<(), ExpansionError> {
     match &record.failure {
         Some(failure) if record.parent.is_none() => Err(ExpansionError::Rest(failure.clone())),
         _ => Ok(()),
+    }
+}
+
+/// The finished spaces of an expansion, which predict the spaces that wait.
+#[derive(Debug, Default)]
+struct Ended {
+    /// Points of a space without its rest point; `None` for adaptive sampling.
+    points: Option<usize>,
+    spaces: usize,
+    tried: usize,
+    taken_over: usize,
+}
+
+impl Ended {
+    fn add(&mut self, space: &Space) {
+        self.spaces += 1;
+        self.tried += space.tried;
+        self.taken_over += usize::from(space.plan.phase() == Phase::FallbackLattice);
+    }
+
+    /// Estimate of the solves of this number of other spaces.
+    fn left(&self, waiting: usize) -> SolvesLeft {
+        match (self.points, waiting) {
+            (_, 0) => SolvesLeft::About(0),
+            (Some(points), _) => SolvesLeft::About(waiting * (1 + points)),
+            (None, _) if self.spaces > 0 => SolvesLeft::About(waiting * self.tried / self.spaces),
+            (None, _) => SolvesLeft::AtLeast(waiting * (1 + PASSES)),
+        }
     }
 }
 
@@ -203,16 +244,10 @@ impl Expansion {
         let mut begun = 0;
         let mut finished: Vec<Option<TagCounts>> = vec![None; self.actives.len()];
         let total = plans.points().map(|points| self.actives.len() * points);
-        let mut state = Progress {
-            counts: TagCounts { unknown: total.unwrap_or(0), ..TagCounts::default() },
-            total,
-            passes: total.is_none().then_some((0, PASSES * self.actives.len())),
-            spaces: (0, self.actives.len()),
-            round: 0,
-            solved_now: 0,
-            again: false,
-            stopping: None,
-        };
+        let mut state = Progress::begin(total, self.actives.len());
+        let mut ended = Ended { points: plans.points(), ..Ended::default() };
+        state.look_at(&spaces, &ended);
+        progress(&state);
         loop {
             while let Some((worker, last)) = shift.free() {
                 let prefer = last.and_then(|active| self.position_of(active));
@@ -233,6 +268,8 @@ impl Expansion {
                     state.account(&mut space);
                     state.spaces.0 += 1;
                     finished[at] = Some(space.plan.counts());
+                    ended.add(&space);
+                    state.look_at(&spaces, &ended);
                     progress(&state);
                 }
             }
@@ -261,6 +298,7 @@ impl Expansion {
             if let Some(space) = space {
                 state.solved_now += 1;
                 state.account(space);
+                state.look_at(&spaces, &ended);
                 progress(&state);
             }
         }
@@ -307,6 +345,25 @@ impl Expansion {
 }
 
 impl Progress {
+    /// Of this number of spaces before the first solve; `total` as in [`Self::total`].
+    fn begin(total: Option<usize>, spaces: usize) -> Self {
+        Self {
+            counts: TagCounts { unknown: total.unwrap_or(0), ..TagCounts::default() },
+            total,
+            passes: total.is_none().then_some((0, PASSES * spaces)),
+            spaces: (0, spaces),
+            space: 1,
+            phase: if total.is_some() { Phase::Lattice } else { Phase::Search },
+            taken_over: 0,
+            tried: 0,
+            left: SolvesLeft::About(0),
+            round: 0,
+            solved_now: 0,
+            again: false,
+            stopping: None,
+        }
+    }
+
     /// Adds what changed in a space since the last call.
     fn account(&mut self, space: &mut Space) {
         let (old, new) = (space.counted, space.plan.counts());
@@ -325,7 +382,21 @@ impl Progress {
             *sum = *sum + passed - std::mem::replace(&mut space.passed, passed);
         }
         self.round = self.round.max(space.plan.round());
-        self.again = space.plan.is_solving_again();
+    }
+
+    /// Describes the spaces in progress, by position in the expansion, and the work left.
+    fn look_at(&mut self, spaces: &BTreeMap<usize, Space>, ended: &Ended) {
+        let is_taken_over = |space: &&Space| space.plan.phase() == Phase::FallbackLattice;
+        self.taken_over = ended.taken_over + spaces.values().filter(is_taken_over).count();
+        self.tried = ended.tried + spaces.values().map(|space| space.tried).sum::<usize>();
+        if let Some((at, first)) = spaces.first_key_value() {
+            self.space = at + 1;
+            self.phase = first.plan.phase();
+            self.again = first.plan.is_solving_again();
+        }
+        let waiting = self.spaces.1 - ended.spaces - spaces.len();
+        let begun = spaces.values().map(|space| space.plan.left()).fold(SolvesLeft::About(0), |a, b| a + b);
+        self.left = begun + ended.left(waiting);
     }
 }
 

@@ -29,7 +29,7 @@ pub use expansion::{Expansion, ExpansionError, Progress};
 pub use fallback::FallbackLattice;
 pub use job::{Done, Job, Outcome, Work};
 pub use motion::SurfaceMotion;
-pub use plan::{Plan, ScatteredPlan, SpacePlan};
+pub use plan::{Phase, Plan, ScatteredPlan, SolvesLeft, SpacePlan};
 pub use plans::{Plans, replays, state};
 pub use record::{Record, StoredSeed};
 pub use salvage::Salvaged;

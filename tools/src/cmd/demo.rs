@@ -218,7 +218,7 @@ fn solve(bench: &Analysis, store: &Store, stop: &AtomicBool) -> Result<Solved, F
         seconds: 0.0,
         threads: threads(None)?,
     };
-    let mut progress = WorkProgress::new(&bench.scene.name, "points");
+    let mut progress = WorkProgress::new(&bench.scene.name, "solves");
     let counts = bench.solve(
         (0..bench.scene.active.len()).collect(),
         store,
@@ -240,7 +240,7 @@ const HELD_OUT: u32 = 60;
 fn hold_out(bench: &Analysis, store: &Store, threads: usize, stop: &AtomicBool) -> Result<(), Failure> {
     let actives: Vec<usize> = (0..bench.scene.active.len()).collect();
     let draw = Draw { regular_m: None, random: 0, uniform: HELD_OUT, ..Draw::PAPER };
-    let mut progress = WorkProgress::new("held-out solutions", "positions");
+    let mut progress = WorkProgress::new("demo", "positions");
     let held_out = bench.held_out(&actives, draw)?;
     let solved = bench.solve_held_out(&held_out, store, Run { threads, stop }, |p| progress.walks(p));
     progress.finish();

@@ -87,12 +87,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         expect_kernels(&store)?;
     }
     let (packed, made) = if args.no_certificate || !finished {
+        let _progress = in_phase("tables, without a certificate");
         (pack(&store, &options)?, None)
     } else {
         drop(store);
         solve_certificate(args, &space)?;
         let store = Store::open(&args.space)?;
+        let progress = in_phase("tables and certificate");
         let (mut packed, mut made) = certified(&store, &options)?;
+        progress.finish();
         let (stop, positions) = (stop_flag()?, args.ledger.unwrap_or(0));
         add_ledgers(&store, (&mut packed, &mut made), positions, Run { threads, stop: &stop }, |active| {
             eprintln!("palpate: ledger of {active}: {positions} positions with each other body");
@@ -114,6 +117,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         Some(made) => output::line(certificate::in_words(&made)),
         None => output::line("not certified"),
     }
+}
+
+/// Progress display of a phase of unknown length.
+fn in_phase(doing: &str) -> WorkProgress {
+    let mut progress = WorkProgress::new("pack", "");
+    progress.phase(doing);
+    progress
 }
 
 /// Reports a node without a kernel before the certificate is solved.

@@ -13,6 +13,7 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
 use crate::output;
+use crate::progress::WorkProgress;
 
 /// Solve the reaction force along a straight loading path.
 ///
@@ -111,7 +112,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     })?;
     let mut table = format!("{HEADER}{}\n", if args.details { DETAILS } else { "" });
     let mut ended = displacements.add(0, 0.0, &bench.body, &here);
+    let mut progress = WorkProgress::new(&bench.scene.name, "steps");
     for step in 1..=args.steps {
+        progress.steps("loading path", step as usize - 1, args.steps as usize);
         if ended.is_ok() && stop.load(Ordering::Relaxed) {
             ended = Err(Failure::work(format!(
                 "interrupted before step {step} of {}; the rows so far are kept",
@@ -147,6 +150,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             }
         }
     }
+    progress.finish();
     // The rows are written after any end of the path. Its error is reported first.
     ended.and(write_table(csv.as_ref(), &table)).and(displacements.finish())
 }

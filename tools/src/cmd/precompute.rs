@@ -121,8 +121,7 @@ pub(crate) fn run_with(
     let store = open_space(bench, space, args.salvage)?;
     let start = Instant::now();
     let points = Plans::of(&store)?.points();
-    let counted = if points.is_some() { "points" } else { "predictions within tolerance" };
-    let mut progress = WorkProgress::new(&bench.scene.name, counted);
+    let mut progress = WorkProgress::new(&bench.scene.name, "solves");
     let mut solved_now = 0;
     let counts = work(&Expansion { actives: chosen.clone() }, &store, stop, &mut |p| {
         solved_now = p.solved_now;

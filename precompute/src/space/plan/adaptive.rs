@@ -2,8 +2,9 @@
 
 use std::collections::{HashMap, VecDeque};
 
+use super::SolvesLeft;
 use super::switched::Switched;
-use crate::adaptive::{AdaptiveFit, Found, Search, Step, Target, Verdict};
+use crate::adaptive::{AdaptiveFit, Found, PASSES, Search, Step, Target, Verdict};
 use crate::num::jet::EnergyJet;
 use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
@@ -76,6 +77,21 @@ impl ScatteredPlan {
     /// Whether failed points or those at branch jumps are being solved again.
     pub fn is_solving_again(&self) -> bool {
         self.switched.as_ref().is_some_and(Switched::is_solving_again)
+    }
+
+    /// Whether the fallback lattice has replaced the search.
+    pub fn is_taken_over(&self) -> bool {
+        self.switched.is_some()
+    }
+
+    /// Estimate of the solves that are still needed.
+    pub fn left(&self) -> SolvesLeft {
+        match (&self.switched, &self.search) {
+            (Some(lattice), _) => SolvesLeft::About(lattice.left()),
+            _ if self.verdict.is_some() => SolvesLeft::About(0),
+            (None, Some(search)) => SolvesLeft::AtLeast(search.short_of_passing().max(1)),
+            (None, None) => SolvesLeft::AtLeast(1 + PASSES),
+        }
     }
 
     /// Whether nothing is left to do.

@@ -138,6 +138,18 @@ impl Plan {
         matches!(self.phase, Phase::Retry | Phase::Fold)
     }
 
+    /// Estimate of the solves that are still needed: the undecided points, and the attempts of the present
+    /// round of repeated solves.
+    pub fn left(&self) -> usize {
+        let is_fold = self.phase == Phase::Fold;
+        let again = self.points.iter().filter(|point| is_fold || !point.tag().is_solved());
+        match self.phase {
+            Phase::Expand => self.counts.unknown,
+            Phase::Retry | Phase::Fold => self.pending + again.map(|point| point.left.len()).sum::<usize>(),
+            Phase::Done => 0,
+        }
+    }
+
     /// Whether nothing is left to do.
     pub fn is_done(&self) -> bool {
         self.phase == Phase::Done

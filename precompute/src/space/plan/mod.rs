@@ -12,6 +12,37 @@ use super::state::SpaceState;
 use super::task::{TagCounts, Task};
 use crate::adaptive::PASSES;
 
+/// What is solved in a space.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// The positions of adaptive sampling.
+    Search,
+    /// The lattice that the scene specifies.
+    Lattice,
+    /// The lattice that replaces an adaptive search that stagnates.
+    FallbackLattice,
+}
+
+/// Number of solves that are still needed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SolvesLeft {
+    /// An estimate. Points behind the force limit are counted, repeated solves that are not certain are not.
+    About(usize),
+    /// A lower bound: an adaptive search ends when its predictions are within tolerance.
+    AtLeast(usize),
+}
+
+impl std::ops::Add for SolvesLeft {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::About(a), Self::About(b)) => Self::About(a + b),
+            (Self::About(a) | Self::AtLeast(a), Self::About(b) | Self::AtLeast(b)) => Self::AtLeast(a + b),
+        }
+    }
+}
+
 /// The plan of one space.
 #[derive(Debug)]
 pub enum SpacePlan {
@@ -66,6 +97,26 @@ impl SpacePlan {
             Self::Lattice(plan) => plan.is_solving_again(),
             Self::Scattered(plan) => plan.is_solving_again(),
             Self::Finished(_) => false,
+        }
+    }
+
+    /// What is being solved.
+    pub fn phase(&self) -> Phase {
+        match self {
+            Self::Lattice(_) => Phase::Lattice,
+            Self::Scattered(plan) if plan.is_taken_over() => Phase::FallbackLattice,
+            Self::Finished(state) if state.fallback().is_some() => Phase::FallbackLattice,
+            Self::Finished(state) if state.fit.is_none() => Phase::Lattice,
+            Self::Scattered(_) | Self::Finished(_) => Phase::Search,
+        }
+    }
+
+    /// Estimate of the solves that are still needed.
+    pub fn left(&self) -> SolvesLeft {
+        match self {
+            Self::Lattice(plan) => SolvesLeft::About(plan.left()),
+            Self::Scattered(plan) => plan.left(),
+            Self::Finished(_) => SolvesLeft::About(0),
         }
     }
 

@@ -47,6 +47,11 @@ impl Switched {
         self.plan.is_done()
     }
 
+    /// Estimate of the solves that are still needed.
+    pub(super) fn left(&self) -> usize {
+        self.plan.left()
+    }
+
     pub(super) fn is_solving_again(&self) -> bool {
         self.plan.is_solving_again()
     }

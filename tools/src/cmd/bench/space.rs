@@ -146,7 +146,7 @@ fn measure(
     let bench = Arc::new(bench);
     let store = open_space(&bench, space, false)?;
     forget_peak();
-    let mut progress = WorkProgress::new(&format!("{name}, {threads} threads"), "points");
+    let mut progress = WorkProgress::new(&format!("{name}, {threads} threads"), "solves");
     let start = Instant::now();
     let counts = bench.solve(vec![0], &store, Run { threads, stop }, |p| progress.spaces(p));
     let seconds = start.elapsed().as_secs_f64();

@@ -25,7 +25,7 @@ pub(super) fn solved(
     let space = plan.work.file(&format!("{}.space", case.name));
     steps.next(&format!("{}: configuration space", case.name))?;
     let store = case.bench.store(space.path())?;
-    let mut progress = WorkProgress::new(&case.name, "points");
+    let mut progress = WorkProgress::new(&case.name, "solves");
     let expanded = case.bench.solve(vec![0], &store, plan.run(steps), |state| progress.spaces(state));
     progress.finish();
     expanded?;
