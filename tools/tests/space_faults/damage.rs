@@ -125,7 +125,7 @@ fn salvage_leaves_alone_what_is_of_another_scene_or_not_there() {
     scene(folder.path(), "radius_m = 0.01\nspacing_m = 0.004");
     let mut other = precompute(&scene_file, &space, 1);
     other.arg("--salvage");
-    fails(other, 2, &["a.space", "another scene or mesh", "spacing_m = 0.005", "0.004", "--out"]);
+    fails(other, 2, &["a.space", "different scene or mesh", "spacing_m = 0.005", "0.004", "--out"]);
     assert_eq!(dump(&space, folder.path()), before, "the good file stays where it is");
     let mut inspect = palpate();
     inspect.arg("inspect").arg(&space);

@@ -22,7 +22,7 @@ fn a_scene_edited_between_runs_is_refused_and_the_line_names_what_differs() {
     for (old, new) in edits {
         std::fs::write(&file, text.replace(old, new)).expect("written");
         let differs = format!("({old}, now {new})");
-        fails(precompute(&file, &space, 2), 2, &["a.space", "another scene or mesh", &differs, "--out"]);
+        fails(precompute(&file, &space, 2), 2, &["a.space", "different scene or mesh", &differs, "--out"]);
     }
     // Inserted and deleted lines move the other lines. A new name is not a difference.
     let limit = "[device]\nmax_force_n = 100.0\n";
@@ -38,13 +38,13 @@ fn a_scene_edited_between_runs_is_refused_and_the_line_names_what_differs() {
             let edited = text.replacen(old, new, 1).replacen("\"beam\"", &format!("{name:?}"), 1);
             assert_ne!(edited, text, "{old} is there");
             std::fs::write(&file, edited).expect("written");
-            fails(precompute(&file, &space, 2), 2, &["a.space", "another scene or mesh", differs, "--out"]);
+            fails(precompute(&file, &space, 2), 2, &["a.space", "different scene or mesh", differs, "--out"]);
         }
     }
     std::fs::write(&file, &text).expect("written");
     // The last corner of the box, moved outwards by 0.1 mm.
     std::fs::write(&mesh_file, mesh.replace(" 0.08 0.04 0.04\n", " 0.0801 0.04 0.04\n")).expect("written");
-    fails(precompute(&file, &space, 2), 2, &["a.space", "another scene or mesh (mesh ", "--out"]);
+    fails(precompute(&file, &space, 2), 2, &["a.space", "different scene or mesh (mesh ", "--out"]);
     std::fs::write(&mesh_file, &mesh).expect("written");
     // A change that affects no number is accepted.
     std::fs::write(&file, format!("# a remark\n{text}")).expect("written");
@@ -65,10 +65,10 @@ fn a_store_of_another_solver_is_refused_by_that_name() {
         bytes.windows(version.len()).position(|w| w == version).expect("the solver's version is in the file");
     bytes[at] = b'9';
     std::fs::write(&space, &bytes).expect("written");
-    fails(precompute(&file, &space, 2), 2, &["a.space", "another version of the solver (9.", "--out"]);
+    fails(precompute(&file, &space, 2), 2, &["a.space", "different version of the solver (9.", "--out"]);
     let mut salvage = precompute(&file, &space, 2);
     salvage.arg("--salvage");
-    fails(salvage, 2, &["another version of the solver"]);
+    fails(salvage, 2, &["different version of the solver"]);
 }
 
 #[test]
