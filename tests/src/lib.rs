@@ -3,6 +3,7 @@
 
 pub mod coarse_blob;
 pub mod documents;
+pub mod platform_math;
 pub mod space_bench;
 pub mod strata;
 

@@ -246,7 +246,7 @@ impl<'ast> Visit<'ast> for Walk<'_> {
     fn visit_visibility(&mut self, _: &'ast Visibility) {}
 }
 
-fn attributes(item: &Item) -> &[Attribute] {
+pub(crate) fn attributes(item: &Item) -> &[Attribute] {
     match item {
         Item::Const(item) => &item.attrs,
         Item::Enum(item) => &item.attrs,
@@ -263,7 +263,7 @@ fn attributes(item: &Item) -> &[Attribute] {
     }
 }
 
-fn is_test(attribute: &Attribute) -> bool {
+pub(crate) fn is_test(attribute: &Attribute) -> bool {
     let is = |name: &str| attribute.path().is_ident(name);
     is("test") || (is("cfg") && attribute.parse_args::<syn::Ident>().is_ok_and(|of| of == "test"))
 }

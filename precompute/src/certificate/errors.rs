@@ -151,11 +151,11 @@ pub fn certified_share(tests: usize, exceeded: usize) -> f64 {
 
 /// Probability of at most k events in n independent trials of probability p.
 fn at_most(n: usize, k: usize, p: f64) -> f64 {
-    let mut log_term = n as f64 * (1.0 - p).ln();
-    let mut sum = log_term.exp();
+    let mut log_term = n as f64 * libm::log(1.0 - p);
+    let mut sum = libm::exp(log_term);
     for i in 0..k {
-        log_term += ((n - i) as f64 / (i + 1) as f64).ln() + (p / (1.0 - p)).ln();
-        sum += log_term.exp();
+        log_term += libm::log((n - i) as f64 / (i + 1) as f64) + libm::log(p / (1.0 - p));
+        sum += libm::exp(log_term);
     }
     sum
 }

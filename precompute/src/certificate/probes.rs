@@ -89,12 +89,12 @@ fn spread(n: u32, shift: f64) -> [f64; 3] {
 /// Point `n` of a uniform distribution in the ball.
 fn in_ball(radius_m: f32, n: u32) -> [f32; 3] {
     let [r, z, angle] = spread(n, 0.0);
-    let (r, z) = (f64::from(radius_m) * r.cbrt() * 0.9999, 2.0 * z - 1.0);
+    let (r, z) = (f64::from(radius_m) * libm::cbrt(r) * 0.9999, 2.0 * z - 1.0);
     direction(z, angle).map(|x| (r * x) as f32)
 }
 
 fn direction(z: f64, turn: f64) -> [f64; 3] {
-    let (s, c) = (std::f64::consts::TAU * turn).sin_cos();
+    let (s, c) = libm::sincos(std::f64::consts::TAU * turn);
     let across = (1.0 - z * z).sqrt();
     [across * c, across * s, z]
 }
@@ -114,7 +114,7 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
     let mut all = [Work::default(); 2];
     for n in 0..CIRCLES {
         let ([share, z, angle], [az, aturn, _]) = (spread(n, 0.0), spread(n, 0.5));
-        let centre = direction(2.0 * z - 1.0, angle).map(|x| 0.74 * radius_m * share.cbrt() * x);
+        let centre = direction(2.0 * z - 1.0, angle).map(|x| 0.74 * radius_m * libm::cbrt(share) * x);
         let axis = direction(2.0 * az - 1.0, aturn);
         let least = (0..3).min_by(|&a, &b| axis[a].abs().total_cmp(&axis[b].abs())).unwrap_or(0);
         let mut u: [f64; 3] =
@@ -128,7 +128,7 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
         ];
         let (mut net, mut exchanged, mut folded) = (0.0, 0.0, false);
         for step in 0..STEPS {
-            let (s, c) = (std::f64::consts::TAU * f64::from(step) / f64::from(STEPS)).sin_cos();
+            let (s, c) = libm::sincos(std::f64::consts::TAU * f64::from(step) / f64::from(STEPS));
             let r = 0.25 * radius_m;
             let at: [f64; 3] = std::array::from_fn(|i| centre[i] + r * (c * u[i] + s * v[i]));
             let along: [f64; 3] = std::array::from_fn(|i| r * (c * v[i] - s * u[i]));

@@ -75,7 +75,7 @@ fn kernel_sum(blocks: &[Block], x: [f64; 3]) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for (block, lane) in blocks.iter().flat_map(|block| (0..LANES).map(move |lane| (block, lane))) {
         let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - block[axis][lane]);
-        let e = (-0.5 * r.iter().map(|r| r * r).sum::<f64>()).exp();
+        let e = libm::exp(-0.5 * r.iter().map(|r| r * r).sum::<f64>());
         for (orders, number) in MONOMIALS.iter().zip(&block[3..]) {
             // r^n e and its derivative along one axis.
             let power = |axis: usize| r[axis].powi(orders[axis] as i32) / FACTORIALS[orders[axis]];

@@ -179,7 +179,7 @@ impl Body {
                 }
             }
             volume += tet.volume_m3;
-            log_shear += tet.volume_m3 * material.shear_modulus_pa().ln();
+            log_shear += tet.volume_m3 * libm::log(material.shear_modulus_pa());
             elements.push(element);
         }
         // A regular tetrahedron of edge l has the volume l^3 / (6 sqrt 2).
@@ -194,9 +194,9 @@ impl Body {
             has_pressure_blocks: sites.blocks,
             fixed,
             external_force_n: vec![0.0; 3 * nodes_m.len()],
-            edge_m: (mean_volume * 6.0 * std::f64::consts::SQRT_2).cbrt(),
+            edge_m: libm::cbrt(mean_volume * 6.0 * std::f64::consts::SQRT_2),
             rest: Rest { state: Vec::new(), energy_j: 0.0 },
-            mean_shear_pa: (log_shear / volume).exp(),
+            mean_shear_pa: libm::exp(log_shear / volume),
             elimination_order: OnceLock::new(),
             nodes_m,
         };

@@ -132,7 +132,7 @@ impl System {
                     (column[k], column[k + 1]) =
                         (c * column[k] + s * column[k + 1], c * column[k + 1] - s * column[k]);
                 }
-                let size = column[step].hypot(length);
+                let size = libm::hypot(column[step], length);
                 let (c, s) = (column[step] / size, length / size);
                 column[step] = size;
                 rotations.push((c, s));

@@ -63,10 +63,10 @@ impl HolzapfelGasserOgden {
         let [by_i1, by_i4] = self.strain_slopes();
         let [s, s1, s2, s3] = smooth_switch(at.i1 * by_i1 + at.i4 * by_i4);
         let exponent = s * k2 * s;
-        let scale = exponent.map(f64::exp) * k1_pa;
+        let scale = exponent.map(libm::exp) * k1_pa;
         let stiffening = exponent * 2.0 + 1.0;
         [
-            exponent.map(f64::exp_m1) * (0.5 * k1_pa / k2),
+            exponent.map(libm::expm1) * (0.5 * k1_pa / k2),
             scale * s * s1,
             scale * (stiffening * s1 * s1 + s * s2),
             scale * (s * k2 * (exponent * 4.0 + 6.0) * s1 * s1 * s1 + stiffening * 3.0 * s1 * s2 + s * s3),

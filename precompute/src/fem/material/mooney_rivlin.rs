@@ -200,7 +200,7 @@ impl OfInvariants for ReducedMooneyRivlin {
         let Self { c10_pa, c01_pa } = *self;
         let (i1, i2, jacobian) = (at.i1 + 3.0, at.i2 + 3.0, at.j + 1.0);
         // a - 1 without cancellation, so that the energy of a small strain keeps its precision.
-        let less = at.j.map(|j| (-2.0 / 3.0 * j.ln_1p()).exp_m1());
+        let less = at.j.map(|j| libm::expm1(-2.0 / 3.0 * libm::log1p(j)));
         let a = less + 1.0;
         let (b, inverse) = (a * a, jacobian.recip());
         let energy = (at.i1 * a + less * 3.0) * c10_pa + (at.i2 * b + less * 3.0 * (a + 1.0)) * c01_pa;
@@ -222,7 +222,7 @@ impl OfInvariants for ReducedMooneyRivlin {
         let Self { c10_pa, c01_pa } = *self;
         let inverse = (at.j + 1.0).recip();
         let inverse_squared = inverse * inverse;
-        let a = at.j.map(|j| (-2.0 / 3.0 * j.ln_1p()).exp());
+        let a = at.j.map(|j| libm::exp(-2.0 / 3.0 * libm::log1p(j)));
         let b = a * a;
         let mut third = no_third(at.j);
         third[I1][J][J] = a * (10.0 / 9.0 * c10_pa) * inverse_squared;

@@ -56,7 +56,7 @@ impl OfInvariants for NeoHookean {
     #[inline(always)]
     fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
         let Lame { lambda_pa, mu_pa } = self.lame;
-        let (log, inverse) = (at.j.map(f64::ln_1p), (at.j + 1.0).recip());
+        let (log, inverse) = (at.j.map(libm::log1p), (at.j + 1.0).recip());
         let energy = at.i1 * (0.5 * mu_pa) - log * mu_pa + log * (0.5 * lambda_pa) * log;
         let mut d = Derivatives::of_energy(energy);
         d.first[I1] = energy.constant(0.5 * mu_pa);
@@ -68,7 +68,7 @@ impl OfInvariants for NeoHookean {
     #[inline(always)]
     fn third<R: Real>(&self, at: &Invariants<R>) -> Third<R> {
         let Lame { lambda_pa, mu_pa } = self.lame;
-        let (log, inverse) = (at.j.map(f64::ln_1p), (at.j + 1.0).recip());
+        let (log, inverse) = (at.j.map(libm::log1p), (at.j + 1.0).recip());
         let mut third = no_third(at.j);
         let numerator = log * (2.0 * lambda_pa) - 2.0 * mu_pa - 3.0 * lambda_pa;
         third[J][J][J] = numerator * (inverse * (inverse * inverse));

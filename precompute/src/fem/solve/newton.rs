@@ -205,7 +205,7 @@ impl Solver {
         }
         // Model: a new factor squares the relative residual; each frozen step reduces the residual by the
         // same factor.
-        let frozen_steps = ((tolerance / reached).ln() / gain.ln()).ceil().max(1.0);
+        let frozen_steps = (libm::log(tolerance / reached) / libm::log(gain)).ceil().max(1.0);
         let relative = reached / self.scale_n();
         let fresh_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };
         let fresh_cost = 0.5 * self.problem.symbolic.factor_over_solve() + 2.0;

@@ -18,7 +18,7 @@ pub(super) fn dihedral_angles_deg(x: &[[f64; 3]; 4]) -> [f64; 6] {
         let edge = sub(&x[b], &x[a]);
         let first = cross(&edge, &sub(&x[c], &x[a]));
         let second = cross(&edge, &sub(&x[d], &x[a]));
-        norm(&cross(&first, &second)).atan2(dot(&first, &second)).to_degrees()
+        libm::atan2(norm(&cross(&first, &second)), dot(&first, &second)).to_degrees()
     })
 }
 
