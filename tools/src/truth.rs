@@ -67,7 +67,7 @@ pub(crate) fn check(
     let mut solved: Vec<Vec<Record>> = Vec::new();
     for active in 0..problems.len() {
         let records = store.records(active)?;
-        solved.push(records.into_iter().filter(|r| r.tag == ConfigTag::Expandable).collect());
+        solved.push(records.into_iter().filter(|r| r.tag() == ConfigTag::Expandable).collect());
     }
     let nearest = |visit: &Visit| -> Option<&Record> {
         let cells = visit.displacement_m.map(|x| f64::from(x) / grid.spacing_m);

@@ -161,10 +161,10 @@ fn each_truth(
     store.each_truth(active, |walk, _, truth| {
         let at = truth.displacement_m.map(|x| x as f32);
         let usable = walk.kind == Kind::Uniform
-            && truth.tag == ConfigTag::Expandable
+            && truth.tag() == ConfigTag::Expandable
             && space.lattice().locate(at).inside;
         if let Some(exact) = motion.of_truth(&truth.displacements).filter(|_| usable) {
-            see(at, &exact, truth.switched || is_folded(space, at));
+            see(at, &exact, truth.equilibrium().is_some_and(|at| at.switched) || is_folded(space, at));
         }
     })
 }
@@ -181,7 +181,7 @@ pub fn surface_by_rbf(
     let motion = SurfaceMotion::new(store, active, organ.surface.node)?;
     let spacing_m = f64::from(space.lattice().spacing_m());
     let mut configurations = Vec::new();
-    for record in store.records(active)?.iter().filter(|r| r.tag.is_solved()) {
+    for record in store.records(active)?.iter().filter(|r| r.tag().is_solved()) {
         let moved = motion.at(record.index, record.attempt)?.displacement_m;
         configurations.push((record.index.map(f64::from), moved));
     }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::errors::NOT_FELT_N;
 use super::{Cost, MethodCertificate, TwoSolutions};
 use crate::adaptive::{AdaptiveFit, Verdict as LoopVerdict};
-use crate::space::Record;
+use crate::space::{Equilibrium, Record};
 
 /// Verdict on a space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
@@ -124,16 +124,19 @@ pub(super) struct Findings<'f> {
 impl Health {
     /// Health of the records of a space.
     pub(super) fn of(records: &[Record], found: &Findings<'_>) -> Self {
-        let reachable: Vec<&Record> =
-            records.iter().filter(|r| r.tag == palpate_core::ConfigTag::Expandable).collect();
-        let count = |is: &dyn Fn(&Record) -> bool| reachable.iter().filter(|r| is(r)).count();
+        let solved = records.iter().filter_map(|r| Some((r.residual_n, r.equilibrium()?)));
+        let reachable: Vec<(f64, &Equilibrium)> = solved.filter(|(_, at)| !at.terminating).collect();
+        let count = |is: &dyn Fn(&Equilibrium) -> bool| reachable.iter().filter(|(_, at)| is(at)).count();
         let mut health = Self {
             reachable: reachable.len(),
-            min_jacobian: reachable.iter().map(|r| r.min_jacobian).fold(f64::INFINITY, f64::min),
+            min_jacobian: reachable.iter().map(|(_, at)| at.min_jacobian).fold(f64::INFINITY, f64::min),
             inverted: count(&|r| r.inverted > 0),
             unstable: count(&|r| r.unstable_modes.unwrap_or(0) > 0),
             switched: count(&|r| r.switched),
-            residual_n: reachable.iter().map(|r| r.residual_n).fold(0.0, |a, b| if b <= a { a } else { b }),
+            residual_n: reachable
+                .iter()
+                .map(|&(residual_n, _)| residual_n)
+                .fold(0.0, |a, b| if b <= a { a } else { b }),
             condition: found.fit.map(|fit| fit.condition),
             loop_passed: found
                 .fit

@@ -159,7 +159,7 @@ fn linear(
     certificate: &SpaceCertificate,
 ) -> Result<Line, StoreError> {
     let rest = store.records(active)?.into_iter().find(|record| record.index == [0; 3]);
-    let stiffness = rest.map(|rest| rest.stiffness_n_m).unwrap_or_default();
+    let stiffness = rest.and_then(|rest| Some(rest.equilibrium()?.stiffness_n_m)).unwrap_or_default();
     let compared = positions.iter().map(|truth| Compared {
         truth_n: truth.force_n,
         found_n: (stiffness * Vector3::from(truth.displacement_m.map(f64::from))).into(),

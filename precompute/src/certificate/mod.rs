@@ -21,7 +21,7 @@ pub use probes::{Probe, Work, nanoseconds};
 pub use reference::force_n as reference_force_n;
 
 use palpate_core::flags::SMOOTH;
-use palpate_core::{ConfigTag, Coverage, Method, Organ, Space};
+use palpate_core::{Coverage, Method, Organ, Space};
 use serde::{Deserialize, Serialize};
 
 use health::Findings;
@@ -110,10 +110,11 @@ pub struct TwoSolutions {
 impl TwoSolutions {
     /// Result over all attempts of a space.
     pub fn of(attempts: &[Record]) -> Self {
-        let stable = |r: &&Record| r.tag.is_solved() && r.unstable_modes.unwrap_or(0) == 0;
         let mut points: BTreeMap<GridIndex, Vec<[f64; 3]>> = BTreeMap::new();
-        for record in attempts.iter().filter(stable) {
-            points.entry(record.index).or_default().push(record.force_n);
+        for (index, at) in attempts.iter().filter_map(|r| Some((r.index, r.equilibrium()?))) {
+            if at.unstable_modes.unwrap_or(0) == 0 {
+                points.entry(index).or_default().push(at.force_n);
+            }
         }
         let mut found = Self::default();
         for forces in points.values() {
@@ -248,7 +249,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
         let displacement = space.displacement().as_ref().map(|table| {
             let nodes = organ.surface.node;
-            let solved = records.iter().filter(|r| r.tag.is_solved()).count();
+            let solved = records.iter().filter(|r| r.tag().is_solved()).count();
             displacement::measure(store, active, space, table, nodes, &samples, solved)
         });
         let cost = cost(store, active)?;
@@ -319,7 +320,7 @@ pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<(usize, u
 fn cost(store: &Store, active: usize) -> Result<Cost, StoreError> {
     let attempts = store.attempts(active)?;
     let records = store.records(active)?;
-    let solved = || records.iter().filter(|r| r.tag.is_solved());
+    let solved = || records.iter().filter(|r| r.tag().is_solved());
     let mut cost = Cost {
         configurations: solved().count(),
         tries: attempts.len(),
@@ -355,13 +356,13 @@ fn truths(
     store.each_truth(active, |walk, step, truth| {
         let at = truth.displacement_m;
         let displacement_m = at.map(|x| x as f32);
-        let usable = truth.tag == ConfigTag::Expandable
-            && space.lattice().locate(displacement_m).inside
+        let reachable = truth.equilibrium().filter(|found| !found.terminating);
+        let usable = space.lattice().locate(displacement_m).inside
             && workspace.is_none_or(|workspace| is_within(&workspace, &at))
             && !seen(at);
-        if usable {
-            let folded = truth.switched || is_folded(space, displacement_m);
-            truths.push(Truth { walk: *walk, step, displacement_m, force_n: truth.force_n, folded });
+        if let Some(found) = reachable.filter(|_| usable) {
+            let folded = found.switched || is_folded(space, displacement_m);
+            truths.push(Truth { walk: *walk, step, displacement_m, force_n: found.force_n, folded });
         }
     })?;
     Ok(truths)

@@ -272,12 +272,12 @@ impl Run<'_> {
             done += 1;
             self.state.steps.0 += self.held_out.positions_m(&outcome.walk).len();
             self.store.add_walk(&outcome)?;
-            let last = outcome.truths.last().map_or(ConfigTag::Unknown, |truth| truth.tag);
+            let last = outcome.truths.last().map_or(ConfigTag::Unknown, |truth| truth.tag());
             self.done.insert(outcome.walk, last);
             let counts = outcome.walk.kind != Kind::Uniform || last == ConfigTag::Expandable;
             self.state.walks += usize::from(counts);
             self.state.walks_now += 1;
-            self.state.positions_now += outcome.truths.iter().filter(|truth| truth.tag.is_solved()).count();
+            self.state.positions_now += outcome.truths.iter().filter(|truth| truth.tag().is_solved()).count();
             (self.progress)(&self.state);
         }
     }
@@ -302,7 +302,7 @@ impl Uniform {
         let state = state(store, active)?;
         let within = state.fit.as_ref().map(AdaptiveFit::within_reach);
         let records = store.records(active)?;
-        let reachable = records.iter().filter(|r| r.tag == ConfigTag::Expandable);
+        let reachable = records.iter().filter(|r| r.tag() == ConfigTag::Expandable);
         let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();
         if state.open > 0 {
             return Err(HeldOutError::NoSpace(name.into()));

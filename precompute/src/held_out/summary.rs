@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use palpate_core::ConfigTag;
 use serde::Serialize;
 
 use crate::space::{Kind, Store, StoreError};
@@ -46,21 +45,19 @@ impl Summary {
             sum.iterations += u64::from(truth.iterations);
             sum.factorisations += u64::from(truth.factorisations);
             sum.seconds += truth.seconds;
-            match truth.tag {
-                ConfigTag::Terminating => sum.at_force_limit += 1,
-                ConfigTag::Failed => {
-                    *sum.failed.entry(truth.failure.clone().unwrap_or_default()).or_default() += 1;
+            match &truth.result {
+                Ok(at) => {
+                    if at.terminating {
+                        sum.at_force_limit += 1;
+                    } else {
+                        sum.largest_n = sum.largest_n.max(at.force_norm_n());
+                    }
+                    sum.positions += 1;
+                    sum.inverted += u32::from(at.inverted > 0);
+                    sum.unstable += u32::from(at.unstable_modes.is_some_and(|n| n > 0));
+                    sum.switched += u32::from(at.switched);
                 }
-                ConfigTag::Expandable | ConfigTag::Unknown => {
-                    let force = truth.force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
-                    sum.largest_n = sum.largest_n.max(force);
-                }
-            }
-            if truth.tag.is_solved() {
-                sum.positions += 1;
-                sum.inverted += u32::from(truth.inverted > 0);
-                sum.unstable += u32::from(truth.unstable_modes.is_some_and(|n| n > 0));
-                sum.switched += u32::from(truth.switched);
+                Err(reason) => *sum.failed.entry(reason.clone()).or_default() += 1,
             }
         })?;
         for sum in all.values_mut() {

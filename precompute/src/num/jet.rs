@@ -73,7 +73,7 @@ impl EnergyJet {
 
     /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
-        self.numbers().iter().all(|x| x.is_finite())
+        self.numbers().iter().chain(self.stiffness_n_m.iter()).all(|x| x.is_finite())
     }
 
     /// Force at another control by the third-order Taylor series, N.

@@ -196,7 +196,8 @@ fn scattered_motion(
     bound: DisplacementBound,
 ) -> Result<ScatteredMotion, PackError> {
     let mut configurations = Vec::new();
-    for record in chosen.records.iter().filter(|r| r.tag.is_solved() && !r.switched) {
+    let on_branch = |r: &&Record| r.equilibrium().is_some_and(|at| !at.switched);
+    for record in chosen.records.iter().filter(on_branch) {
         let moved = motion.at(record.index, record.attempt)?;
         configurations.push((displacement_m(record.index), moved));
     }

@@ -135,7 +135,7 @@ pub fn pack_with(
         let mut records = store.records(active)?;
         records.retain(|record| record.index == REST || keep(record.index));
         // The rest point alone does not make a space.
-        if records.iter().filter(|record| record.tag.is_solved()).count() > 1 {
+        if records.iter().filter(|record| record.tag().is_solved()).count() > 1 {
             chosen.push(Chosen { active, name, node, records });
         } else {
             left_out.push(name);

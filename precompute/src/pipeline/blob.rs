@@ -110,7 +110,7 @@ fn lacking_uniform(store: &Store, actives: &[usize], wanted: u32) -> Result<Vec<
     let mut lacking = Vec::new();
     for &active in actives {
         let there = Summary::of(store, active)?.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
-        let solved = store.records(active)?.iter().filter(|r| r.tag.is_solved()).count();
+        let solved = store.records(active)?.iter().filter(|r| r.tag().is_solved()).count();
         if there < wanted && solved > 1 {
             lacking.push(active);
         }

@@ -177,8 +177,8 @@ impl Space {
 
 /// An error if the rest point failed, in this run or an earlier one: without it there is no space.
 fn expect_rest(record: &Record) -> Result<(), ExpansionError> {
-    match &record.failure {
-        Some(failure) if record.parent.is_none() => Err(ExpansionError::Rest(failure.clone())),
+    match &record.result {
+        Err(failure) if record.parent.is_none() => Err(ExpansionError::Rest(failure.clone())),
         _ => Ok(()),
     }
 }

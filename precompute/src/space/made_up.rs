@@ -13,6 +13,8 @@ use super::{
     Crew, CrewError, Done, Expansion, Job, Outcome, Record, Store, StoreIdentity, StoredSeed, TagCounts, Work,
 };
 use crate::mesh::TetMesh;
+use crate::num::jet::EnergyJet;
+use crate::space::record::Solution;
 use crate::space::{Truth, WalkJob, WalkOutcome};
 use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
 
@@ -55,17 +57,9 @@ impl MadeUp {
         let energy_j = 0.5 * k * squared + 0.25 * c * squared * squared + jump_n * (d.x - FOLD_M);
         let force_n = d * (k + c * squared) + Vector3::x() * jump_n;
         let stiffness_n_m = Matrix3::identity() * (k + c * squared) + d * d.transpose() * (2.0 * c);
-        Record {
-            tag: ConfigTag::Expandable,
-            energy_j,
-            force_n: force_n.into(),
-            stiffness_n_m,
-            third_n_m2: [0.0; 10],
-            residual_n: 0.0,
-            min_jacobian: 1.0,
-            volume_m3: 1.0,
-            ..Record::blank(task)
-        }
+        let (control_m, third_n_m2) = (d.into(), [0.0; 10]);
+        let jet = EnergyJet { control_m, energy_j, force_n: force_n.into(), stiffness_n_m, third_n_m2 };
+        Record::new(task, Ok(Solution::of_jet(&jet, false)))
     }
 
     fn upper(&self, job: &Job) -> bool {
@@ -85,12 +79,7 @@ impl MadeUp {
         let seed = StoredSeed { sensitivity: state.repeat(3), state, numbers: [0.0; 20] };
         let (active, intermediate) = (job.active, Vec::new());
         if self.restless {
-            let record = Record {
-                tag: ConfigTag::Failed,
-                failure: Some("singular".into()),
-                residual_n: 1.0,
-                ..Record::blank(&job.task)
-            };
+            let record = Record { residual_n: 1.0, ..Record::new(&job.task, Err("singular".into())) };
             return Outcome { active, record, seed: None, intermediate };
         }
         let record = self.record(job.active, &job.task, upper);
@@ -99,19 +88,12 @@ impl MadeUp {
 
     fn walk(&self, job: &WalkJob) -> WalkOutcome {
         let tag = (self.tag_of_walk)(job.walk.number);
-        let number = if tag.is_solved() { 1.0 } else { f64::NAN };
+        let jet = EnergyJet::from_numbers([0.0; 3], &[1.0; 20]);
+        let solution = Solution::of_jet(&jet, tag == ConfigTag::Terminating).equilibrium;
         let truth = |&displacement_m| Truth {
             displacement_m,
-            tag,
-            failure: (!tag.is_solved()).then(|| "line-search".into()),
-            energy_j: number,
-            force_n: [number; 3],
-            stiffness_n_m: Matrix3::from_element(number),
+            result: if tag.is_solved() { Ok(solution) } else { Err("line-search".into()) },
             residual_n: 0.0,
-            min_jacobian: number,
-            inverted: 0,
-            unstable_modes: None,
-            switched: false,
             iterations: 1,
             factorisations: 1,
             seconds: 0.0,

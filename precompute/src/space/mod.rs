@@ -31,7 +31,7 @@ pub use job::{Done, Job, Outcome, Work};
 pub use motion::SurfaceMotion;
 pub use plan::{Phase, Plan, ScatteredPlan, SolvesLeft, SpacePlan};
 pub use plans::{Plans, replays, state};
-pub use record::{Record, StoredSeed};
+pub use record::{Equilibrium, Record, Solution, StoredSeed};
 pub use salvage::Salvaged;
 pub use samples::{folds, samples};
 pub use state::SpaceState;

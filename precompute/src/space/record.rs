@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::task::Task;
 use crate::fem::solve::{Configuration, FailureReason, SolveFailure};
-use crate::num::jet::{EnergyJet, SymmetricThird};
+use crate::num::jet::{EnergyJet, SECOND_INDICES, SymmetricThird};
+use crate::num::vector::norm;
 use crate::spec::GridIndex;
 
 /// The outcome of one [`Task`].
@@ -16,34 +17,14 @@ pub struct Record {
     pub index: GridIndex,
     /// Number of the attempt at this point, from 0.
     pub attempt: u32,
-    /// Expandable, terminating or failed.
-    pub tag: ConfigTag,
     /// Level of the expansion, or round of retries.
     pub round: u32,
     /// Start of the transition: the point and the attempt whose solution is used.
     pub parent: Option<(GridIndex, u32)>,
-    /// Reason of a failure.
-    pub failure: Option<String>,
-    /// W, J.
-    pub energy_j: f64,
-    /// h, N.
-    pub force_n: [f64; 3],
-    /// S, N/m.
-    pub stiffness_n_m: Matrix3<f64>,
-    /// W_ijk in the order of [`crate::num::jet::THIRD_INDICES`], N/m^2.
-    pub third_n_m2: SymmetricThird,
+    /// The solution, or the reason of the failure.
+    pub result: Result<Solution, String>,
     /// Residual, N.
     pub residual_n: f64,
-    /// Smallest J.
-    pub min_jacobian: f64,
-    /// Number of inverted elements.
-    pub inverted: u32,
-    /// Number of unstable modes, if the factorisation gives it.
-    pub unstable_modes: Option<u32>,
-    /// Whether the transition switched to another branch.
-    pub switched: bool,
-    /// Deformed volume, m^3.
-    pub volume_m3: f64,
     /// Newton iterations.
     pub iterations: u32,
     /// Number of factorisations.
@@ -54,26 +35,111 @@ pub struct Record {
     pub seconds: f64,
 }
 
-impl Record {
-    /// Record of a task without an outcome.
-    pub(crate) fn blank(task: &Task) -> Self {
+/// A solved configuration without third derivatives, as grid points and held-out references store it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Equilibrium {
+    /// Whether |h| is at or above the force limit.
+    pub terminating: bool,
+    /// W, J.
+    pub energy_j: f64,
+    /// h, N.
+    pub force_n: [f64; 3],
+    /// S, N/m.
+    pub stiffness_n_m: Matrix3<f64>,
+    /// Smallest J.
+    pub min_jacobian: f64,
+    /// Number of inverted elements.
+    pub inverted: u32,
+    /// Number of unstable modes, if the factorisation gives it.
+    pub unstable_modes: Option<u32>,
+    /// Whether the transition switched to another branch.
+    pub switched: bool,
+}
+
+impl Equilibrium {
+    /// The stored numbers of a configuration.
+    pub(super) fn of(c: &Configuration, terminating: bool) -> Self {
+        let EnergyJet { energy_j, force_n, stiffness_n_m, .. } = *c.jet();
+        let &Configuration { min_jacobian, inverted, unstable_modes, switched, .. } = c;
+        let inverted = inverted as u32;
         Self {
-            index: task.target,
-            attempt: task.attempt,
-            tag: ConfigTag::Unknown,
-            round: task.round,
-            parent: task.parent,
-            failure: None,
-            energy_j: f64::NAN,
-            force_n: [f64::NAN; 3],
-            stiffness_n_m: Matrix3::from_element(f64::NAN),
-            third_n_m2: [f64::NAN; 10],
-            residual_n: f64::NAN,
-            min_jacobian: f64::NAN,
+            terminating,
+            energy_j,
+            force_n,
+            stiffness_n_m,
+            min_jacobian,
+            inverted,
+            unstable_modes,
+            switched,
+        }
+    }
+
+    /// |h|, N.
+    pub fn force_norm_n(&self) -> f64 {
+        norm(self.force_n)
+    }
+
+    /// Expandable or terminating.
+    pub fn tag(&self) -> ConfigTag {
+        if self.terminating { ConfigTag::Terminating } else { ConfigTag::Expandable }
+    }
+
+    /// W, h and S (order of [`crate::num::jet::SECOND_INDICES`]), as in the columns of files.
+    pub fn numbers(&self) -> [f64; 10] {
+        let [x, y, z] = self.force_n;
+        let [xx, xy, xz, yy, yz, zz] = SECOND_INDICES.map(|[i, j]| self.stiffness_n_m[(i, j)]);
+        [self.energy_j, x, y, z, xx, xy, xz, yy, yz, zz]
+    }
+}
+
+/// The solution of a grid point.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Solution {
+    /// W, h, S and the condition of the mesh.
+    pub equilibrium: Equilibrium,
+    /// W_ijk in the order of [`crate::num::jet::THIRD_INDICES`], N/m^2.
+    pub third_n_m2: SymmetricThird,
+    /// Deformed volume, m^3.
+    pub volume_m3: f64,
+}
+
+impl Solution {
+    /// A solution with the values of `jet` on a mesh of the volume 1 m^3 without distorted elements: of a
+    /// model without a mesh.
+    pub fn of_jet(jet: &EnergyJet, terminating: bool) -> Self {
+        let EnergyJet { energy_j, force_n, stiffness_n_m, third_n_m2, .. } = *jet;
+        let equilibrium = Equilibrium {
+            terminating,
+            energy_j,
+            force_n,
+            stiffness_n_m,
+            min_jacobian: 1.0,
             inverted: 0,
             unstable_modes: None,
             switched: false,
-            volume_m3: f64::NAN,
+        };
+        Self { equilibrium, third_n_m2, volume_m3: 1.0 }
+    }
+
+    /// W, h, S and W_ijk at this displacement, m.
+    pub fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
+        let Equilibrium { energy_j, force_n, stiffness_n_m, .. } = self.equilibrium;
+        let third_n_m2 = self.third_n_m2;
+        EnergyJet { control_m: displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 }
+    }
+}
+
+impl Record {
+    /// Record of a task that took no time.
+    pub fn new(task: &Task, result: Result<Solution, String>) -> Self {
+        let Task { target, attempt, round, parent } = *task;
+        Self {
+            index: target,
+            attempt,
+            round,
+            parent,
+            result,
+            residual_n: 0.0,
             iterations: 0,
             factorisations: 0,
             increments: 0,
@@ -84,68 +150,68 @@ impl Record {
     /// Record of a solved configuration. It is terminating beyond `max_force_n`, and failed if a number is
     /// not finite.
     pub(super) fn solved(task: &Task, c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
-        let mut record = Self {
-            energy_j: c.jet().energy_j,
-            force_n: c.jet().force_n,
-            stiffness_n_m: c.jet().stiffness_n_m,
-            third_n_m2: c.jet().third_n_m2,
-            residual_n: c.residual_n,
-            min_jacobian: c.min_jacobian,
-            inverted: c.inverted as u32,
-            unstable_modes: c.unstable_modes,
-            switched: c.switched,
-            volume_m3: c.volume_m3,
-            iterations: c.iterations,
-            factorisations: c.factorisations,
-            increments: c.increments,
-            seconds,
-            ..Self::blank(task)
-        };
-        if !record.is_finite() {
+        if !c.jet().is_finite() {
             let (iterations, residual_n) = (c.iterations, c.residual_n);
             let failure = SolveFailure { reason: FailureReason::NotFinite, iterations, residual_n };
             return Self::failed(task, &failure, seconds);
         }
-        let reachable = task.parent.is_none() || record.force_norm_n() < max_force_n;
-        record.tag = if reachable { ConfigTag::Expandable } else { ConfigTag::Terminating };
-        record
+        let reachable = task.parent.is_none() || norm(c.jet().force_n) < max_force_n;
+        let solution = Solution {
+            equilibrium: Equilibrium::of(c, !reachable),
+            third_n_m2: c.jet().third_n_m2,
+            volume_m3: c.volume_m3,
+        };
+        Self {
+            residual_n: c.residual_n,
+            iterations: c.iterations,
+            factorisations: c.factorisations,
+            increments: c.increments,
+            seconds,
+            ..Self::new(task, Ok(solution))
+        }
     }
 
     /// Record of a failed transition.
     pub(super) fn failed(task: &Task, failure: &SolveFailure, seconds: f64) -> Self {
         Self {
-            tag: ConfigTag::Failed,
-            failure: Some(failure.reason.name().into()),
             residual_n: failure.residual_n,
             iterations: failure.iterations,
             seconds,
-            ..Self::blank(task)
+            ..Self::new(task, Err(failure.reason.name().into()))
         }
     }
 
-    /// Whether all numbers of the solution that fits and later solves use are finite.
-    pub(super) fn is_finite(&self) -> bool {
-        let numbers = self.force_n.iter().chain(self.stiffness_n_m.iter()).chain(&self.third_n_m2);
-        numbers.chain([&self.energy_j]).all(|x| x.is_finite())
+    /// Expandable, terminating or failed.
+    pub fn tag(&self) -> ConfigTag {
+        self.equilibrium().map_or(ConfigTag::Failed, Equilibrium::tag)
+    }
+
+    /// The solution; `None` for a failed attempt.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.result.as_ref().ok()
+    }
+
+    /// The solution without its third derivatives; `None` for a failed attempt.
+    pub fn equilibrium(&self) -> Option<&Equilibrium> {
+        self.solution().map(|solution| &solution.equilibrium)
+    }
+
+    /// Reason of a failure.
+    pub fn failure(&self) -> Option<&str> {
+        self.result.as_ref().err().map(String::as_str)
     }
 
     /// W, h, S and W_ijk of the solution at this displacement, m.
-    pub fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
-        let Self { energy_j, force_n, stiffness_n_m, third_n_m2, .. } = *self;
-        EnergyJet { control_m: displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 }
+    pub fn jet(&self, displacement_m: [f64; 3]) -> Option<EnergyJet> {
+        self.solution().map(|solution| solution.jet(displacement_m))
     }
 
     /// [`Self::jet`] for fits. At rest W and h are zero by definition, S is exactly symmetric, and no zero
     /// has a sign. So a new record and the same record from a store give identical fits.
-    pub fn jet_for_fit(&self, displacement_m: [f64; 3]) -> EnergyJet {
-        let jet = self.jet(displacement_m);
+    pub fn jet_for_fit(&self, displacement_m: [f64; 3]) -> Option<EnergyJet> {
+        let jet = self.jet(displacement_m)?;
         let jet = EnergyJet::from_numbers(displacement_m, &jet.numbers().map(|x| x + 0.0));
-        if self.index == [0; 3] { jet.as_rest() } else { jet }
-    }
-
-    /// |h|, N.
-    pub fn force_norm_n(&self) -> f64 {
-        self.force_n.iter().map(|f| f * f).sum::<f64>().sqrt()
+        Some(if self.index == [0; 3] { jet.as_rest() } else { jet })
     }
 }
 

@@ -113,7 +113,7 @@ impl Salvaged {
                     return Ok(());
                 }
             };
-            let seed = if record.tag.is_solved() {
+            let seed = if record.tag().is_solved() {
                 let state = rows::state(old, active, index, attempt).ok();
                 let Some(seed) = state.and_then(|state| state.seed(&record)) else {
                     self.damaged += 1;

@@ -1,7 +1,5 @@
 //! Solved configurations as input of the fits.
 
-use palpate_core::ConfigTag;
-
 use super::record::Record;
 use crate::fit::{self, Fold, Sample};
 use crate::spec::SpaceGrid;
@@ -10,13 +8,16 @@ use crate::spec::SpaceGrid;
 pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
     let mut samples: Vec<Sample> = records
         .iter()
-        .filter(|r| r.tag.is_solved() && grid.lattice.slot(r.index).is_some())
-        .map(|r| Sample {
-            index: r.index,
-            attempt: r.attempt,
-            jet: r.jet_for_fit(grid.displacement_m(r.index)),
-            terminating: r.tag == ConfigTag::Terminating,
-            inverted: r.inverted > 0,
+        .filter(|r| grid.lattice.slot(r.index).is_some())
+        .filter_map(|r| {
+            let at = r.equilibrium()?;
+            Some(Sample {
+                index: r.index,
+                attempt: r.attempt,
+                jet: r.jet_for_fit(grid.displacement_m(r.index))?,
+                terminating: at.terminating,
+                inverted: at.inverted > 0,
+            })
         })
         .collect();
     samples.sort_unstable_by_key(|s| s.index);
@@ -25,6 +26,6 @@ pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
 
 /// The branch jumps between solutions of a space, across which tables must not interpolate.
 pub fn folds(grid: &SpaceGrid, records: &[Record]) -> Vec<Fold> {
-    let solved = records.iter().filter(|r| r.tag.is_solved());
-    fit::folds(&solved.map(|r| (r.index, r.jet(grid.displacement_m(r.index)))).collect::<Vec<_>>())
+    let solved = records.iter().filter_map(|r| Some((r.index, r.jet(grid.displacement_m(r.index))?)));
+    fit::folds(&solved.collect::<Vec<_>>())
 }

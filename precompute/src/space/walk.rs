@@ -1,13 +1,13 @@
 //! A held-out path or position: the job and the outcome of a worker.
 
-use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use super::record::StoredSeed;
+use super::record::{Equilibrium, StoredSeed};
 use crate::fem::solve::{Configuration, Seed, SolveFailure, Solver};
+use crate::num::vector::norm;
 use crate::spec::GridIndex;
 
 /// Kind of held-out reference.
@@ -78,26 +78,10 @@ pub struct WalkOutcome {
 pub struct Truth {
     /// Displacement of the active node, m.
     pub displacement_m: [f64; 3],
-    /// Expandable: |h| < f_max. Terminating: |h| >= f_max. Otherwise failed.
-    pub tag: ConfigTag,
-    /// Reason of a failure.
-    pub failure: Option<String>,
-    /// W, J.
-    pub energy_j: f64,
-    /// h, N.
-    pub force_n: [f64; 3],
-    /// S, N/m.
-    pub stiffness_n_m: Matrix3<f64>,
+    /// The solution, or the reason of the failure.
+    pub result: Result<Equilibrium, String>,
     /// Residual, N.
     pub residual_n: f64,
-    /// Smallest J.
-    pub min_jacobian: f64,
-    /// Number of inverted elements.
-    pub inverted: u32,
-    /// Number of unstable modes, if the factorisation gives it.
-    pub unstable_modes: Option<u32>,
-    /// Whether the step switched to another branch.
-    pub switched: bool,
     /// Newton iterations.
     pub iterations: u32,
     /// Number of factorisations.
@@ -110,19 +94,11 @@ pub struct Truth {
 
 impl Truth {
     fn solved(at: [f64; 3], c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
-        let reachable = c.jet().force_n.iter().map(|f| f * f).sum::<f64>().sqrt() < max_force_n;
+        let reachable = norm(c.jet().force_n) < max_force_n;
         Self {
             displacement_m: at,
-            tag: if reachable { ConfigTag::Expandable } else { ConfigTag::Terminating },
-            failure: None,
-            energy_j: c.jet().energy_j,
-            force_n: c.jet().force_n,
-            stiffness_n_m: c.jet().stiffness_n_m,
+            result: Ok(Equilibrium::of(c, !reachable)),
             residual_n: c.residual_n,
-            min_jacobian: c.min_jacobian,
-            inverted: c.inverted as u32,
-            unstable_modes: c.unstable_modes,
-            switched: c.switched,
             iterations: c.iterations,
             factorisations: c.factorisations,
             seconds,
@@ -133,21 +109,28 @@ impl Truth {
     fn failed(at: [f64; 3], failure: &SolveFailure, seconds: f64) -> Self {
         Self {
             displacement_m: at,
-            tag: ConfigTag::Failed,
-            failure: Some(failure.reason.name().into()),
-            energy_j: f64::NAN,
-            force_n: [f64::NAN; 3],
-            stiffness_n_m: Matrix3::from_element(f64::NAN),
+            result: Err(failure.reason.name().into()),
             residual_n: failure.residual_n,
-            min_jacobian: f64::NAN,
-            inverted: 0,
-            unstable_modes: None,
-            switched: false,
             iterations: failure.iterations,
             factorisations: 0,
             seconds,
             displacements: Vec::new(),
         }
+    }
+
+    /// Expandable: |h| < f_max. Terminating: |h| >= f_max. Otherwise failed.
+    pub fn tag(&self) -> ConfigTag {
+        self.equilibrium().map_or(ConfigTag::Failed, Equilibrium::tag)
+    }
+
+    /// The solution; `None` for a failed step.
+    pub fn equilibrium(&self) -> Option<&Equilibrium> {
+        self.result.as_ref().ok()
+    }
+
+    /// Reason of a failure.
+    pub fn failure(&self) -> Option<&str> {
+        self.result.as_ref().err().map(String::as_str)
     }
 }
 
@@ -190,7 +173,7 @@ impl WalkJob {
                     break;
                 }
             };
-            if truths.last().is_some_and(|t| t.tag == ConfigTag::Terminating) {
+            if truths.last().is_some_and(|t| t.tag() == ConfigTag::Terminating) {
                 break;
             }
             here = Ok(seed);

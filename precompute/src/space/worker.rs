@@ -144,7 +144,7 @@ impl Worker {
         Ok(match solved {
             Ok(configuration) => {
                 let record = Record::solved(&job.task, &configuration, workshop.max_force_n, seconds);
-                let seed = record.tag.is_solved().then(|| StoredSeed::pack(&configuration.seed));
+                let seed = record.tag().is_solved().then(|| StoredSeed::pack(&configuration.seed));
                 let intermediate = if seed.is_some() { intermediate } else { Vec::new() };
                 Outcome { active: job.active, record, seed, intermediate }
             }

@@ -131,7 +131,7 @@ fn expect_kernels(store: &Store) -> Result<(), Failure> {
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let state = state(store, active)?;
         let has_fit = state.fit.is_some() && state.fallback().is_none();
-        let is_empty = store.records(active)?.iter().filter(|record| record.tag.is_solved()).count() < 2;
+        let is_empty = store.records(active)?.iter().filter(|record| record.tag().is_solved()).count() < 2;
         if !has_fit && !is_empty {
             return Err(PackError::NoKernel { active: name }.into());
         }

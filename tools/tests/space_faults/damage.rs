@@ -61,7 +61,7 @@ fn a_single_flipped_bit_is_noticed_and_mended() {
     let (expected, on_the_way) = (dump(&space, folder.path()), intermediate(&space));
     let records = Store::open(&space).and_then(|store| store.records(0)).expect("intact");
     // SQLite stores a REAL with the high byte first; Palpate's binary columns have the low byte first.
-    let energy = records[20].energy_j.to_be_bytes().to_vec();
+    let energy = records[20].equilibrium().expect("solved").energy_j.to_be_bytes().to_vec();
     let force_on_the_way = on_the_way[40].2.force_n[2].to_le_bytes().to_vec();
     let store = Store::open(&space).expect("intact");
     let moved = store.displacements(0, records[25].index, records[25].attempt).expect("its state");

@@ -72,7 +72,7 @@ fn a_uniform_position_that_fails_or_is_beyond_the_limit_is_replaced() {
     held_out.run(&store, &mut made_up, &AtomicBool::new(false), |p| last = *p).expect("runs to its end");
     let truths = truths(&store);
     let [counts, beyond, failed] = [ConfigTag::Expandable, ConfigTag::Terminating, ConfigTag::Failed]
-        .map(|tag| truths.iter().filter(|(_, truth)| truth.tag == tag).count());
+        .map(|tag| truths.iter().filter(|(_, truth)| truth.tag() == tag).count());
     assert_eq!(counts, 60, "{beyond} beyond, {failed} failed");
     assert!(beyond > 5 && failed > 5, "{beyond} beyond, {failed} failed");
     assert_eq!((last.walks, last.total), (60, 60), "the progress is complete");

@@ -140,7 +140,7 @@ impl ScatteredPlan {
         }
         let jet = record.jet_for_fit(displacement_m(record.index));
         let Some(search) = &mut self.search else {
-            if record.tag.is_solved() {
+            if let Some(jet) = jet {
                 self.search = Some(Search::new(self.wanted, &jet));
                 self.learned.push(REST);
                 self.rest = Some(record.clone());
@@ -149,11 +149,11 @@ impl ScatteredPlan {
             }
             return;
         };
-        *self.counts.of(record.tag) += 1;
-        let found = match record.tag.is_solved() {
-            false => Found::Failed,
-            true if record.switched => Found::Elsewhere(jet),
-            true => Found::Solved(jet),
+        *self.counts.of(record.tag()) += 1;
+        let found = match (jet, record.equilibrium()) {
+            (Some(jet), Some(at)) if at.switched => Found::Elsewhere(jet),
+            (Some(jet), _) => Found::Solved(jet),
+            (None, _) => Found::Failed,
         };
         self.found.insert(record.index, found);
         if self.batch.iter().all(|target| self.found.contains_key(&target.index)) {
@@ -171,12 +171,11 @@ impl ScatteredPlan {
 
 #[cfg(test)]
 mod tests {
-    use palpate_core::ConfigTag;
-
     use super::*;
     use crate::fit::made_up;
     use crate::space::fallback::FallbackLattice;
     use crate::space::folds;
+    use crate::space::record::Solution;
     use crate::spec::{Tolerance, UNIT_M};
 
     const RADIUS_M: f64 = 0.03;
@@ -188,17 +187,12 @@ mod tests {
         let beyond = x + 0.4 * y - 0.3 * z - 0.011;
         let jump_n = if beyond > 0.0 { jump_n } else { 0.0 };
         let normal = [1.0, 0.4, -0.3];
-        Record {
-            tag: ConfigTag::Expandable,
+        let jet = EnergyJet {
             energy_j: jet.energy_j + jump_n * beyond,
             force_n: std::array::from_fn(|i| jet.force_n[i] + jump_n * normal[i]),
-            stiffness_n_m: jet.stiffness_n_m,
-            third_n_m2: jet.third_n_m2,
-            residual_n: 0.0,
-            min_jacobian: 1.0,
-            volume_m3: 1.0,
-            ..Record::blank(task)
-        }
+            ..jet
+        };
+        Record::new(task, Ok(Solution::of_jet(&jet, false)))
     }
 
     const ANYWHERE: Wanted = Wanted {
@@ -278,7 +272,8 @@ mod tests {
             assert!((0..3).all(|i| at[i] >= low[i] - step_m && at[i] <= high[i] + step_m), "{at:?}");
             let is_inside = (0..3).all(|i| at[i] >= low[i] && at[i] <= high[i]);
             inside += usize::from(is_inside);
-            if is_inside && -record.force_n[2] <= 0.0 && lattice.grid.lattice.contains(*index) {
+            let force_n = record.equilibrium().expect("solved").force_n;
+            if is_inside && -force_n[2] <= 0.0 && lattice.grid.lattice.contains(*index) {
                 // All corners of its cells exist.
                 pressing += 1;
                 let beside = |code: i32| {

@@ -23,7 +23,6 @@ use std::sync::Arc;
 use palpate_core::ConfigTag;
 
 use crate::fit::flagged_pairs;
-use crate::num::jet::EnergyJet;
 use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
 use crate::spec::{Domain, REST, SpaceGrid};
@@ -63,7 +62,7 @@ struct Point {
 
 impl Point {
     fn tag(&self) -> ConfigTag {
-        self.kept.as_ref().map_or(ConfigTag::Unknown, |record| record.tag)
+        self.kept.as_ref().map_or(ConfigTag::Unknown, Record::tag)
     }
 
     /// The attempt of the accepted solution.
@@ -374,9 +373,7 @@ impl Plan {
     /// was solved from there. The second repetition requires that the other end has found a better solution
     /// since: a persistent branch jump is not tried again.
     fn begin_folds(&mut self) {
-        let solved = |record: &Record| -> Option<EnergyJet> {
-            record.tag.is_solved().then(|| record.jet(self.grid.displacement_m(record.index)))
-        };
+        let solved = |record: &Record| record.jet(self.grid.displacement_m(record.index));
         let at = |index| solved(self.points[self.domain.position(index)? as usize].kept.as_ref()?);
         let kept = self.points.iter().filter_map(|p| p.kept.as_ref());
         let points = kept.filter_map(|record| Some((record.index, solved(record)?)));

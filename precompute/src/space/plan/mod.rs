@@ -155,12 +155,7 @@ const SAME_ENERGY: f64 = 1e-6;
 /// Whether an attempt at a point replaces the accepted one: a solution replaces a failure, a lower energy a
 /// higher one.
 pub(super) fn supersedes(new: &Record, kept: Option<&Record>) -> bool {
-    match kept {
-        None => true,
-        Some(kept) if !kept.tag.is_solved() => true,
-        Some(kept) => {
-            let least = SAME_ENERGY * kept.energy_j.abs();
-            new.tag.is_solved() && new.energy_j < kept.energy_j - least
-        }
-    }
+    let energy_j = |record: &Record| record.equilibrium().map(|at| at.energy_j);
+    let Some(kept) = kept.and_then(energy_j) else { return true };
+    energy_j(new).is_some_and(|new| new < kept - SAME_ENERGY * kept.abs())
 }

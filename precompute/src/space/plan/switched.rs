@@ -6,11 +6,9 @@
 
 use std::sync::Arc;
 
-use palpate_core::ConfigTag;
-
 use super::Plan;
 use crate::space::fallback::FallbackLattice;
-use crate::space::record::Record;
+use crate::space::record::{Record, Solution};
 use crate::space::task::{TagCounts, Task};
 use crate::spec::{Domain, GridIndex, Wanted};
 
@@ -66,9 +64,9 @@ impl Switched {
     pub(super) fn decide(&mut self, record: &Record) {
         let Some(mut record) = self.lattice.own(record) else { return };
         let at = self.lattice.grid.displacement_m(record.index);
-        if record.tag == ConfigTag::Expandable && !self.wanted.lattice_goes_on_from(at, record.force_n) {
-            // As at the force limit: the point is solved, and no other point is solved from it.
-            record.tag = ConfigTag::Terminating;
+        if let Ok(Solution { equilibrium, .. }) = &mut record.result {
+            // Beyond the tool's reach as at the force limit: no other point is solved from this one.
+            equilibrium.terminating |= !self.wanted.lattice_goes_on_from(at, equilibrium.force_n);
         }
         self.plan.decide(&record);
     }

@@ -90,7 +90,8 @@ impl Store {
     /// The jet of an adaptively sampled configuration, as fits use it.
     fn jet(&self, active: usize, index: GridIndex) -> Result<EnergyJet, StoreError> {
         let row = self.wrap(rows::record(&self.connection, active, index, 0))?;
-        Ok(self.checked(active, row)?.jet_for_fit(displacement_m(index)))
+        let jet = self.checked(active, row)?.jet_for_fit(displacement_m(index));
+        jet.ok_or_else(|| self.corrupt(rows::damaged(&index)))
     }
 
     /// Stores the state of a finished space.
@@ -126,13 +127,11 @@ fn checksum(active: usize, whole: &[u32; 5], fit: Option<&[u8]>) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use palpate_core::ConfigTag;
-
     use super::*;
     use crate::fit::made_up::{jet, spread};
     use crate::space::made_up::{MadeUp, actives, mesh};
     use crate::space::plan::SpacePlan;
-    use crate::space::{Outcome, Plans, Record, Task};
+    use crate::space::{Outcome, Plans, Record, Solution, Task};
     use crate::spec::{Sampling, Scattered, Tolerance};
 
     /// A body whose force jumps by `jump_n` to another branch beyond a plane.
@@ -141,17 +140,9 @@ mod tests {
         let beyond = jet.control_m[0] - 0.011;
         let jump_n = if beyond > 0.0 { jump_n } else { 0.0 };
         let [x, y, z] = jet.force_n;
-        let record = Record {
-            tag: ConfigTag::Expandable,
-            energy_j: jet.energy_j + jump_n * beyond,
-            force_n: [x + jump_n, y, z],
-            stiffness_n_m: jet.stiffness_n_m,
-            third_n_m2: jet.third_n_m2,
-            residual_n: 0.0,
-            min_jacobian: 1.0,
-            volume_m3: 1.0,
-            ..Record::blank(task)
-        };
+        let energy_j = jet.energy_j + jump_n * beyond;
+        let jet = EnergyJet { energy_j, force_n: [x + jump_n, y, z], ..jet };
+        let record = Record::new(task, Ok(Solution::of_jet(&jet, false)));
         Outcome { active: 0, record, seed: None, intermediate: Vec::new() }
     }
 

@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
 use palpate_core::blob::format::CHECKSUM;
 use rusqlite::types::Type;
 use rusqlite::{Connection, OptionalExtension, params};
 
-use super::rows::{plain, unreadable};
+use super::rows::{equilibrium, nullable, plain, unreadable};
 use super::{Store, StoreError};
+use crate::space::record::Equilibrium;
 use crate::space::walk::{Kind, Truth, Walk, WalkOutcome};
 
 const COLUMNS: &str = "kind, number, step, x_m, y_m, z_m, tag, failure, energy_j, fx_n, fy_n, fz_n, sxx_n_m, sxy_n_m, sxz_n_m, \
@@ -74,7 +74,7 @@ impl Store {
     pub fn walks_done(&self, active: usize) -> Result<BTreeMap<(Kind, u32), ConfigTag>, StoreError> {
         let mut done = BTreeMap::new();
         self.each_truth(active, |walk, _, truth| {
-            done.insert((walk.kind, walk.number), truth.tag);
+            done.insert((walk.kind, walk.number), truth.tag());
         })?;
         Ok(done)
     }
@@ -170,8 +170,9 @@ fn keep(
 fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlite::Result<()> {
     let places: Vec<String> = (1..=29).map(|n| format!("?{n}")).collect();
     let sql = format!("INSERT INTO held_out (active, {COLUMNS}) VALUES ({})", places.join(", "));
-    let number = |x: f64| t.tag.is_solved().then_some(x);
-    let ([x, y, z], s) = (t.displacement_m, &t.stiffness_n_m);
+    let at = t.equilibrium();
+    let number = |column: usize| at.map(|at| at.numbers()[column]);
+    let [x, y, z] = t.displacement_m;
     connection
         .prepare_cached(&sql)?
         .execute(params![
@@ -182,23 +183,23 @@ fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlit
             x,
             y,
             z,
-            t.tag.name(),
-            t.failure,
-            number(t.energy_j),
-            number(t.force_n[0]),
-            number(t.force_n[1]),
-            number(t.force_n[2]),
-            number(s[(0, 0)]),
-            number(s[(0, 1)]),
-            number(s[(0, 2)]),
-            number(s[(1, 1)]),
-            number(s[(1, 2)]),
-            number(s[(2, 2)]),
+            t.tag().name(),
+            t.failure(),
+            number(0),
+            number(1),
+            number(2),
+            number(3),
+            number(4),
+            number(5),
+            number(6),
+            number(7),
+            number(8),
+            number(9),
             t.residual_n,
-            number(t.min_jacobian),
-            t.inverted,
-            t.unstable_modes,
-            t.switched,
+            at.map(|at| at.min_jacobian),
+            at.map_or(0, |at| at.inverted),
+            at.and_then(|at| at.unstable_modes),
+            at.is_some_and(|at| at.switched),
             t.iterations,
             t.factorisations,
             t.seconds,
@@ -210,24 +211,24 @@ fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlit
 
 /// Reads a row of [`COLUMNS`] with its stored checksum.
 fn read(active: usize, row: &rusqlite::Row<'_>) -> rusqlite::Result<(Walk, u32, Truth, u32)> {
-    let number = |column: usize| row.get::<_, Option<f64>>(column).map(|x| x.unwrap_or(f64::NAN));
     let (kind, tag): (String, String) = (row.get(0)?, row.get(6)?);
     let kind = Kind::from_name(&kind).ok_or_else(|| unreadable(0, Type::Text))?;
     let walk = Walk { active: active as u32, kind, number: row.get(1)? };
-    let [xx, xy, xz, yy, yz, zz] =
-        [number(12)?, number(13)?, number(14)?, number(15)?, number(16)?, number(17)?];
+    let result = match ConfigTag::from_name(&tag) {
+        Some(ConfigTag::Failed) => Err(row.get::<_, Option<String>>(7)?.unwrap_or_default()),
+        Some(tag) if tag.is_solved() => Ok(Equilibrium {
+            min_jacobian: nullable(row, 19)?,
+            inverted: row.get(20)?,
+            unstable_modes: row.get(21)?,
+            switched: row.get(22)?,
+            ..equilibrium(row, tag, 8)?
+        }),
+        _ => return Err(unreadable(6, Type::Text)),
+    };
     let truth = Truth {
         displacement_m: [row.get(3)?, row.get(4)?, row.get(5)?],
-        tag: ConfigTag::from_name(&tag).ok_or_else(|| unreadable(6, Type::Text))?,
-        failure: row.get(7)?,
-        energy_j: number(8)?,
-        force_n: [number(9)?, number(10)?, number(11)?],
-        stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
-        residual_n: number(18)?,
-        min_jacobian: number(19)?,
-        inverted: row.get(20)?,
-        unstable_modes: row.get(21)?,
-        switched: row.get(22)?,
+        result,
+        residual_n: nullable(row, 18)?,
         iterations: row.get(23)?,
         factorisations: row.get(24)?,
         seconds: row.get(25)?,
@@ -239,26 +240,21 @@ fn read(active: usize, row: &rusqlite::Row<'_>) -> rusqlite::Result<(Walk, u32, 
 /// CRC-32 of a held-out value as it is read back.
 fn checksum(walk: &Walk, step: u32, t: &Truth) -> u32 {
     let mut digest = CHECKSUM.digest();
-    let unstable = t.unstable_modes.map_or(0, |n| n + 1);
-    let switched = u32::from(t.switched);
-    for n in [walk.active, walk.number, step, t.inverted, unstable, switched, t.iterations, t.factorisations]
-    {
+    let at = t.equilibrium();
+    let unstable = at.and_then(|at| at.unstable_modes).map_or(0, |n| n + 1);
+    let (inverted, switched) = at.map_or((0, 0), |at| (at.inverted, u32::from(at.switched)));
+    for n in [walk.active, walk.number, step, inverted, unstable, switched, t.iterations, t.factorisations] {
         digest.update(&n.to_le_bytes());
     }
-    for text in [walk.kind.name(), t.tag.name(), t.failure.as_deref().unwrap_or("")] {
+    for text in [walk.kind.name(), t.tag().name(), t.failure().unwrap_or("")] {
         digest.update(text.as_bytes());
     }
-    let s = &t.stiffness_n_m;
-    let of_solution = [t.energy_j, t.min_jacobian].into_iter().chain(t.force_n).chain([
-        s[(0, 0)],
-        s[(0, 1)],
-        s[(0, 2)],
-        s[(1, 1)],
-        s[(1, 2)],
-        s[(2, 2)],
-    ]);
+    let of_solution = at.map(|at| {
+        let [energy_j, force_and_stiffness @ ..] = at.numbers();
+        [energy_j, at.min_jacobian].into_iter().chain(force_and_stiffness)
+    });
     let always = t.displacement_m.into_iter().chain([t.residual_n, t.seconds]);
-    for x in of_solution.filter(|_| t.tag.is_solved()).chain(always) {
+    for x in of_solution.into_iter().flatten().chain(always) {
         digest.update(&plain(x).to_le_bytes());
     }
     digest.update(&t.displacements);

@@ -1,13 +1,12 @@
 //! Conversion between rows of the tables and SQLite, with checksums.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
-use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
 use rusqlite::types::Type;
 use rusqlite::{Connection, params};
 
 use super::super::job::Outcome;
-use super::super::record::{Record, StoredSeed};
+use super::super::record::{Equilibrium, Record, Solution, StoredSeed};
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
 
@@ -34,42 +33,65 @@ pub(in crate::space) fn damaged(index: &GridIndex) -> String {
 
 /// Reads a row of [`COLUMNS`].
 pub(in crate::space) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
-    let number = |column: usize| row.get::<_, Option<f64>>(column).map(|x| x.unwrap_or(f64::NAN));
     let parent: [Option<i32>; 3] = [row.get(6)?, row.get(7)?, row.get(8)?];
     let attempt: Option<u32> = row.get(9)?;
     let tag: String = row.get(4)?;
-    let [xx, xy, xz, yy, yz, zz] =
-        [number(15)?, number(16)?, number(17)?, number(18)?, number(19)?, number(20)?];
-    let third = match row.get::<_, Option<Vec<u8>>>(21)? {
-        None => [f64::NAN; 10],
-        Some(bytes) => doubles(&bytes).try_into().map_err(|_| unreadable(21, Type::Blob))?,
+    let result = match ConfigTag::from_name(&tag) {
+        Some(ConfigTag::Failed) => Err(row.get::<_, Option<String>>(10)?.unwrap_or_default()),
+        Some(tag) if tag.is_solved() => Ok(solution(row, tag)?),
+        _ => return Err(unreadable(4, Type::Text)),
     };
     let record = Record {
         index: [row.get(0)?, row.get(1)?, row.get(2)?],
         attempt: row.get(3)?,
-        tag: ConfigTag::from_name(&tag).ok_or_else(|| unreadable(4, Type::Text))?,
         round: row.get(5)?,
         parent: match (parent, attempt) {
             ([Some(i), Some(j), Some(k)], Some(attempt)) => Some(([i, j, k], attempt)),
             _ => None,
         },
-        failure: row.get(10)?,
-        energy_j: number(11)?,
-        force_n: [number(12)?, number(13)?, number(14)?],
-        stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
-        third_n_m2: third,
-        residual_n: number(22)?,
-        min_jacobian: number(23)?,
-        inverted: row.get::<_, Option<u32>>(24)?.unwrap_or(0),
-        unstable_modes: row.get(25)?,
-        switched: row.get::<_, Option<bool>>(26)?.unwrap_or(false),
-        volume_m3: number(27)?,
+        result,
+        residual_n: nullable(row, 22)?,
         iterations: row.get(28)?,
         factorisations: row.get(29)?,
         increments: row.get(30)?,
         seconds: row.get(31)?,
     };
     Ok(Row { record, checksum: row.get(32)? })
+}
+
+fn solution(row: &rusqlite::Row<'_>, tag: ConfigTag) -> rusqlite::Result<Solution> {
+    let third = doubles(&row.get::<_, Vec<u8>>(21)?);
+    let equilibrium = Equilibrium {
+        min_jacobian: nullable(row, 23)?,
+        inverted: row.get(24)?,
+        unstable_modes: row.get(25)?,
+        switched: row.get(26)?,
+        ..equilibrium(row, tag, 11)?
+    };
+    Ok(Solution {
+        equilibrium,
+        third_n_m2: third.try_into().map_err(|_| unreadable(21, Type::Blob))?,
+        volume_m3: nullable(row, 27)?,
+    })
+}
+
+/// W, h and S in ten columns from `first` on; the condition of the mesh is that of rest.
+pub(super) fn equilibrium(
+    row: &rusqlite::Row<'_>,
+    tag: ConfigTag,
+    first: usize,
+) -> rusqlite::Result<Equilibrium> {
+    let mut numbers = [0.0; 20];
+    for (column, number) in numbers[..10].iter_mut().enumerate() {
+        *number = row.get(first + column)?;
+    }
+    let jet = EnergyJet::from_numbers([0.0; 3], &numbers);
+    Ok(Solution::of_jet(&jet, tag == ConfigTag::Terminating).equilibrium)
+}
+
+/// A number that SQLite returns as NULL if it is NaN.
+pub(super) fn nullable(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<f64> {
+    row.get::<_, Option<f64>>(column).map(|x| x.unwrap_or(f64::NAN))
 }
 
 pub(in crate::space) fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
@@ -79,10 +101,9 @@ pub(in crate::space) fn unreadable(column: usize, kind: Type) -> rusqlite::Error
 /// Writes an outcome.
 pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Result<()> {
     let (active, r) = (outcome.active, &outcome.record);
-    let s = &r.stiffness_n_m;
-    let solved = r.tag.is_solved();
-    let number = |x: f64| solved.then_some(x);
+    let (solution, at) = (r.solution(), r.equilibrium());
     let parent = r.parent.map(|(index, _)| index);
+    let number = |column: usize| at.map(|at| at.numbers()[column]);
     let sql = format!(
         "INSERT INTO configuration (active, {COLUMNS}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, \
          ?13, ?14, ?15, ?16, ?17, ?18, ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, ?34)"
@@ -93,30 +114,30 @@ pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> ru
         r.index[1],
         r.index[2],
         r.attempt,
-        r.tag.name(),
+        r.tag().name(),
         r.round,
         parent.map(|p| p[0]),
         parent.map(|p| p[1]),
         parent.map(|p| p[2]),
         r.parent.map(|(_, attempt)| attempt),
-        r.failure,
-        number(r.energy_j),
-        number(r.force_n[0]),
-        number(r.force_n[1]),
-        number(r.force_n[2]),
-        number(s[(0, 0)]),
-        number(s[(0, 1)]),
-        number(s[(0, 2)]),
-        number(s[(1, 1)]),
-        number(s[(1, 2)]),
-        number(s[(2, 2)]),
-        solved.then(|| bytes(&r.third_n_m2)),
+        r.failure(),
+        number(0),
+        number(1),
+        number(2),
+        number(3),
+        number(4),
+        number(5),
+        number(6),
+        number(7),
+        number(8),
+        number(9),
+        solution.map(|s| bytes(&s.third_n_m2)),
         r.residual_n,
-        number(r.min_jacobian),
-        solved.then_some(r.inverted),
-        r.unstable_modes,
-        solved.then_some(r.switched),
-        number(r.volume_m3),
+        at.map(|at| at.min_jacobian),
+        at.map(|at| at.inverted),
+        at.and_then(|at| at.unstable_modes),
+        at.map(|at| at.switched),
+        solution.map(|s| s.volume_m3),
         r.iterations,
         r.factorisations,
         r.increments,
@@ -187,9 +208,9 @@ impl State {
     }
 
     /// Start state of later solves: the state, and the condensed energy of its record. `None` if the state is
-    /// damaged.
+    /// damaged or the attempt failed.
     pub(in crate::space) fn seed(self, record: &Record) -> Option<StoredSeed> {
-        let numbers = record.jet([0.0; 3]).numbers();
+        let numbers = record.jet([0.0; 3])?.numbers();
         self.is_intact().then_some(StoredSeed { state: self.state, sensitivity: self.sensitivity, numbers })
     }
 }
@@ -227,24 +248,23 @@ pub(in crate::space) fn intermediate(
 /// CRC-32 of a record as it is read back: SQLite keeps neither the sign of zero nor the payload of NaN.
 pub(in crate::space) fn checksum(active: usize, r: &Record) -> u32 {
     let mut digest = CHECKSUM.digest();
-    let solved = r.tag.is_solved();
     let parent = r.parent.map_or([0; 4], |([i, j, k], attempt)| [i, j, k, attempt as i32 + 1]);
-    let unstable = r.unstable_modes.map_or(0, |n| n + 1);
-    let inverted = if solved { 2 * r.inverted + u32::from(r.switched) } else { 0 };
+    let unstable = r.equilibrium().and_then(|at| at.unstable_modes).map_or(0, |n| n + 1);
+    let inverted = r.equilibrium().map_or(0, |at| 2 * at.inverted + u32::from(at.switched));
     let whole =
         [active as u32, r.attempt, r.round, inverted, unstable, r.iterations, r.factorisations, r.increments];
     for n in whole.into_iter().chain(r.index.map(|n| n as u32)).chain(parent.map(|n| n as u32)) {
         digest.update(&n.to_le_bytes());
     }
-    digest.update(r.tag.name().as_bytes());
-    digest.update(r.failure.as_deref().unwrap_or("").as_bytes());
-    let s = &r.stiffness_n_m;
-    let of_solution = [r.energy_j, r.min_jacobian, r.volume_m3]
-        .into_iter()
-        .chain(r.force_n)
-        .chain([s[(0, 0)], s[(0, 1)], s[(0, 2)], s[(1, 1)], s[(1, 2)], s[(2, 2)]])
-        .chain(r.third_n_m2);
-    for x in of_solution.filter(|_| solved).chain([r.residual_n, r.seconds]) {
+    digest.update(r.tag().name().as_bytes());
+    digest.update(r.failure().unwrap_or("").as_bytes());
+    let of_solution = r.solution().map(|solution| {
+        let at = &solution.equilibrium;
+        let [energy_j, force_and_stiffness @ ..] = at.numbers();
+        let scalars = [energy_j, at.min_jacobian, solution.volume_m3];
+        scalars.into_iter().chain(force_and_stiffness).chain(solution.third_n_m2)
+    });
+    for x in of_solution.into_iter().flatten().chain([r.residual_n, r.seconds]) {
         digest.update(&plain(x).to_le_bytes());
     }
     digest.finalize()

@@ -63,7 +63,7 @@ impl Replay {
             actives.push(active);
             for record in attempts {
                 let key = (active as u32, record.index, record.attempt);
-                let seed = match record.tag.is_solved() {
+                let seed = match record.tag().is_solved() {
                     true => Some(store.stored_seed(active, record.index, record.attempt)?),
                     false => None,
                 };

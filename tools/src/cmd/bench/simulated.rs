@@ -4,11 +4,10 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
 use std::time::Duration;
 
-use palpate_core::ConfigTag;
 use palpate_precompute::fem::boundary::Pose;
 use palpate_precompute::fem::solve::Seed;
 use palpate_precompute::num::jet::EnergyJet;
-use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, StoredSeed, Task, Work};
+use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, Solution, StoredSeed, Task, Work};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 /// Costs other than the solves, ns.
@@ -137,30 +136,13 @@ fn scramble(mut x: u64) -> u64 {
 /// A point of a spring of 1 N/m: solved, and consistent with its neighbours.
 fn harmonic(task: &Task, grid: &SpaceGrid) -> Record {
     let d = grid.displacement_m(task.target);
-    let mut record = Record {
-        index: task.target,
-        attempt: task.attempt,
-        tag: ConfigTag::Expandable,
-        round: task.round,
-        parent: task.parent,
-        failure: None,
-        energy_j: 0.5 * d.iter().map(|x| x * x).sum::<f64>(),
-        force_n: d,
-        stiffness_n_m: Default::default(),
-        third_n_m2: [0.0; 10],
-        residual_n: 0.0,
-        min_jacobian: 1.0,
-        inverted: 0,
-        unstable_modes: None,
-        switched: false,
-        volume_m3: 1.0,
-        iterations: 1,
-        factorisations: 1,
-        increments: 1,
-        seconds: 0.0,
-    };
-    record.stiffness_n_m.fill_diagonal(1.0);
-    record
+    let energy_j = 0.5 * d.iter().map(|x| x * x).sum::<f64>();
+    let mut numbers = [0.0; 20];
+    (numbers[0], numbers[4], numbers[7], numbers[9]) = (energy_j, 1.0, 1.0, 1.0);
+    numbers[1..4].copy_from_slice(&d);
+    let jet = EnergyJet::from_numbers(d, &numbers);
+    let record = Record::new(task, Ok(Solution::of_jet(&jet, false)));
+    Record { iterations: 1, factorisations: 1, increments: 1, ..record }
 }
 
 impl Crew for Simulated<'_> {
@@ -183,7 +165,7 @@ impl Crew for Simulated<'_> {
         *self.ran.levels.entry((job.active, job.task.round)).or_default() += 1;
         let number = self.ran.tries;
         self.ran.tries += 1;
-        let seed = record.tag.is_solved().then(|| self.seed.clone());
+        let seed = record.tag().is_solved().then(|| self.seed.clone());
         self.outcomes.insert(number, Outcome { active: job.active, record, seed, intermediate: Vec::new() });
         self.under_way.push(Reverse((done + self.costs.message, number, worker)));
         Ok(())

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use palpate_host::viewer::frames::still;
 use palpate_host::viewer::map::{ScalarField, SurfaceMap, draw};
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::space::Store;
+use palpate_precompute::space::{Record, Store};
 
 use crate::failure::Failure;
 use crate::files::Output;
@@ -27,9 +27,9 @@ pub(super) fn write(store: &Store, file: &Output) -> Result<(), Failure> {
     let mut touched = HashMap::new();
     for (active, (_, node)) in store.active()?.into_iter().enumerate() {
         let records = store.records(active)?;
-        let solved = records.iter().filter(|record| record.tag.is_solved());
+        let solved = records.iter().filter(|record| record.tag().is_solved());
         let (Some(rest), Some(normal)) =
-            (records.iter().find(|record| record.index == [0; 3]), surface.normal(node))
+            (records.iter().find(|r| r.index == [0; 3]).and_then(Record::equilibrium), surface.normal(node))
         else {
             continue;
         };

@@ -50,7 +50,7 @@ pub(super) fn describe(
         }
         Some(Verdict::Stalled) => {
             let on = fallback.map_or_else(String::new, |(lattice, records)| {
-                let solved = |r: &&Record| r.tag.is_solved() && r.index != [0; 3];
+                let solved = |r: &&Record| r.tag().is_solved() && r.index != [0; 3];
                 let solved = lattice.records(records).iter().filter(solved).count();
                 let spacing_mm = 1e3 * lattice.grid.spacing_m;
                 format!("; replaced by {solved} points of a lattice of {spacing_mm:.1} mm")

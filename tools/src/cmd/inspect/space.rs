@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use palpate_precompute::fit::Fold;
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::mesh::write::vtu::{self, Cells, Field, Grid};
-use palpate_precompute::space::{FallbackLattice, Plans, Record, Store, folds};
+use palpate_precompute::space::{Equilibrium, FallbackLattice, Plans, Record, Store, folds};
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
@@ -154,17 +154,18 @@ fn beside(path: &Path, name: &str) -> PathBuf {
 impl Space {
     /// Solved points except rest.
     fn solved(&self) -> impl Iterator<Item = &Record> {
-        self.records.iter().filter(|r| r.tag.is_solved() && r.index != [0; 3])
+        self.records.iter().filter(|r| r.tag().is_solved() && r.index != [0; 3])
     }
 
     fn describe(&self, total: Option<usize>) -> (String, serde_json::Value) {
         let count =
-            |tag: &str| self.records.iter().filter(|r| r.tag.name() == tag && r.index != [0; 3]).count();
+            |tag: &str| self.records.iter().filter(|r| r.tag().name() == tag && r.index != [0; 3]).count();
         let (expandable, terminating, failed) = (count("expandable"), count("terminating"), count("failed"));
         let unknown = total.map_or(0, |total| total.saturating_sub(expandable + terminating + failed));
-        let most = |value: fn(&Record) -> f64| self.solved().map(value).fold(0.0, f64::max);
-        let least = self.solved().map(Record::force_norm_n).fold(f64::INFINITY, f64::min);
-        let (largest, residual) = (most(Record::force_norm_n), most(|r| r.residual_n));
+        let found = || self.solved().filter_map(Record::equilibrium);
+        let forces = || found().map(Equilibrium::force_norm_n);
+        let (least, largest) = (forces().fold(f64::INFINITY, f64::min), forces().fold(0.0, f64::max));
+        let residual = self.solved().map(|r| r.residual_n).fold(0.0, f64::max);
         let tries = self.attempts.iter().filter(|r| r.index != [0; 3]);
         let (mut iterations, mut factorisations, mut seconds) = (0_u32, 0_u32, 0.0);
         for r in tries.clone() {
@@ -173,12 +174,12 @@ impl Space {
             seconds += r.seconds;
         }
         let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
-        for r in self.records.iter().filter_map(|r| r.failure.as_deref()) {
+        for r in self.records.iter().filter_map(Record::failure) {
             *reasons.entry(r).or_default() += 1;
         }
         let solved = self.solved().count();
-        let inverted = self.solved().filter(|r| r.inverted > 0).count();
-        let unstable = self.solved().filter(|r| r.unstable_modes.is_some_and(|n| n > 0)).count();
+        let inverted = found().filter(|at| at.inverted > 0).count();
+        let unstable = found().filter(|at| at.unstable_modes.is_some_and(|n| n > 0)).count();
         let again = self.attempts.iter().filter(|r| r.attempt > 0).count();
         let superseded = self.solved().filter(|r| r.attempt > 0).count();
         let per = |n: u32| f64::from(n) / solved.max(1) as f64;
@@ -244,12 +245,13 @@ impl Space {
         let points: Vec<[f64; 3]> = self.records.iter().map(|r| grid.displacement_m(r.index)).collect();
         let scalar =
             |value: &dyn Fn(&Record) -> f64| -> Vec<f64> { self.records.iter().map(value).collect() };
-        let or_zero = |x: f64| if x.is_nan() { 0.0 } else { x };
-        let tag = scalar(&|r| f64::from(r.tag as u8));
-        let energy = scalar(&|r| or_zero(r.energy_j));
-        let force: Vec<f64> = self.records.iter().flat_map(|r| r.force_n.map(or_zero)).collect();
-        let jacobian = scalar(&|r| or_zero(r.min_jacobian));
-        let inverted = scalar(&|r| f64::from(r.inverted));
+        let of_solved = |value: &dyn Fn(&Equilibrium) -> f64| scalar(&|r| r.equilibrium().map_or(0.0, value));
+        let tag = scalar(&|r| f64::from(r.tag() as u8));
+        let energy = of_solved(&|at| at.energy_j);
+        let force: Vec<f64> =
+            self.records.iter().flat_map(|r| r.equilibrium().map_or([0.0; 3], |at| at.force_n)).collect();
+        let jacobian = of_solved(&|at| at.min_jacobian);
+        let inverted = of_solved(&|at| f64::from(at.inverted));
         let round = scalar(&|r| f64::from(r.round));
         let attempt = scalar(&|r| f64::from(r.attempt));
         let iterations = scalar(&|r| f64::from(r.iterations));
@@ -281,33 +283,60 @@ impl Space {
 }
 
 const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,parent_k,failure,energy_j,fx_n,fy_n,fz_n,\
-                          sxx_n_m,syy_n_m,szz_n_m,sxy_n_m,sxz_n_m,syz_n_m,residual_n,min_jacobian,inverted,volume_m3,\
+                          sxx_n_m,sxy_n_m,sxz_n_m,syy_n_m,syz_n_m,szz_n_m,residual_n,min_jacobian,inverted,volume_m3,\
                           iterations,increments,seconds,attempt,parent_attempt,counts,factorisations,unstable_modes,switched,\
                           fold_rho_n,fold_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
                           w112_n_m2,w122_n_m2,w222_n_m2";
 
+/// A number of a table; empty for the NaN of a residual that could not be computed.
+pub(super) fn number(x: f64) -> String {
+    if x.is_nan() { String::new() } else { format!("{x:?}") }
+}
+
+/// A value of a table; empty if there is none.
+pub(super) fn field(value: Option<impl ToString>) -> String {
+    value.map_or(String::new(), |value| value.to_string())
+}
+
+/// Numbers of a table; empty if there are none.
+pub(super) fn numbers<const N: usize>(values: Option<[f64; N]>) -> [String; N] {
+    values.map_or([const { String::new() }; N], |values| values.map(number))
+}
+
 fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option<&[f64; 2]>) -> String {
-    // Missing values of a failed attempt are empty fields.
-    let number = |x: f64| if x.is_nan() { String::new() } else { format!("{x:?}") };
-    let whole = |n: Option<u32>| n.map_or(String::new(), |n| n.to_string());
-    let ([i, j, k], [x, y, z], s) = (r.index, grid.displacement_m(r.index), &r.stiffness_n_m);
-    let solved = r.tag.is_solved();
+    let ([i, j, k], [x, y, z]) = (r.index, grid.displacement_m(r.index));
+    let (solution, at) = (r.solution(), r.equilibrium());
     let mut cells = vec![active.to_string()];
     cells.extend([i, j, k].map(|n| n.to_string()));
     cells.extend([x, y, z].map(number));
-    cells.extend([r.tag.name().into(), r.round.to_string()]);
+    cells.extend([r.tag().name().into(), r.round.to_string()]);
     cells.extend(r.parent.map_or([const { String::new() }; 3], |(index, _)| index.map(|n| n.to_string())));
-    cells.push(r.failure.clone().unwrap_or_default());
-    cells.push(number(r.energy_j));
-    cells.extend(r.force_n.map(number));
-    cells.extend([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|at| number(s[at])));
-    cells.extend([number(r.residual_n), number(r.min_jacobian), whole(solved.then_some(r.inverted))]);
-    cells.push(number(r.volume_m3));
+    cells.push(r.failure().unwrap_or("").into());
+    cells.extend(numbers(at.map(Equilibrium::numbers)));
+    cells.extend([number(r.residual_n), field(at.map(|at| number(at.min_jacobian)))]);
+    cells.extend([field(at.map(|at| at.inverted)), field(solution.map(|s| number(s.volume_m3)))]);
     cells.extend([r.iterations.to_string(), r.increments.to_string(), number(r.seconds)]);
-    cells.extend([r.attempt.to_string(), whole(r.parent.map(|(_, attempt)| attempt))]);
-    cells.extend([u32::from(counts).to_string(), r.factorisations.to_string(), whole(r.unstable_modes)]);
-    cells.push(whole(solved.then_some(u32::from(r.switched))));
-    cells.extend(fold.map_or([const { String::new() }; 2], |e| e.map(number)));
-    cells.extend(r.third_n_m2.map(number));
+    cells.extend([r.attempt.to_string(), field(r.parent.map(|(_, attempt)| attempt))]);
+    cells.extend([u32::from(counts).to_string(), r.factorisations.to_string()]);
+    cells.extend([field(at.and_then(|at| at.unstable_modes)), field(at.map(|at| u32::from(at.switched)))]);
+    cells.extend(numbers(fold.copied()));
+    cells.extend(numbers(solution.map(|s| s.third_n_m2)));
     cells.join(",") + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_precompute::num::jet::SECOND_INDICES;
+
+    use super::super::held_out;
+    use super::*;
+
+    #[test]
+    fn tables_have_the_stiffness_in_the_order_of_all_files() {
+        let name = |[i, j]: [usize; 2]| format!("s{}{}_n_m", ["x", "y", "z"][i], ["x", "y", "z"][j]);
+        let columns = SECOND_INDICES.map(name).join(",");
+        for header in [CSV_HEADER, held_out::CSV_HEADER] {
+            assert!(header.contains(&format!(",{columns},")), "{header}");
+        }
+    }
 }

@@ -70,7 +70,7 @@ impl Predicted<'_> {
         let mut all = Vec::new();
         let mut solved_nodes = Vec::new();
         for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-            let solved = store.records(active)?.iter().filter(|r| r.tag.is_solved()).count();
+            let solved = store.records(active)?.iter().filter(|r| r.tag().is_solved()).count();
             if solved < 2 {
                 continue;
             }

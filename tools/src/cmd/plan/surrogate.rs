@@ -7,11 +7,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use palpate_core::ConfigTag;
 use palpate_precompute::adaptive::{AdaptiveFit, Found, Search, Step, Verdict};
 use palpate_precompute::fit::{KernelFit, Sample};
 use palpate_precompute::num::jet::EnergyJet;
-use palpate_precompute::space::{Plan, Record};
+use palpate_precompute::space::{Plan, Record, Solution};
 use palpate_precompute::spec::{Domain, GridIndex, Lattice, Tolerance, Wanted};
 
 use super::probe::{Probed, norm};
@@ -156,29 +155,7 @@ impl Surrogate {
             let jet = if is_rest { self.rest } else { self.fit.jet(grid.displacement_m(task.target)) };
             let beyond = !is_rest && norm(jet.force_n) >= self.wanted.max_force_n;
             let is_last = beyond || !goes_on(&jet);
-            let tag = if is_last { ConfigTag::Terminating } else { ConfigTag::Expandable };
-            plan.decide(&Record {
-                index: task.target,
-                attempt: task.attempt,
-                tag,
-                round: task.round,
-                parent: task.parent,
-                failure: None,
-                energy_j: jet.energy_j,
-                force_n: jet.force_n,
-                stiffness_n_m: jet.stiffness_n_m,
-                third_n_m2: jet.third_n_m2,
-                residual_n: 0.0,
-                min_jacobian: 1.0,
-                inverted: 0,
-                unstable_modes: Some(0),
-                switched: false,
-                volume_m3: 0.0,
-                iterations: 0,
-                factorisations: 0,
-                increments: 1,
-                seconds: 0.0,
-            });
+            plan.decide(&Record::new(&task, Ok(Solution::of_jet(&jet, is_last))));
             samples.insert(task.target, sample(task.target, &jet, beyond));
         }
         Expanded { samples: samples.into_values().collect() }

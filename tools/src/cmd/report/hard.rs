@@ -179,7 +179,7 @@ impl Hard {
         let identity = store.identity()?;
         let radius_m = identity.sampling.radius_m();
         let records = store.records(0)?;
-        let solved = records.iter().filter(|r| r.tag.is_solved());
+        let solved = records.iter().filter(|r| r.tag().is_solved());
         let (all, there) =
             solved.fold((0, 0), |(all, there), r| (all + 1, there + usize::from(hole.keeps(r.index))));
         let lattice = identity.sampling.lattice();

@@ -69,7 +69,7 @@ pub(super) fn measured(
     let path = solved(plan, &case, &draw, None, steps)?;
     steps.next(&format!("{}: states between grid points, and the surface", case.name))?;
     let store = Store::open(&path)?;
-    let points = store.records(0)?.iter().filter(|r| r.tag.is_solved()).count();
+    let points = store.records(0)?.iter().filter(|r| r.tag().is_solved()).count();
     let mut forces = Vec::new();
     for intermediate in [false, true] {
         let methods = &[Method::RbfLinear, Method::RbfCubic];

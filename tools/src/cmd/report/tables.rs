@@ -79,7 +79,7 @@ pub(super) fn fitted(
     let packed = |methods: &[Method]| {
         pack_with(store, &PackOptions { methods, intermediate: true, threads: plan.threads }, keep)
     };
-    let solved = store.records(0)?.iter().filter(|r| r.tag.is_solved()).count();
+    let solved = store.records(0)?.iter().filter(|r| r.tag().is_solved()).count();
     let truths: u32 = Summary::of(store, 0)?.values().map(|sum| sum.positions).sum();
     let bare_bytes = packed(&[])?.bytes()?.len();
     let (mut all, mut left_out) = (Vec::new(), Vec::new());

@@ -4,6 +4,8 @@ use std::collections::{HashMap, HashSet};
 
 use super::super::supersedes;
 use super::*;
+use crate::num::jet::EnergyJet;
+use crate::space::record::Solution;
 use crate::spec::{GridIndex, neighbours, plus, squared};
 
 /// SplitMix64 (Steele, Lea and Flood 2014).
@@ -42,24 +44,24 @@ impl World {
     }
 
     fn solve(&self, task: &Task) -> Record {
-        let mut record = Record::blank(task);
-        if task.target == [0; 3] {
-            record.tag = ConfigTag::Expandable;
-            record.energy_j = 0.0;
-            return record;
+        let is_rest = task.target == [0; 3];
+        let (end, branch) = (self.draw(task, 1), self.draw(task, 2));
+        if !is_rest && end < self.fails {
+            return with(task, ConfigTag::Failed, 0.0);
         }
-        record.tag = match self.draw(task, 1) {
-            x if x < self.fails => ConfigTag::Failed,
-            x if x < self.fails + self.terminates => ConfigTag::Terminating,
-            _ => ConfigTag::Expandable,
-        };
-        if record.tag.is_solved() {
-            record.energy_j = if self.draw(task, 2) < self.jumps { 1.0 } else { 0.0 };
-            record.force_n = [0.0; 3];
-            record.stiffness_n_m = nalgebra::Matrix3::zeros();
-        }
-        record
+        let terminates = !is_rest && end < self.fails + self.terminates;
+        let energy_j = if !is_rest && branch < self.jumps { 1.0 } else { 0.0 };
+        with(task, if terminates { ConfigTag::Terminating } else { ConfigTag::Expandable }, energy_j)
     }
+}
+
+/// A record of this energy without force and stiffness.
+fn with(task: &Task, tag: ConfigTag, energy_j: f64) -> Record {
+    let mut numbers = [0.0; 20];
+    numbers[0] = energy_j;
+    let solution =
+        Solution::of_jet(&EnergyJet::from_numbers([0.0; 3], &numbers), tag == ConfigTag::Terminating);
+    Record::new(task, if tag.is_solved() { Ok(solution) } else { Err("line-search".into()) })
 }
 
 fn grid() -> SpaceGrid {
@@ -124,7 +126,7 @@ fn handing_out_ahead_is_the_same_as_rounds() {
             if tasks.is_empty() {
                 break;
             }
-            tags.extend(tasks.iter().map(|t| (t.target, world.solve(t).tag)));
+            tags.extend(tasks.iter().map(|t| (t.target, world.solve(t).tag())));
             expected.extend(tasks);
         }
         assert!(expected.len() > 50, "seed {seed}");
@@ -141,7 +143,7 @@ fn a_failed_point_is_tried_from_every_solved_neighbour_before_it_is_given_up() {
     let domain = Domain::new(&grid(), true);
     let (log, counts) = run(&world, 4, 9);
     let solved =
-        |index: &GridIndex| log.values().any(|t| t.target == *index && world.solve(t).tag.is_solved());
+        |index: &GridIndex| log.values().any(|t| t.target == *index && world.solve(t).tag().is_solved());
     let mut given_up = 0;
     for point in 1..domain.len() as u32 {
         let index = domain.index(point);
@@ -165,8 +167,9 @@ fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
     let world = World { seed: 5, fails: 0.0, terminates: 0.0, ..World::default() };
     let (log, counts) = run(&world, 3, 1);
     assert_eq!((counts.failed, counts.terminating, counts.unknown), (0, 0, 0));
+    let is_upper = |r: &Record| r.equilibrium().is_some_and(|at| at.energy_j > 0.5);
     let jumped: Vec<GridIndex> =
-        log.values().filter(|t| t.attempt == 0 && world.solve(t).energy_j > 0.5).map(|t| t.target).collect();
+        log.values().filter(|t| t.attempt == 0 && is_upper(&world.solve(t))).map(|t| t.target).collect();
     assert!(jumped.len() > 3, "the synthetic body has solutions on another branch");
     let domain = Domain::new(&grid(), true);
     for index in jumped {
@@ -214,16 +217,16 @@ fn later_tries_start_from_the_solution_that_counted_when_their_round_began() {
             if let Some((parent, solution)) = task.parent {
                 // The expansion never supersedes a solution; its start state may be of the same round.
                 let known = if task.attempt == 0 { &kept } else { &at_its_beginning };
-                let counts = known.get(&parent).filter(|r| r.tag.is_solved()).expect("a solved parent");
+                let counts = known.get(&parent).filter(|r| r.tag().is_solved()).expect("a solved parent");
                 assert_eq!(solution, counts.attempt, "seed {seed}: {task:?}");
-                let was_failed = kept.get(&task.target).is_some_and(|r| !r.tag.is_solved());
+                let was_failed = kept.get(&task.target).is_some_and(|r| !r.tag().is_solved());
                 if was_failed && solution > 0 {
                     *(if failed_first.contains(&parent) { &mut of_failed } else { &mut of_superseded }) += 1;
                 }
             }
             let record = world.solve(&task);
             plan.decide(&record);
-            if task.attempt == 0 && !record.tag.is_solved() {
+            if task.attempt == 0 && !record.tag().is_solved() {
                 failed_first.insert(task.target);
             }
             if supersedes(&record, kept.get(&task.target)) {
@@ -238,18 +241,14 @@ fn later_tries_start_from_the_solution_that_counted_when_their_round_began() {
 #[test]
 fn the_first_solution_is_kept_unless_a_later_one_is_clearly_lower() {
     let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: None };
-    let with = |tag, energy_j| {
-        let mut record = Record::blank(&task);
-        (record.tag, record.energy_j) = (tag, energy_j);
-        record
-    };
+    let with = |tag, energy_j| with(&task, tag, energy_j);
     let first = with(ConfigTag::Expandable, 1.0);
     assert!(
         !supersedes(&with(ConfigTag::Expandable, 1.0 - 1e-9), Some(&first)),
         "a difference by rounding does not supersede"
     );
     assert!(supersedes(&with(ConfigTag::Terminating, 0.9), Some(&first)));
-    assert!(!supersedes(&with(ConfigTag::Failed, f64::NAN), Some(&first)));
-    assert!(supersedes(&first, Some(&with(ConfigTag::Failed, f64::NAN))));
+    assert!(!supersedes(&with(ConfigTag::Failed, 0.0), Some(&first)));
+    assert!(supersedes(&first, Some(&with(ConfigTag::Failed, 0.0))));
     assert!(!supersedes(&with(ConfigTag::Expandable, 1.1), Some(&first)));
 }
