@@ -126,7 +126,7 @@ impl WorkProgress {
             what: String::new(),
             left_s: None,
         }));
-        Self { lines: is_pipe.then(|| lines(state.clone())), state, phase_began: (now, 0) }
+        Self { lines: is_pipe.then(|| lines(state.clone())).flatten(), state, phase_began: (now, 0) }
     }
 
     /// Shows a phase of unknown length.
@@ -241,15 +241,16 @@ impl Drop for WorkProgress {
     }
 }
 
-/// Prints the line of `state` every few seconds until the sender is dropped.
-fn lines(state: Arc<Mutex<State>>) -> (Sender<()>, JoinHandle<()>) {
+/// Prints the line of `state` every few seconds until the sender is dropped. Without a thread there are only the
+/// lines at changes of phase.
+fn lines(state: Arc<Mutex<State>>) -> Option<(Sender<()>, JoinHandle<()>)> {
     let (end, ended) = channel();
     let print = move || {
         while ended.recv_timeout(LINE_EVERY) == Err(RecvTimeoutError::Timeout) {
             state.lock().unwrap_or_else(PoisonError::into_inner).print();
         }
     };
-    (end, std::thread::spawn(print))
+    Some((end, std::thread::Builder::new().spawn(print).ok()?))
 }
 
 /// What is solved in the first unfinished space.

@@ -161,7 +161,7 @@ impl Health {
         say(
             BRANCHES.of(found.folded_volume),
             format!(
-                "{:.1} % of the volume lies at folds ({} pairs of neighbours on different branches): the force there depends on the way; \
+                "{:.1} % of the volume lies at branch jumps ({} pairs of neighbours on different branches): the force there depends on the path; \
                  take a smaller radius_m",
                 100.0 * found.folded_volume,
                 found.fold_pairs
