@@ -1,5 +1,5 @@
-//! Progress of long work: what is being done, how much of it, for how long, and how long it will take. A bar on
-//! a terminal; on a pipe a line at every change of the phase and every few seconds.
+//! Progress of long work: what is being done, how much of it, for how long, and how long it will take. A bar
+//! on a terminal; on a pipe a line at every change of the phase and every few seconds.
 
 use std::io::IsTerminal;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};

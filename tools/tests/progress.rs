@@ -1,5 +1,5 @@
-//! Tests the progress lines of `palpate precompute` on a pipe, at a strip that buckles: its search stagnates and
-//! a lattice takes over.
+//! Tests the progress lines of `palpate precompute` on a pipe, at a strip that buckles: its search stagnates
+//! and a lattice takes over.
 
 use std::path::Path;
 use std::process::Command;
