@@ -1,4 +1,4 @@
-//! Solves the held-out walks with a crew and stores the outcomes.
+//! Solves the held-out walks with an executor and stores the outcomes.
 //!
 //! Regular and random paths start from rest and do not depend on the space. Uniform positions do: position
 //! number n of an active node is tried if a corner of its cell is reachable, from the nearest such corner. It

@@ -13,7 +13,7 @@ use super::store::{Store, StoreError};
 use super::worker::{Worker, Workshop};
 use crate::num::parallel::ThreadError;
 
-/// Why a crew failed.
+/// Why an executor failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CrewError {
     /// A worker stopped on an internal error.
@@ -62,12 +62,12 @@ pub trait Crew {
 /// Longest wait for the next result before finished results are committed.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// Dispatcher of a crew for one store.
+/// Dispatcher of an executor for one store.
 pub(crate) struct Shift<'a> {
     crew: &'a mut dyn Crew,
     store: &'a Store,
     stop: &'a AtomicBool,
-    /// The crew was asked to stop.
+    /// The executor was asked to stop.
     stopped: bool,
     desks: Desks,
 }

@@ -1,4 +1,4 @@
-//! Runs the plans of one or several spaces on a crew and stores the results.
+//! Runs the plans of one or several spaces on an executor and stores the results.
 //!
 //! A resumed run walks the same plans. A task that is already in the store is not solved again.
 

@@ -1,4 +1,4 @@
-//! A crew without a solver. Its body has an analytic energy, so that a whole space costs milliseconds.
+//! An executor without a solver. Its body has an analytic energy, so that a whole space costs milliseconds.
 
 use std::collections::VecDeque;
 use std::path::Path;

@@ -5,6 +5,7 @@
 //! open      Hello -> HelloAck: session, limits            blocks, before the loop
 //! exchange  not homed -> Home; force requested -> Enable; then Command        State -> sample
 //! fault     reported by the device, unexpected disable, silence -> latched until reset(): Hello, new session
+//! ```
 //!
 //! An exchange never waits. It reads what has arrived, and sends the next request after the last one was
 //! answered or timed out. Replies have sequence numbers: the time stamp of a sample is the send time of its

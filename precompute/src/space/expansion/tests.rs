@@ -41,7 +41,7 @@ fn all_that_was_done_before_a_stop_is_committed() {
     }
 }
 
-/// A crew that fails after so many outcomes.
+/// An executor that fails after so many outcomes.
 struct Dies(MadeUp, usize);
 
 impl Crew for Dies {
