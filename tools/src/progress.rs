@@ -68,9 +68,14 @@ impl State {
 
     fn left(&self) -> Option<String> {
         let (seconds, since) = self.left_s?;
-        let seconds = (seconds - since.elapsed().as_secs_f64()).max(0.0);
-        let about = if self.count.is_some_and(|(_, _, is_bound)| is_bound) { "at least" } else { "about" };
-        Some(format!("{about} {} left", HumanDuration(Duration::from_secs_f64(seconds))))
+        let seconds = seconds - since.elapsed().as_secs_f64();
+        let is_bound = self.count.is_some_and(|(_, _, is_bound)| is_bound);
+        // A lower bound below a second is no information.
+        if is_bound && seconds < 1.0 {
+            return None;
+        }
+        let about = if is_bound { "at least" } else { "about" };
+        Some(format!("{about} {} left", HumanDuration(Duration::from_secs_f64(seconds.max(1.0)))))
     }
 
     fn print(&self) {
