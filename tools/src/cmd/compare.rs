@@ -19,6 +19,7 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
 use crate::output;
+use crate::progress::WorkProgress;
 
 /// Pull one body with several laws and draw the deformed shapes in one picture.
 ///
@@ -119,15 +120,21 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         args.laws.iter().map(|law| Ok((law, by_law(&bench, law)?))).collect::<Result<Vec<_>, Failure>>()?;
     let pull = Pull { node: active.node, direction, length_m: 1e-3 * args.length_mm };
     let mut outcomes = Vec::new();
-    for (law, bench) in &benches {
-        outcomes.push(pull.solve(law, bench, &stop)?);
+    let mut progress = WorkProgress::new("compare", "steps");
+    for (n, (law, bench)) in benches.iter().enumerate() {
+        let doing = format!("law {} of {}: {law}", n + 1, benches.len());
+        let mut step = |done| progress.steps(&doing, n * pull.steps() + done, benches.len() * pull.steps());
+        outcomes.push(pull.solve(law, bench, &stop, &mut step)?);
         if stop.load(Ordering::Relaxed) {
+            progress.finish();
             write_rows(&outcomes, csv.as_ref(), args.json)?;
             return Err(Failure::work("interrupted; the rows so far are kept, no picture is drawn"));
         }
     }
+    progress.phase("picture");
     let image = draw(&picture(&bench, &pull, &outcomes), width, height);
     png.put(&still(&image).map_err(|error| png.failure(&error))?)?;
+    progress.finish();
     write_rows(&outcomes, csv.as_ref(), args.json)?;
     let rows = outcomes.iter().map(|o| &o.row);
     let failed: Vec<&str> = rows.filter(|row| row.status != "ok").map(|row| row.law.as_str()).collect();
@@ -211,15 +218,27 @@ struct Pull {
 }
 
 impl Pull {
-    /// Displaces the active node up to the target, a failure, or `stop`.
-    fn solve(&self, law: &str, bench: &Analysis, stop: &AtomicBool) -> Result<Outcome, Failure> {
+    fn steps(&self) -> usize {
+        (1e3 * self.length_m / STEP_MM).ceil() as usize
+    }
+
+    /// Displaces the active node up to the target, a failure, or `stop`. Calls `solved` with the number of
+    /// solved steps.
+    fn solve(
+        &self,
+        law: &str,
+        bench: &Analysis,
+        stop: &AtomicBool,
+        solved: &mut dyn FnMut(usize),
+    ) -> Result<Outcome, Failure> {
         let nodes = &bench.scene.active;
         let active = nodes.iter().find(|a| a.node == self.node).expect("every law has the scene's nodes");
         let mut solver = Solver::new(bench.problem(active));
         let rest = solver.rest().map_err(|failure| {
             Failure::work(format!("{} by {law}: no solution at rest: {failure}", bench.path.display()))
         })?;
-        let steps = (1e3 * self.length_m / STEP_MM).ceil() as u32;
+        let steps = self.steps();
+        solved(0);
         let mut here = rest.clone();
         let (mut iterations, mut status) = (0, "ok");
         for step in 1..=steps {
@@ -227,11 +246,12 @@ impl Pull {
                 status = "interrupted";
                 break;
             }
-            let length_m = self.length_m * f64::from(step) / f64::from(steps);
+            let length_m = self.length_m * step as f64 / steps as f64;
             match solver.advance(&here.seed, self.direction.map(|x| x * length_m)) {
                 Ok(next) => {
                     iterations += next.iterations;
                     here = next;
+                    solved(step);
                 }
                 Err(failure) => {
                     iterations += failure.iterations;

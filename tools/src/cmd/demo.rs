@@ -10,8 +10,9 @@ use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
+use palpate_precompute::certificate::Certificate;
 use palpate_precompute::held_out::Draw;
-use palpate_precompute::pack::PackOptions;
+use palpate_precompute::pack::{PackOptions, Packed};
 use palpate_precompute::pipeline::{Analysis, Run, certified};
 use palpate_precompute::space::{Plans, Store, TagCounts};
 use serde_json::json;
@@ -128,32 +129,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let store = open_space(&bench, &outputs.space, false)?;
     let solved = solve(&bench, &store, &stop)?;
-    for (name, counts) in solved.names.iter().zip(&solved.counts) {
-        say(format!(
-            "space {name:6} {} of {} points solved: {} reachable, {} beyond {} N; {} failed, {} not reached",
-            counts.solved(),
-            solved.points,
-            counts.expandable,
-            counts.terminating,
-            bench.scene.max_force_n,
-            counts.failed,
-            counts.unknown
-        ))?;
-    }
-    say(format!(
-        "solved       {} configurations ({} now) in {:.1} s on {} threads",
-        solved.configurations(),
-        solved.solved_now,
-        solved.seconds,
-        solved.threads
-    ))?;
+    say(in_lines(&bench, &solved))?;
 
     let start = Instant::now();
-    hold_out(&bench, &store, solved.threads, &stop)?;
-    let (packed, certificate) = certified(
-        &store,
-        &PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads: solved.threads },
-    )?;
+    let (packed, certificate) = pack(&bench, &store, solved.threads, &stop)?;
     // From here on the spaces of the blob and the active nodes of the scene have the same numbers.
     if !packed.left_out.is_empty() {
         return Err(Failure::work(format!("nothing could be solved around {}", packed.left_out.join(", "))));
@@ -179,13 +158,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     touch::judge(&summary)?;
 
     let start = Instant::now();
-    let chosen = spread(&visits, CHECKS);
-    let (checked, unsolved) = truth::check(&bench, &store, &chosen, solved.threads, &stop)?;
-    let errors: Vec<MethodError> = Method::OF_LATTICE
-        .iter()
-        .filter_map(|method| truth::method_error(&organ, *method, &checked))
-        .chain([truth::loop_error(&checked)])
-        .collect();
+    let Errors { checked, unsolved, errors } =
+        errors(&bench, &store, &organ, &visits, (solved.threads, &stop))?;
     say(format!(
         "\nforce error against {} fresh finite-element solves at visited positions ({:.1} s, {unsolved} unsolved):\n{}",
         checked.len(),
@@ -206,6 +180,70 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         ))?;
     }
     Ok(())
+}
+
+/// The solved spaces as text.
+fn in_lines(bench: &Analysis, solved: &Solved) -> String {
+    let spaces = solved.names.iter().zip(&solved.counts).map(|(name, counts)| {
+        format!(
+            "space {name:6} {} of {} points solved: {} reachable, {} beyond {} N; {} failed, {} not reached\n",
+            counts.solved(),
+            solved.points,
+            counts.expandable,
+            counts.terminating,
+            bench.scene.max_force_n,
+            counts.failed,
+            counts.unknown
+        )
+    });
+    let sum = format!(
+        "solved       {} configurations ({} now) in {:.1} s on {} threads",
+        solved.configurations(),
+        solved.solved_now,
+        solved.seconds,
+        solved.threads
+    );
+    spaces.chain([sum]).collect()
+}
+
+/// Errors of every method and of the session at visited positions.
+struct Errors {
+    checked: Vec<Checked>,
+    unsolved: usize,
+    errors: Vec<MethodError>,
+}
+
+fn errors(
+    bench: &Analysis,
+    store: &Store,
+    organ: &Organ<'_>,
+    visits: &[Visit],
+    (threads, stop): (usize, &AtomicBool),
+) -> Result<Errors, Failure> {
+    let chosen = spread(visits, CHECKS);
+    let (checked, unsolved) = truth::check(bench, store, &chosen, threads, stop)?;
+    let errors = Method::OF_LATTICE
+        .iter()
+        .filter_map(|method| truth::method_error(organ, *method, &checked))
+        .chain([truth::loop_error(&checked)])
+        .collect();
+    Ok(Errors { checked, unsolved, errors })
+}
+
+/// Solves held-out positions, then fits and measures the tables.
+fn pack(
+    bench: &Analysis,
+    store: &Store,
+    threads: usize,
+    stop: &AtomicBool,
+) -> Result<(Packed, Certificate), Failure> {
+    hold_out(bench, store, threads, stop)?;
+    let mut progress = WorkProgress::new("demo", "");
+    progress.phase("tables and certificate");
+    let options = PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads };
+    let packed = certified(store, &options);
+    progress.finish();
+    Ok(packed?)
 }
 
 fn solve(bench: &Analysis, store: &Store, stop: &AtomicBool) -> Result<Solved, Failure> {
