@@ -84,7 +84,7 @@ const PATH: &str = "path beam.toml --direction=0,0,-1 --steps 1";
 const COMPARE: &str = "compare beam.toml --direction=0,0,-1 --length-mm 1";
 
 /// Commands whose last argument is the one output, and their inputs.
-const COMMANDS: [(&str, &[&str]); 17] = [
+const COMMANDS: [(&str, &[&str]); 18] = [
     ("pack a.space --no-certificate --out", &["a.space"]),
     ("precompute beam.toml --out", &["beam.toml", "beam.msh"]),
     ("precompute beam.toml --salvage --out", &["beam.toml", "beam.msh"]),
@@ -97,6 +97,7 @@ const COMMANDS: [(&str, &[&str]); 17] = [
     ("query a.blob --method energy --points in.csv --csv", &["a.blob", "in.csv"]),
     ("path beam.toml --direction=0,0,-1 --steps 1 --csv", &["beam.toml", "beam.msh"]),
     ("compare beam.toml --direction=0,0,-1 --length-mm 1 --out laws.png --csv", &["beam.toml", "beam.msh"]),
+    ("plan beam.toml --out", &["beam.toml", "beam.msh"]),
     ("run a.blob --uncertified --headless --seconds 0.1 --frame-rate 0 --histograms", &["a.blob"]),
     ("run a.blob --uncertified --headless --seconds 0.1 --gif", &["a.blob"]),
     ("run a.blob --uncertified --headless --device replay:a.mcap --gif", &["a.blob", "a.mcap"]),
@@ -222,6 +223,7 @@ fn only_force_replaces_a_file_of_another_kind_and_nothing_stands_in_the_way_of_t
             &[swap(name), "--force"],
         );
     }
+    bench.refuses("plan beam.toml --out notes.csv", &["notes.csv", "a text file", "a JSON file", "--force"]);
     bench.refuses(&format!("{query} nowhere/out.csv"), &["nowhere/out.csv", "check the name, the folder"]);
     bench.refuses(&format!("{query} ."), &["is a folder"]);
     // A space never replaces another file: rows are added to an existing space.
@@ -276,7 +278,7 @@ fn what_never_was_a_space_is_not_salvaged() {
             format!("precompute beam.toml --out {name} --salvage"),
             format!("inspect {name}"),
             format!("pack {name} --out new.blob"),
-            format!("plan beam.toml --check {name}"),
+            format!("plan --check {name} --prediction plan.json"),
         ] {
             bench.refuses(&line, &[name, "not a"]);
             let said = bench.palpate(&line).stderr;

@@ -1,82 +1,137 @@
-//! Tests `palpate plan` on the bundled organ: its table and figures, and its predictions for a scattered
-//! space within a factor of two. Seconds are printed, not asserted, because the machine may be shared.
+//! Tests `palpate plan`: its table, its intervals for two bundled scenes against what happens, and the
+//! comparison of a saved prediction. Seconds are printed, not asserted, because the machine may be shared.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 
 use serde_json::Value;
 
+fn run(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
+}
+
 fn palpate(arguments: &[&str]) -> String {
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs");
+    let output = run(arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("text")
+}
+
+/// The command ends with exit code 2 and one line that contains every word.
+fn refused(arguments: &[&str], words: &[&str]) {
+    let output = run(arguments);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{arguments:?}: {said}");
+    words.iter().for_each(|word| assert!(said.contains(word), "`{word}` is not in: {said}"));
 }
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("the folder's name is plain")
 }
 
-/// The bundled organ with the error in place of the spacing, touched at one node.
-fn scene(folder: &Path) -> PathBuf {
-    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
-    let written = std::fs::read_to_string(assets.join("liver-small.toml")).expect("the bundled scene");
-    let mesh = assets.join("liver-small.msh").canonicalize().expect("the bundled mesh");
-    let mut lines: Vec<String> = Vec::new();
-    let mut in_second = false;
-    for line in written.lines() {
-        if line.starts_with('[') {
-            in_second = false;
-        }
-        if line == "[[active]]" && lines.iter().any(|line| line == "[[active]]") {
-            in_second = true;
-        }
-        if !in_second {
-            lines.push(line.replace("spacing_m = 0.01", "cannot_be_felt = true"));
-        }
+fn bundled(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes").join(name)
+}
+
+/// A planned, solved and packed scene.
+struct Solved {
+    folder: tempfile::TempDir,
+}
+
+impl Solved {
+    fn new(scene: &Path) -> Self {
+        let solved = Self { folder: tempfile::tempdir().expect("a folder") };
+        let [space, blob, plan] = ["a.space", "a.blob", "plan.json"].map(|name| solved.at(name));
+        let said = palpate(&["plan", text(scene), "--out", text(&plan)]);
+        println!("{said}");
+        assert!(said.contains("Recommended: ") && said.contains("Prediction as the scene asks"), "{said}");
+        palpate(&["precompute", text(scene), "--out", text(&space)]);
+        palpate(&["pack", text(&space), "--out", text(&blob), "--no-certificate"]);
+        solved
     }
-    let whole = lines.join("\n").replace("\"liver-small.msh\"", &format!("{:?}", text(&mesh)));
-    let path = folder.join("organ.toml");
-    std::fs::write(&path, whole).expect("the scene is written");
-    path
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// The compared lines with a prediction of this content.
+    fn check(&self, prediction: &Value) -> Vec<Value> {
+        let path = self.at("edited.json");
+        std::fs::write(&path, prediction.to_string()).expect("written");
+        let [space, blob] = ["a.space", "a.blob"].map(|name| self.at(name));
+        let words = ["plan", "--check", text(&space), "--prediction", text(&path), "--blob", text(&blob)];
+        println!("{}", palpate(&words));
+        let figures: Value =
+            serde_json::from_str(&palpate(&[&words[..], &["--json"]].concat())).expect("JSON");
+        figures["lines"].as_array().expect("lines").clone()
+    }
+
+    fn prediction(&self) -> Value {
+        let text = std::fs::read_to_string(self.at("plan.json")).expect("saved");
+        serde_json::from_str(&text).expect("JSON")
+    }
+}
+
+/// The line of a quantity.
+fn of<'l>(lines: &'l [Value], what: &str) -> &'l Value {
+    lines.iter().find(|line| line["what"] == what).unwrap_or_else(|| panic!("no {what} in {lines:?}"))
 }
 
 #[test]
-fn what_is_foretold_happens_within_a_factor_of_two() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let scene = scene(folder.path());
-    let [space, blob] = ["organ.space", "organ.blob"].map(|name| folder.path().join(name));
-    let table = palpate(&["plan", text(&scene)]);
-    println!("{table}");
-    assert!(table.contains("Recommended: P1/P1, scattered positions, energy"), "{table}");
-    assert!(table.contains("P2/P1") && table.contains("lattice 10.00 mm"), "{table}");
-
-    palpate(&["precompute", text(&scene), "--out", text(&space)]);
-    palpate(&["pack", text(&space), "--out", text(&blob), "--no-certificate"]);
-    let checked = palpate(&["plan", text(&scene), "--check", text(&space), "--blob", text(&blob), "--json"]);
-    let figures: Value = serde_json::from_str(&checked).expect("JSON");
-    let mut asserted = 0;
-    for compared in figures["check"].as_array().expect("what happened") {
-        println!("{compared}");
-        let what = compared["what"].as_str().expect("a name");
-        if what.ends_with("configurations") || what == "blob" {
-            assert_eq!(compared["holds"], Value::Bool(true), "{compared}");
-            asserted += 1;
-        }
+fn what_is_predicted_happens_and_the_check_follows_the_file() {
+    let solved = Solved::new(&bundled("long-pull.toml"));
+    let mut prediction = solved.prediction();
+    let lines = solved.check(&prediction);
+    for what in ["A2: solves tried", "A2: configurations kept", "blob"] {
+        assert_eq!(of(&lines, what)["inside"], Value::Bool(true), "{}", of(&lines, what));
     }
-    assert_eq!(asserted, 2);
-    assert_eq!(figures["recommended"]["recommended"], Value::Bool(true));
-    assert!(figures["rows"].as_array().expect("rows").len() > 10);
+    let tried = of(&lines, "A2: solves tried").clone();
+    let [low, high] = ["low", "high"].map(|end| tried["predicted"][end].as_f64().expect("a number"));
+    assert!(low < high, "{tried}");
+    // The comparison is with the file: nothing is planned again.
+    prediction["nodes"][0]["tried"]["low"] = 1.into();
+    prediction["nodes"][0]["tried"]["likely"] = 2.into();
+    prediction["nodes"][0]["tried"]["high"] = 3.into();
+    let edited = solved.check(&prediction);
+    let line = of(&edited, "A2: solves tried");
+    assert_eq!((&line["predicted"]["high"], &line["inside"]), (&Value::from(3.0), &Value::Bool(false)));
+    assert_eq!(line["happened"], tried["happened"]);
+    assert_eq!(of(&edited, "A2: configurations kept"), of(&lines, "A2: configurations kept"));
 }
 
 #[test]
-fn a_space_of_another_scene_is_refused() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let scene = scene(folder.path());
-    let missing = folder.path().join("missing.space");
-    let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
-        .args(["plan", text(&scene), "--check", text(&missing)])
-        .output()
-        .expect("the binary runs");
+fn a_search_that_ends_within_the_probes_is_predicted_exactly() {
+    let solved = Solved::new(&bundled("light-touch.toml"));
+    let prediction = solved.prediction();
+    let tried = &prediction["nodes"][0]["tried"];
+    assert_eq!(tried["low"], tried["high"]);
+    for line in solved.check(&prediction) {
+        if ["A1: solves tried", "A1: configurations kept", "blob"]
+            .contains(&line["what"].as_str().expect("text"))
+        {
+            assert_eq!(line["inside"], Value::Bool(true), "{line}");
+        }
+    }
+    refusals(&solved, prediction);
+}
+
+/// Predictions that cannot be compared with the space.
+fn refusals(solved: &Solved, mut prediction: Value) {
+    let [space, plan, other, missing] =
+        ["a.space", "plan.json", "other.json", "missing.json"].map(|name| solved.at(name));
+    prediction["key"] = "0123".into();
+    prediction["scene"] = "somewhere".into();
+    std::fs::write(&other, prediction.to_string()).expect("written");
+    let check = ["plan", "--check", text(&space)];
+    let with = |file: &Path| [&check[..], &["--prediction", text(file)]].concat().join("\n");
+    let line = with(&other);
+    let words: Vec<&str> = line.split('\n').collect();
+    refused(&words, &["other.json", "another scene (somewhere)", "a.space", "palpate plan SCENE.toml --out"]);
+    refused(&check, &["a.space", "needs the prediction", "palpate plan SCENE.toml --out FILE.json"]);
+    std::fs::write(&other, "{\"F1\": [0, 1]}").expect("written");
+    refused(&words, &["other.json", "not a saved prediction", "palpate plan SCENE.toml --out FILE.json"]);
+    let line = with(&missing);
+    refused(&line.split('\n').collect::<Vec<_>>(), &["missing.json"]);
+    refused(&["plan", "--check", text(&missing), "--prediction", text(&plan)], &["missing.json"]);
+    let output = run(&["plan", "--prediction", text(&plan)]);
     assert_eq!(output.status.code(), Some(2));
 }

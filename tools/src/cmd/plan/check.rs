@@ -1,202 +1,202 @@
-//! Compares predictions with the results of a solved `.space`, and of the blob packed from it.
+//! Compares a saved prediction with the results in a solved `.space`, and in the blob packed from it.
 
 use std::path::Path;
 
 use palpate_core::{Method, Organ};
-use palpate_precompute::space::Store;
+use palpate_precompute::space::{Store, state};
 use serde::Serialize;
 
-use super::node::NodePlan;
+use super::prediction::{Interval, Line, Prediction, count, millinewtons};
 use super::row::{bytes, seconds};
-use super::tables::other_bytes;
 use crate::blob;
 use crate::cmd::inspect::certificate;
 use crate::failure::Failure;
 
-/// Allowed factor between prediction and result.
-pub(super) const FACTOR: f64 = 2.0;
-
-/// One figure.
+/// One predicted quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Compared {
     /// Name of the quantity, with its node.
     pub what: String,
-    /// Predicted value.
-    pub predicted: f64,
+    /// Predicted interval.
+    pub predicted: Interval,
     /// Actual value.
     pub happened: f64,
-    /// N, B, s or 1.
+    /// N, B, s, ns or 1.
     pub unit: &'static str,
+    /// Whether the value is inside the interval.
+    pub inside: bool,
 }
 
-impl Compared {
-    /// Prediction divided by result.
-    pub(super) fn ratio(&self) -> f64 {
-        self.predicted / self.happened
-    }
-
-    /// Whether it is within the factor in either direction.
-    pub(super) fn holds(&self) -> bool {
-        let ratio = self.ratio();
-        (1.0 / FACTOR..=FACTOR).contains(&ratio)
-    }
+/// The comparison.
+#[derive(Debug, Default, Serialize)]
+pub(super) struct Comparison {
+    /// The quantities.
+    pub lines: Vec<Compared>,
+    /// What is not compared, and lattices that took over.
+    pub notes: Vec<String>,
 }
 
-/// The plans of the probed nodes, by their number in the scene. Other nodes have the mean of these.
-pub(super) struct Predicted<'p> {
-    /// The plans.
-    pub nodes: &'p [NodePlan],
-    /// Spacing of the scene's lattice, m; `None` if it is scattered.
-    pub spacing_m: Option<f64>,
-    /// Surface vertices and triangles.
-    pub skin: [usize; 2],
-    /// Peak memory of the row that the scene specifies, bytes.
-    pub memory_bytes: f64,
+/// Refuses a space of another scene than that of the prediction.
+pub(super) fn expect_same_scene(prediction: &Prediction, path: &Path, store: &Store) -> Result<(), Failure> {
+    let identity = store.identity()?;
+    if identity.content_hash == prediction.key {
+        return Ok(());
+    }
+    Err(Failure::input(format!(
+        "{}: is the prediction of another scene ({}) than that of {}; make one of its scene with `palpate plan SCENE.toml \
+         --out FILE.json`",
+        path.display(),
+        prediction.scene,
+        store.path().display()
+    )))
 }
 
-impl Predicted<'_> {
-    fn mean_of(&self, active: usize, figure: impl Fn(&NodePlan) -> f64) -> f64 {
-        let own: Vec<&NodePlan> = self.nodes.iter().filter(|node| node.probed.active == active).collect();
-        let these = if own.is_empty() { self.nodes.iter().collect() } else { own };
-        these.iter().map(|node| figure(node)).sum::<f64>() / these.len().max(1) as f64
+/// Compares every finished node of `store`, and `blob` if there is one.
+pub(super) fn compare(
+    prediction: &Prediction,
+    store: &Store,
+    blob: Option<&Path>,
+) -> Result<Comparison, Failure> {
+    let mut all = Comparison::default();
+    let (mut tried, mut kept, mut solving_s, mut is_finished) = (0.0, 0.0, 0.0, true);
+    let mut lattices = 0.0;
+    let nodes = store.active()?;
+    for (active, (name, _)) in nodes.iter().enumerate() {
+        let state = state(store, active)?;
+        if state.open > 0 {
+            all.notes.push(format!("{name}: not finished, not compared"));
+            is_finished = false;
+            continue;
+        }
+        let attempts = store.attempts(active)?;
+        let solved = store.records(active)?.iter().filter(|record| record.tag().is_solved()).count();
+        let of_node = [attempts.len() as f64, solved as f64, attempts.iter().map(|a| a.seconds).sum::<f64>()];
+        tried += of_node[0];
+        kept += of_node[1];
+        solving_s += of_node[2];
+        let Some(line) = prediction.of_node(name) else {
+            all.notes.push(format!("{name}: not in the prediction"));
+            continue;
+        };
+        all.solves(name, line, of_node);
+        if state.fallback().is_some() {
+            lattices += 1.0;
+            let probability = line.lattice.map_or(0.0, |lattice| lattice.probability);
+            all.notes.push(format!(
+                "{name}: a lattice took over, predicted with probability {:.0} %",
+                100.0 * probability
+            ));
+        }
+    }
+    if is_finished && nodes.len() > 1 {
+        all.solves(&prediction.total.of, &prediction.total, [tried, kept, solving_s]);
+        all.add("nodes with a lattice that took over".into(), prediction.lattices, lattices, "1");
+    }
+    if let Some(peak) = store.peak()? {
+        all.add("memory".into(), prediction.memory_bytes, peak as f64, "B");
+    }
+    if let Some(path) = blob {
+        all.blob(prediction, path, nodes.len())?;
+    }
+    Ok(all)
+}
+
+impl Comparison {
+    fn add(&mut self, what: String, predicted: Interval, happened: f64, unit: &'static str) {
+        let inside = predicted.contains(happened);
+        self.lines.push(Compared { what, predicted, happened, unit, inside });
     }
 
-    fn asked<T>(&self, node: &NodePlan, figure: impl Fn(&super::node::Choice) -> T) -> Option<T> {
-        node.choice(self.spacing_m).map(figure)
+    fn solves(&mut self, name: &str, line: &Line, [tried, kept, solving_s]: [f64; 3]) {
+        self.add(format!("{name}: solves tried"), line.tried, tried, "1");
+        self.add(format!("{name}: configurations kept"), line.kept, kept, "1");
+        self.add(format!("{name}: seconds of solving"), line.seconds, solving_s, "s");
     }
 
-    /// Compares everything that `store` contains, and `blob` if there is one.
-    pub(super) fn compare(&self, store: &Store, blob: Option<&Path>) -> Result<Vec<Compared>, Failure> {
-        let mut all = Vec::new();
-        let mut solved_nodes = Vec::new();
-        for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-            let solved = store.records(active)?.iter().filter(|r| r.tag().is_solved()).count();
-            if solved < 2 {
-                continue;
-            }
-            solved_nodes.push((active, name.clone()));
-            let of = |figure: fn(&super::node::Choice) -> f64| {
-                self.mean_of(active, |node| self.asked(node, figure).unwrap_or(f64::NAN))
-            };
-            all.push(Compared {
-                what: format!("{name}: configurations"),
-                predicted: of(|c| c.configurations),
-                happened: solved as f64,
-                unit: "1",
-            });
-            all.push(Compared {
-                what: format!("{name}: seconds of solving"),
-                predicted: of(|c| c.solving_s),
-                happened: store.attempts(active)?.iter().map(|r| r.seconds).sum(),
-                unit: "s",
-            });
-        }
-        if let Some(bytes) = store.peak()? {
-            all.push(Compared {
-                what: "memory".into(),
-                predicted: self.memory_bytes,
-                happened: bytes as f64,
-                unit: "B",
-            });
-        }
-        if let Some(path) = blob {
-            self.compare_blob(path, &solved_nodes, &mut all)?;
-        }
-        Ok(all)
-    }
-
-    fn compare_blob(
-        &self,
-        path: &Path,
-        nodes: &[(usize, String)],
-        all: &mut Vec<Compared>,
-    ) -> Result<(), Failure> {
+    fn blob(&mut self, prediction: &Prediction, path: &Path, nodes: usize) -> Result<(), Failure> {
         let file = blob::load(path)?;
         let organ: Organ<'_> = blob::organ(path, &file)?;
         let certificate = certificate::of(path, &organ)?;
-        let Some(space) = organ.spaces.first() else { return Ok(()) };
-        let methods: Vec<Method> = Method::ALL.into_iter().filter(|&method| space.has(method)).collect();
-        let visual = space.displacement().is_some();
-        let mut predicted =
-            other_bytes(self.skin, nodes.len(), certificate.is_some().then_some(methods.len())) as f64;
-        for (active, _) in nodes {
-            predicted += self.mean_of(*active, |node| {
-                let eye = node.eye.as_ref().filter(|_| visual);
-                self.asked(node, |c| c.bytes(&methods, eye) as f64).unwrap_or(f64::NAN)
-            });
+        let others = [Method::Trilinear, Method::RbfLinear, Method::RbfCubic, Method::Kernel];
+        let has_others = organ.spaces.iter().any(|space| others.iter().any(|&method| space.has(method)));
+        if has_others || organ.spaces.len() < nodes {
+            self.notes.push(
+                "blob: the prediction is for all nodes with the method `energy` alone, sizes are not compared".into(),
+            );
+        } else {
+            let missing = if certificate.is_some() { 0.0 } else { prediction.certificate_bytes };
+            let predicted = prediction.total.blob_bytes.less(missing);
+            self.add("blob".into(), predicted, file.bytes().len() as f64, "B");
         }
-        all.push(Compared { what: "blob".into(), predicted, happened: file.bytes().len() as f64, unit: "B" });
+        let mut slowest_ns: Option<f64> = None;
         for space in certificate.iter().flat_map(|certificate| &certificate.spaces) {
-            let Some((active, name)) = nodes.iter().find(|(_, name)| *name == space.active) else { continue };
-            for method in &space.methods {
-                let of = |node: &NodePlan| self.asked(node, |c| c.of(&method.method)).flatten();
-                if self.nodes.iter().all(|node| of(node).is_none()) {
-                    continue;
-                }
-                let what = |figure| format!("{name}: {figure} of {}", method.method);
-                all.push(Compared {
-                    what: what(if method.folded.count > 0 {
-                        "error at p99 away from branch jumps"
-                    } else {
-                        "error at p99"
-                    }),
-                    predicted: self
-                        .mean_of(*active, |node| of(node).map_or(f64::NAN, |(error, _)| error.p99_n)),
-                    happened: method.uniform.p99_n,
-                    unit: "N",
-                });
-                all.push(Compared {
-                    what: what("tick"),
-                    predicted: self.mean_of(*active, |node| of(node).map_or(f64::NAN, |(_, ns)| ns)),
-                    happened: method.probe.nanoseconds,
-                    unit: "ns",
-                });
+            let Some(measured) = space.methods.iter().find(|m| m.method == Method::Energy.name()) else {
+                continue;
+            };
+            slowest_ns = Some(slowest_ns.unwrap_or(0.0).max(measured.probe.nanoseconds));
+            if let Some(p99_n) = prediction.of_node(&space.active).and_then(|line| line.p99_n) {
+                let away = if measured.folded.count > 0 { " away from branch jumps" } else { "" };
+                self.add(format!("{}: error at p99{away}", space.active), p99_n, measured.uniform.p99_n, "N");
             }
+        }
+        if let (Some(predicted), Some(happened)) = (prediction.query_ns, slowest_ns) {
+            self.add("query".into(), predicted, happened, "ns");
         }
         Ok(())
     }
-}
 
-/// The table as text.
-pub(super) fn in_words(all: &[Compared]) -> String {
-    let mut text = format!("  {:<34} {:>12} {:>12} {:>7}\n", "", "predicted", "happened", "ratio");
-    for c in all {
-        let value = |x: f64| match c.unit {
-            "s" => format!("{} s", seconds(x)),
-            "B" => bytes(x),
-            "N" => format!("{:.2} mN", 1e3 * x),
-            "ns" => format!("{x:.0} ns"),
-            _ => format!("{x:.0}"),
-        };
-        let verdict = if c.holds() { "" } else { "  beyond a factor of 2" };
-        text.push_str(&format!(
-            "  {:<34} {:>12} {:>12} {:>7.2}{verdict}\n",
-            c.what,
-            value(c.predicted),
-            value(c.happened),
-            c.ratio()
-        ));
+    /// The table as text.
+    pub(super) fn in_words(&self) -> String {
+        let rows: Vec<[String; 4]> = self
+            .lines
+            .iter()
+            .map(|line| {
+                let value = |x: f64| match line.unit {
+                    "s" => format!("{} s", seconds(x)),
+                    "B" => bytes(x),
+                    "N" => format!("{} mN", millinewtons(x)),
+                    "ns" => format!("{x:.0} ns"),
+                    _ => count(x),
+                };
+                let verdict = if line.inside { "inside" } else { "outside" };
+                [line.what.clone(), line.predicted.in_words(value), value(line.happened), verdict.into()]
+            })
+            .collect();
+        let heading = ["", "predicted (10 to 90 %)", "happened", ""].map(String::from);
+        let wide: [usize; 3] = std::array::from_fn(|column| {
+            rows.iter().chain([&heading]).map(|row| row[column].chars().count()).max().unwrap_or(0)
+        });
+        let mut text = String::new();
+        for [what, predicted, happened, verdict] in [&heading].into_iter().chain(&rows) {
+            let [a, b, c] = wide;
+            let line = format!("  {what:<a$}  {predicted:>b$}  {happened:>c$}  {verdict}");
+            text.push_str(line.trim_end());
+            text.push('\n');
+        }
+        for note in &self.notes {
+            text.push_str(&format!("  {note}\n"));
+        }
+        let inside = self.lines.iter().filter(|line| line.inside).count();
+        text + &format!("{inside} of {} inside", self.lines.len())
     }
-    let held = all.iter().filter(|c| c.holds()).count();
-    text.push_str(&format!("{held} of {} within a factor of {FACTOR:.0}", all.len()));
-    text
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::prediction::tests::ended;
     use super::*;
 
     #[test]
-    fn a_factor_of_two_either_way() {
-        let compared = |predicted| Compared { what: "A: x".into(), predicted, happened: 10.0, unit: "1" };
-        let holds: Vec<bool> = [4.9, 5.0, 10.0, 20.0, 20.1, f64::NAN].map(|x| compared(x).holds()).into();
-        assert_eq!(holds, [false, true, true, true, false, false]);
-        let text = in_words(&[compared(8.0), compared(30.0)]);
-        assert!(
-            text.contains("0.80")
-                && text.contains("beyond a factor of 2")
-                && text.ends_with("1 of 2 within a factor of 2"),
-            "{text}"
-        );
+    fn each_line_says_what_was_predicted_what_happened_and_whether_it_is_inside() {
+        let prediction = ended(2);
+        let mut all = Comparison::default();
+        let line = prediction.of_node("A1").expect("probed");
+        all.solves("A1", line, [11.0, 9.0, line.seconds.likely]);
+        assert_eq!(all.lines.iter().map(|line| line.inside).collect::<Vec<_>>(), [true, false, true]);
+        let text = all.in_words();
+        let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(lines[1], ["A1:", "solves", "tried", "11", "11", "inside"]);
+        assert_eq!(lines[2], ["A1:", "configurations", "kept", "10", "9", "outside"]);
+        assert!(text.ends_with("2 of 3 inside"), "{text}");
     }
 }

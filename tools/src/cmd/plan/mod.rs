@@ -3,20 +3,28 @@
 //! [`probe`] solves some configurations on each active node. [`surrogate`] fits them by a body that is cheap
 //! to evaluate. On it the adaptive sampling, the lattice's plan and the packer's fits run as on the real
 //! body. [`tables`] measures the results. [`node`] combines them for a node, [`model`] for other
-//! discretisations, [`row`] for the scene. [`check`] compares the predictions with later results.
+//! discretisations, [`rows`] for the scene. [`draws`] are possible outcomes of the sampling that the scene
+//! asks for, [`prediction`] their intervals. [`check`] compares a saved prediction with later results.
 
 mod check;
+mod draws;
 mod model;
 mod node;
+mod prediction;
 mod probe;
 mod row;
+mod rows;
 pub(crate) mod surrogate;
 pub(crate) mod tables;
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
+use palpate_core::Method;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::parallel::in_parallel;
 use palpate_precompute::pipeline::Analysis;
@@ -24,17 +32,18 @@ use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Sampling, Tolerance};
 use serde_json::json;
 
-use self::check::Predicted;
 use self::model::{Beside, Model};
-use self::node::{METHODS, NodePlan, mean};
-use self::probe::Order;
-pub(crate) use self::probe::norm;
-use self::row::{LINEAR, Row};
+use self::node::{NodePlan, mean};
+use self::prediction::{Basis, Prediction};
+use self::probe::{MOST_SOLVES, Order, Probed, probe};
 use crate::analysis::{self, threads};
 use crate::cmd::inspect::certificate::significant;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Replace};
 use crate::interrupt::end_when_interrupted;
 use crate::output;
+use crate::progress::WorkProgress;
+pub(crate) use palpate_precompute::num::vector::norm;
 
 /// Maximum number of probed nodes; the others are assumed to equal their mean.
 const MOST_NODES: usize = 4;
@@ -51,60 +60,75 @@ const CELLS_OF_A_STEP: f64 = 5.0;
 /// of a solve on this machine. The sampling, the plan and the fits of `precompute` and `pack` then run on a
 /// surrogate that interpolates the probes. Errors are against the finite elements of the same model; the
 /// column `stiffer` is the additional error of its discretisation.
+///
+/// For the sampling that the scene asks for, intervals are given that hold 8 of 10 outcomes. They include the
+/// lattice that takes over a search at branch jumps, with its probability and cost. `--out` saves them, and
+/// `--check` later compares them with the solved space.
+///
+/// Example: palpate plan liver.toml --out plan.json; then, after precompute and pack,
+/// palpate plan --check liver.space --prediction plan.json --blob liver.blob
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
-    scene: PathBuf,
+    #[arg(required_unless_present = "check", conflicts_with = "check")]
+    scene: Option<PathBuf>,
     /// Worker threads of the plan and of the predicted work; one per core if not given
     #[arg(long)]
     threads: Option<usize>,
-    /// A .space file solved from the scene: show predicted beside measured values
+    /// Save the intervals to this JSON file
+    #[arg(long, value_name = "FILE.json", conflicts_with = "check")]
+    out: Option<PathBuf>,
+    /// Compare a saved prediction with this solved .space file; nothing is planned
     #[arg(long, value_name = "FILE.space")]
     check: Option<PathBuf>,
-    /// The .blob packed from it, for bytes, error and query time
+    /// The prediction that --out saved
+    #[arg(long, value_name = "FILE.json", requires = "check")]
+    prediction: Option<PathBuf>,
+    /// The .blob packed from the space, for bytes, error and query time
     #[arg(long, value_name = "FILE.blob", requires = "check")]
     blob: Option<PathBuf>,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    if let Some(space) = &args.check {
+        return run_check(args, space);
+    }
+    let Some(scene) = &args.scene else { return Err(Failure::input("give a scene")) };
     let begun = Instant::now();
     end_when_interrupted()?;
     let threads = threads(args.threads)?;
-    let bench = analysis::load(&args.scene)?;
-    let store = args.check.as_ref().map(|path| solved(&bench, path)).transpose()?;
-    let plan = Plan::of(&bench, threads)?;
-    let (rows, chosen, why) = plan.rows(&bench, threads);
-    let compared = match &store {
-        Some(store) => {
-            let memory_bytes = rows.iter().find(|row| row.asked).map_or(f64::NAN, |row| row.memory_bytes);
-            let predicted =
-                Predicted { nodes: &plan.nodes, spacing_m: plan.spacing_m, skin: plan.skin, memory_bytes };
-            Some(predicted.compare(store, args.blob.as_deref())?)
-        }
-        None => None,
-    };
+    let mut files = Files::new(args.replace);
+    files.read_scene(scene)?;
+    let out = args.out.as_ref().map(|path| files.write("--out", path, FileKind::Json)).transpose()?;
+    let bench = analysis::load(scene)?;
+    let progress = Mutex::new(WorkProgress::new(&bench.scene.name, "steps"));
+    let plan = Plan::of(&bench, threads, &progress);
+    drop(progress);
+    let plan = plan?;
+    let prediction = plan.prediction(&bench, threads);
+    let (rows, chosen, why) = plan.rows(&bench, &prediction);
+    if let Some(out) = out {
+        let text = serde_json::to_string_pretty(&prediction).map_err(Failure::work)?;
+        out.put(format!("{text}\n").as_bytes())?;
+    }
     let seconds = begun.elapsed().as_secs_f64();
     if args.json {
         let figures = json!({
             "scene": bench.scene.name, "threads": threads, "seconds": seconds, "nodes": plan.figures(&bench),
-            "rows": rows, "recommended": rows[chosen], "why": why,
-            "check": compared.map(|all| all.iter().map(|c| json!({
-                "what": c.what, "predicted": c.predicted, "happened": c.happened, "unit": c.unit,
-                "ratio": c.ratio(), "holds": c.holds(),
-            })).collect::<Vec<_>>()),
+            "rows": rows, "recommended": rows[chosen], "why": why, "prediction": prediction,
         });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
-    if let Some(all) = compared {
-        return output::line(check::in_words(&all));
-    }
     output::line(plan.in_words(&bench))?;
     output::line(row::table(&rows, threads))?;
-    output::line(format!("Recommended: {}: {why}.", rows[chosen].in_words()))?;
+    output::line(format!("Recommended: {}: {why}.\n", rows[chosen].in_words()))?;
+    output::line(prediction.in_words())?;
     output::line(format!(
         "Seconds are on {threads} thread{} of this machine with its present load; ~ marks values extrapolated from coarser or smaller solves. Planned in \
          {seconds:.1} s",
@@ -112,17 +136,23 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     ))
 }
 
-/// Opens the store at `path`, which must be that of the scene.
-fn solved(bench: &Analysis, path: &Path) -> Result<Store, Failure> {
-    let store = Store::open(path)?;
-    if !bench.is_of(&store)? {
+/// Compares a saved prediction with a solved space.
+fn run_check(args: &Args, space: &Path) -> Result<(), Failure> {
+    let store = Store::open(space)?;
+    let Some(path) = &args.prediction else {
         return Err(Failure::input(format!(
-            "{}: was solved for another scene than {}; give the scene that it was solved for",
-            path.display(),
-            bench.path.display()
+            "--check {}: needs the prediction that was saved before; save one with `palpate plan SCENE.toml --out FILE.json` \
+             and give --prediction FILE.json",
+            space.display()
         )));
+    };
+    let prediction = Prediction::load(path)?;
+    check::expect_same_scene(&prediction, path, &store)?;
+    let compared = check::compare(&prediction, &store, args.blob.as_deref())?;
+    if args.json {
+        return output::line(serde_json::to_string_pretty(&compared).map_err(Failure::work)?);
     }
-    Ok(store)
+    output::line(compared.in_words())
 }
 
 /// All results.
@@ -136,48 +166,47 @@ struct Plan {
 }
 
 impl Plan {
-    fn of(bench: &Analysis, threads: usize) -> Result<Self, Failure> {
+    fn of(bench: &Analysis, threads: usize, progress: &Mutex<WorkProgress>) -> Result<Self, Failure> {
         let (scene, sampling) = (&bench.scene, bench.sampling()?);
         let surface = Surface::of(&scene.mesh).seen(&scene.mesh);
         let tolerance =
             sampling.scattered().map_or(Tolerance::CANNOT_BE_FELT, |scattered| scattered.tolerance);
-        let positions: Vec<[f64; 3]> =
-            scene.active.iter().map(|a| bench.body.rest_position_m(a.node)).collect();
-        let chosen = node::spread(&positions, MOST_NODES);
-        let share = (threads as f64 / chosen.len() as f64).min(1.0);
-        let orders: Vec<Order> = chosen
-            .iter()
-            .map(|&active| Order {
-                active,
-                problem: bench.problem(&scene.active[active]),
-                wanted: wanted(
-                    &sampling,
-                    scene.max_force_n,
-                    tolerance,
-                    (positions[active], surface.normal(scene.active[active].node)),
-                ),
-                surface: if scene.visual { surface.nodes.clone() } else { Vec::new() },
-                step_m: sampling
-                    .lattice()
-                    .map_or(sampling.radius_m() / CELLS_OF_A_STEP, |l| l.grid.spacing_m),
-                patience: PATIENCE.mul_f64(share),
-            })
-            .collect();
+        let orders = orders(bench, &sampling, tolerance, &surface, threads);
+        let steps = Steps::new(progress, "probing solves", orders.len() * MOST_SOLVES);
+        let probed = in_parallel(&orders, threads, |order| {
+            let solved = Cell::new(0);
+            let probed = probe(order, &|| {
+                solved.set(solved.get() + 1);
+                steps.done(1);
+            });
+            // A search may end before the largest number of solves.
+            steps.done(MOST_SOLVES - solved.get());
+            probed
+        });
+        let probed = probed.map_err(Failure::work)?.into_iter().collect::<Result<Vec<Probed>, Failure>>()?;
         let bound = scene.visual.then_some(scene.displacement_bound);
-        let planned = in_parallel(&orders, threads, |order| node::plan(order, &sampling, bound))
-            .map_err(Failure::work)?;
-        let nodes = planned.into_iter().collect::<Result<Vec<NodePlan>, Failure>>()?;
+        let steps = Steps::new(progress, "sampling and fits on the probes", probed.len());
+        let planned = in_parallel(&probed, threads, |probed| {
+            let planned = node::plan(probed.clone(), &sampling, bound);
+            steps.done(1);
+            planned
+        });
+        let nodes =
+            planned.map_err(Failure::work)?.into_iter().collect::<Result<Vec<NodePlan>, Failure>>()?;
         if sampling.scattered().is_some() {
             expect_movable(bench, &nodes)?;
         }
         let has_pressure = bench.body.has_pressure();
         let first = &nodes[0].probed;
         let others = Model::of(scene).others(has_pressure);
-        let besides =
-            in_parallel(&others, threads, |&other| model::beside(scene, first.active, other, first))
-                .map_err(Failure::work)?;
+        let steps = Steps::new(progress, "other discretisations", others.len());
+        let besides = in_parallel(&others, threads, |&other| {
+            let beside = model::beside(scene, first.active, other, first);
+            steps.done(1);
+            beside
+        });
         Ok(Self {
-            besides: besides.into_iter().flatten().collect(),
+            besides: besides.map_err(Failure::work)?.into_iter().flatten().collect(),
             nodes,
             tolerance,
             spacing_m: sampling.lattice().map(|lattice| lattice.grid.spacing_m),
@@ -186,122 +215,32 @@ impl Plan {
         })
     }
 
-    /// Stiffness relative to that of quadratic elements, minus 1.
-    fn stiffer(&self, stiffness_n_m: f64, order: u8) -> Option<f64> {
-        let quadratic = || self.besides.iter().find(|b| b.model.order == 2)?.stiffness_n_m;
-        let reference = if order == 2 { Some(self.stiffness_n_m()) } else { quadratic() };
-        reference.map(|reference| stiffness_n_m / reference - 1.0)
-    }
-
-    /// Mean stiffness at rest of the first node with the scene's model, N/m.
-    fn stiffness_n_m(&self) -> f64 {
-        self.nodes[0].probed.jets[0].stiffness_n_m.trace() / 3.0
-    }
-
-    /// All rows, the recommended row, and the reason for it.
-    fn rows(&self, bench: &Analysis, threads: usize) -> (Vec<Row>, usize, String) {
-        let (scene, all) = (&bench.scene, bench.scene.active.len() as f64);
-        let own = Model::of(scene);
-        let of_all = |figure: &dyn Fn(&NodePlan) -> f64| {
-            all * mean(&self.nodes.iter().map(figure).collect::<Vec<_>>())
+    /// The intervals for the sampling that the scene specifies.
+    fn prediction(&self, bench: &Analysis, threads: usize) -> Prediction {
+        let scene = &bench.scene;
+        let energy = |node: &NodePlan| {
+            let choice = node.choices.iter().find(|choice| choice.spacing_m == self.spacing_m)?;
+            choice.of(Method::Energy.name())
         };
-        let size = self.nodes[0].probed.size;
-        let tets = scene.mesh.tets.len();
-        let memory_bytes = model::memory_bytes(tets, scene.order, size, threads);
-        // A replacement lattice has no fit.
-        let fitted = |node: &NodePlan| node.choices[0].configurations.min(node.probed.wanted.most as f64);
-        let counts: Vec<f64> = self.nodes.iter().map(fitted).collect();
-        let fits_bytes = model::loop_bytes(&counts, threads);
-        let mut rows = Vec::new();
-        for n in 0..self.nodes[0].choices.len() {
-            let choice = &self.nodes[0].choices[n];
-            for method in METHODS {
-                let found = |node: &NodePlan| node.choices[n].of(method.name());
-                let figures: Vec<_> = self.nodes.iter().filter_map(found).collect();
-                if figures.len() < self.nodes.len() {
-                    continue;
-                }
-                let other = tables::other_bytes(self.skin, scene.active.len(), Some(1)) as f64;
-                rows.push(Row {
-                    model: own.words(self.has_pressure).into(),
-                    spacing_m: choice.spacing_m,
-                    method: method.name(),
-                    configurations: of_all(&|node| node.choices[n].configurations),
-                    solving_s: of_all(&|node| node.choices[n].solving_s),
-                    memory_bytes: memory_bytes + if choice.spacing_m.is_some() { 0.0 } else { fits_bytes },
-                    blob_bytes: other
-                        + of_all(&|node| node.choices[n].bytes(&[method], node.eye.as_ref()) as f64),
-                    nanoseconds: figures.iter().map(|(_, ns)| *ns).fold(0.0, f64::max),
-                    p99_n: figures.iter().map(|(error, _)| error.p99_n).fold(0.0, f64::max),
-                    within: figures.iter().map(|(error, _)| error.within).fold(1.0, f64::min),
-                    stiffer: self.stiffer(self.stiffness_n_m(), own.order),
-                    asked: choice.spacing_m == self.spacing_m && method == palpate_core::Method::Energy,
-                    recommended: false,
-                    extrapolated: !choice.built,
-                });
-            }
-        }
-        let linear = rows.first().map(|first| Row {
-            model: LINEAR.into(),
-            configurations: of_all(&|node| node.linear_configurations),
-            // One iteration and its derivatives: the solve at rest.
-            solving_s: of_all(&|node| node.linear_configurations * node.probed.rest_s),
-            p99_n: self.nodes.iter().map(|node| node.linear.p99_n).fold(0.0, f64::max),
-            within: self.nodes.iter().map(|node| node.linear.within).fold(1.0, f64::min),
-            asked: false,
-            ..first.clone()
+        let probed = self.nodes.iter().map(|node| {
+            let name = scene.active[node.probed.active].name.as_str();
+            (name, &node.outlook, energy(node).map(|(error, _)| error.p99_n))
         });
-        rows.extend(
-            linear.filter(|row| bench.body.law_names() != "linear" && row.configurations.is_finite()),
-        );
-        let (chosen, mut why) = row::recommend(&mut rows, self.tolerance_in_words());
-        for beside in &self.besides {
-            let stiffer = beside.stiffness_n_m.and_then(|s| match beside.model.order {
-                2 => Some(0.0),
-                order => self.stiffer(s, if own.order == 2 { 2 } else { order }),
-            });
-            let memory = rows[chosen].memory_bytes
-                + threads as f64 * (beside.memory - 1.0) * model::solver_bytes(size);
-            let row = rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory);
-            why.push_str(&row.speaks_against(&rows[chosen]));
-            rows.push(row);
-        }
-        let given_up: Vec<&str> = self
-            .nodes
-            .iter()
-            .filter(|node| !node.choices[0].passed)
-            .map(|node| scene.active[node.probed.active].name.as_str())
-            .collect();
-        if !given_up.is_empty() {
-            why.push_str(&format!(
-                "; adaptive sampling would not reach the tolerance at {}: the counts include the lattice that replaces it",
-                given_up.join(", ")
-            ));
-        }
-        let count = |figure: fn(&NodePlan) -> usize| self.nodes.iter().map(figure).sum::<usize>();
-        let (lost, probes) = (count(|n| n.probed.lost), count(|n| n.probed.far_s.len() + n.probed.lost));
-        let (forked, again) = (count(|n| n.probed.forked), count(|n| n.probed.again));
-        let mut signs = Vec::new();
-        if lost > 0 {
-            signs.push(format!("{lost} of {probes} probes found no solution on their branch"));
-        }
-        if forked > 0 {
-            signs.push(format!(
-                "{forked} of {again} probes have another solution when they are solved from another start"
-            ));
-        }
-        if !signs.is_empty() {
-            why.push_str(&format!(
-                "; BUT {}: the space has branch jumps, a lattice will replace adaptive sampling, and counts and errors cannot be \
-                 predicted; a smaller radius_m would help",
-                signs.join(", and ")
-            ));
-        }
-        (rows, chosen, why)
-    }
-
-    fn tolerance_in_words(&self) -> &'static str {
-        if self.tolerance == Tolerance::CANNOT_BE_FELT { "the JND of force" } else { "the scene's tolerance" }
+        let other = |certificates| tables::other_bytes(self.skin, scene.active.len(), certificates) as f64;
+        let queries = self.nodes.iter().filter_map(|node| energy(node).map(|(_, ns)| ns));
+        let is_lattice = self.spacing_m.is_some();
+        Prediction::of(&Basis {
+            scene: (&scene.name, scene.content_hash().to_string()),
+            threads,
+            probed: probed.collect(),
+            nodes: scene.active.len(),
+            memory_bytes: (
+                self.memory_bytes(bench, threads),
+                if is_lattice { |_, _| 0.0 } else { model::loop_bytes },
+            ),
+            other_bytes: [other(Some(1)), other(Some(1)) - other(None)],
+            query_ns: queries.reduce(f64::max),
+        })
     }
 
     fn in_words(&self, bench: &Analysis) -> String {
@@ -351,7 +290,7 @@ impl Plan {
                         .map(|(m, e, ns)| json!({ "method": m.name(), "p99_n": e.p99_n, "within": e.within, "nanoseconds": ns }))
                         .collect();
                     json!({ "spacing_m": c.spacing_m, "configurations": c.configurations, "solving_s": c.solving_s,
-                            "table_spacing_m": c.grid.spacing_m, "built": c.built, "passed": c.passed, "methods": methods })
+                            "table_spacing_m": c.grid.spacing_m, "built": c.built, "methods": methods })
                 })
                 .collect();
             json!({
@@ -362,6 +301,56 @@ impl Plan {
             })
         };
         json!(self.nodes.iter().map(of).collect::<Vec<_>>())
+    }
+}
+
+/// The probing of the selected nodes.
+fn orders(
+    bench: &Analysis,
+    sampling: &Sampling,
+    tolerance: Tolerance,
+    surface: &Surface,
+    threads: usize,
+) -> Vec<Order> {
+    let scene = &bench.scene;
+    let positions: Vec<[f64; 3]> = scene.active.iter().map(|a| bench.body.rest_position_m(a.node)).collect();
+    let chosen = node::spread(&positions, MOST_NODES);
+    let share = (threads as f64 / chosen.len() as f64).min(1.0);
+    let order = |&active: &usize| Order {
+        active,
+        problem: bench.problem(&scene.active[active]),
+        wanted: wanted(
+            sampling,
+            scene.max_force_n,
+            tolerance,
+            (positions[active], surface.normal(scene.active[active].node)),
+        ),
+        surface: if scene.visual { surface.nodes.clone() } else { Vec::new() },
+        step_m: sampling.lattice().map_or(sampling.radius_m() / CELLS_OF_A_STEP, |l| l.grid.spacing_m),
+        patience: PATIENCE.mul_f64(share),
+    };
+    chosen.iter().map(order).collect()
+}
+
+/// Progress of a phase whose steps several threads take.
+struct Steps<'p> {
+    progress: &'p Mutex<WorkProgress>,
+    phase: &'static str,
+    total: usize,
+    done: AtomicUsize,
+}
+
+impl<'p> Steps<'p> {
+    fn new(progress: &'p Mutex<WorkProgress>, phase: &'static str, total: usize) -> Self {
+        let steps = Self { progress, phase, total, done: AtomicUsize::new(0) };
+        steps.done(0);
+        steps
+    }
+
+    fn done(&self, steps: usize) {
+        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
+        let done = self.done.fetch_add(steps, Ordering::Relaxed) + steps;
+        progress.steps(self.phase, done.min(self.total), self.total);
     }
 }
 

@@ -1,13 +1,16 @@
-//! Predicts one active node's space for every reasonable sampling, from the surrogate of its probes.
+//! Predicts one active node's space for every reasonable sampling, from the surrogate of its probes, and the
+//! possible outcomes of the sampling that the scene specifies.
 
 use palpate_core::Method;
 use palpate_precompute::adaptive::{Resampled, resample};
 use palpate_precompute::fit::{ScatteredMotion, fit_displacement};
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::space::FallbackLattice;
-use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid};
+use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid, Tolerance};
 
-use super::probe::{Order, Probed, norm, probe};
-use super::surrogate::Surrogate;
+use super::draws::{self, Fallback, Known, OpenSearch, Outlook, SolveTimes};
+use super::probe::Probed;
+use super::surrogate::{Scattered, Surrogate};
 use super::tables::{Error, Eye, Place, Tables, percentile_99, space_bytes};
 use crate::failure::Failure;
 
@@ -42,10 +45,10 @@ pub(super) struct Choice {
     pub methods: Vec<(Method, Error, f64)>,
     /// Whether the tables were built and not extrapolated from coarser ones.
     pub built: bool,
-    /// Whether adaptive sampling came within the tolerance; true without it.
-    pub passed: bool,
 }
 
+/// Added to the number of probes when their failures are extrapolated.
+const FEW: f64 = 16.0;
 /// A linear body with a smaller share of the positions within the tolerance is not evaluated further.
 const WORTH_A_LOOK: f64 = 0.9;
 
@@ -62,6 +65,8 @@ pub(super) struct NodePlan {
     pub linear_configurations: f64,
     /// The displacement planes for display; `None` if no display is needed.
     pub eye: Option<Eye>,
+    /// The possible outcomes of the sampling that the scene specifies.
+    pub outlook: Outlook,
 }
 
 impl Choice {
@@ -73,13 +78,6 @@ impl Choice {
     /// Error and nanoseconds of a method, by its name.
     pub(super) fn of(&self, method: &str) -> Option<(Error, f64)> {
         self.methods.iter().find(|(m, ..)| m.name() == method).map(|&(_, error, ns)| (error, ns))
-    }
-}
-
-impl NodePlan {
-    /// The choice with this spacing, or the scattered one without.
-    pub(super) fn choice(&self, spacing_m: Option<f64>) -> Option<&Choice> {
-        self.choices.iter().find(|choice| choice.spacing_m == spacing_m)
     }
 }
 
@@ -102,71 +100,140 @@ pub(super) fn lattices(sampling: &Sampling) -> Vec<Lattice> {
     spacings.into_iter().filter_map(lattice).collect()
 }
 
-/// Probes a node and plans its space.
+/// Plans the space of a node from its probes.
 pub(super) fn plan(
-    order: &Order,
+    probed: Probed,
     sampling: &Sampling,
     bound: Option<DisplacementBound>,
 ) -> Result<NodePlan, Failure> {
-    let probed = probe(order)?;
     let truth = Surrogate::of(&probed).ok_or_else(|| {
         Failure::work("the probing solves failed or coincide; use a larger radius_m or check the scene with `palpate path`")
     })?;
-    let loop_ = truth.scattered();
-    let (wanted, fit) = (probed.wanted, &loop_.fit);
-    let places = truth.places(fit, PLACES);
-    let resampled = resample(fit).map_err(Failure::work)?;
-    let eye = bound.and_then(|bound| eye(&probed, fit.fit.length_m(), &resampled, bound));
-    let measure = |tables: &Tables| -> Vec<(Method, Error, f64)> {
-        let error = |&method: &Method| {
-            let error = tables.error(method, &places, &wanted.tolerance)?;
-            Some((method, error, tables.nanoseconds(method, &places)))
-        };
-        METHODS.iter().filter_map(error).collect()
+    let search = truth.scattered();
+    let places = truth.places(&search.fit, PLACES);
+    let resampled = resample(&search.fit).map_err(Failure::work)?;
+    let eye = bound.and_then(|bound| eye(&probed, search.fit.fit.length_m(), &resampled, bound));
+    let mut choices = vec![scattered(&probed, &truth, &search, &resampled, &places)];
+    choices.extend(on_lattices(&probed, &truth, sampling, &choices[0], &places));
+    let known = match sampling.lattice() {
+        None => of_search(&probed, &truth, &search, &choices[0], &resampled, eye.as_ref()),
+        Some(own) => {
+            let spacing_m = Some(own.grid.spacing_m);
+            let choice = choices.iter().find(|choice| choice.spacing_m == spacing_m).unwrap_or(&choices[0]);
+            Known::Lattice {
+                points: choice.configurations,
+                domain: Domain::new(&own.grid, own.complete_cells).len() as f64,
+                length: search.configurations,
+                is_lost: probed.lost + probed.forked > 0,
+                increments: f64::from(own.increments.unwrap_or(1)),
+                blob_bytes: choice.bytes(&[Method::Energy], eye.as_ref()) as f64,
+            }
+        }
     };
-    // If the body needs more configurations than the surrogate, the table is refined in proportion.
-    let finer = SpaceGrid::new(resampled.grid.spacing_m / truth.more().cbrt(), resampled.grid.radius_m);
-    let mut choices = vec![Choice {
-        spacing_m: None,
-        configurations: loop_.configurations,
-        solving_s: scattered_s(&probed, loop_.configurations),
-        grid: finer.unwrap_or(resampled.grid),
-        solved: resampled.samples.len(),
-        methods: measure(&Tables::of(&resampled.grid, &resampled.samples, Some(&resampled.derivatives))),
-        built: true,
-        passed: loop_.passed,
-    }];
+    let (linear, share) = linear_error(&truth, &places, &probed.wanted.tolerance);
+    let linear_configurations =
+        if share >= WORTH_A_LOOK { truth.linear().scattered().configurations } else { f64::NAN };
+    let outlook = Outlook { times: SolveTimes::of(&probed), known };
+    Ok(NodePlan { linear, linear_configurations, probed, choices, eye, outlook })
+}
+
+/// Error and nanoseconds of every method that has a table.
+fn measured(tables: &Tables, places: &[Place], tolerance: &Tolerance) -> Vec<(Method, Error, f64)> {
+    let error = |&method: &Method| {
+        Some((method, tables.error(method, places, tolerance)?, tables.nanoseconds(method, places)))
+    };
+    METHODS.iter().filter_map(error).collect()
+}
+
+/// The choice of scattered positions.
+fn scattered(
+    probed: &Probed,
+    truth: &Surrogate,
+    search: &Scattered,
+    resampled: &Resampled,
+    places: &[Place],
+) -> Choice {
+    let wanted = &probed.wanted;
+    let tables = Tables::of(&resampled.grid, &resampled.samples, Some(&resampled.derivatives));
+    let mut methods = measured(&tables, places, &wanted.tolerance);
     // A scattered table is used with `energy` only, because only that method needs its derivatives.
-    choices[0].methods.retain(|(method, ..)| *method == Method::Energy);
+    methods.retain(|(method, ..)| *method == Method::Energy);
     // If adaptive sampling ends within the probes, all its configurations are known: the error is the
     // surrogate's, times the factor for features that the probes do not show. If it needs more, its end is a
     // passed test and gives no error. The estimate is then the geometric mean of that error and the
     // tolerance.
-    for (_, error, _) in &mut choices[0].methods {
+    let configurations = draws::length(search.configurations);
+    let is_open = configurations > probed.jets.len() as f64;
+    let mut allowed: Vec<f64> = places.iter().map(|place| wanted.tolerance.at(place.exact)).collect();
+    allowed.sort_by(f64::total_cmp);
+    let allowed_n = allowed.get(allowed.len() / 2).copied().unwrap_or(wanted.tolerance.absolute_n);
+    for (_, error, _) in &mut methods {
         error.p99_n *= truth.doubt();
-    }
-    if loop_.configurations > probed.jets.len() as f64 {
-        let mut allowed: Vec<f64> = places.iter().map(|place| wanted.tolerance.at(place.exact)).collect();
-        allowed.sort_by(f64::total_cmp);
-        let allowed_n = allowed.get(allowed.len() / 2).copied().unwrap_or(wanted.tolerance.absolute_n);
-        for (_, error, _) in &mut choices[0].methods {
+        if is_open {
             error.p99_n = (error.p99_n * allowed_n).sqrt();
         }
     }
-    // If adaptive sampling would fail on the surrogate, it is expected to fail on the body, and a lattice
-    // replaces it.
-    if loop_.configurations > wanted.most as f64
-        && let Some(FallbackLattice { grid, .. }) = FallbackLattice::within(sampling.radius_m())
-    {
-        let lattice = Lattice { grid, complete_cells: true, increments: None };
-        let samples = truth.lattice_that_takes_over(&lattice).samples;
-        let methods = measure(&Tables::of(&grid, &samples, None));
-        let first = &mut choices[0];
-        first.configurations += samples.len() as f64;
-        first.solving_s += samples.len() as f64 * mean(&probed.near_s);
-        (first.grid, first.solved, first.passed) = (grid, samples.len(), false);
-        first.methods = methods.into_iter().filter(|(method, ..)| *method == Method::Energy).collect();
+    // If the body needs more configurations than the surrogate, the table is refined in proportion.
+    let finer = (configurations / search.solved as f64).max(1.0).cbrt();
+    let grid = SpaceGrid::new(resampled.grid.spacing_m / finer, resampled.grid.radius_m);
+    Choice {
+        spacing_m: None,
+        configurations,
+        solving_s: SolveTimes::of(probed).search_s(configurations),
+        grid: grid.unwrap_or(resampled.grid),
+        solved: resampled.samples.len(),
+        methods,
+        built: true,
     }
+}
+
+/// What the probes show of the search.
+fn of_search(
+    probed: &Probed,
+    truth: &Surrogate,
+    search: &Scattered,
+    choice: &Choice,
+    resampled: &Resampled,
+    eye: Option<&Eye>,
+) -> Known {
+    let tried = 1.0 + probed.far_s.len() as f64;
+    if probed.has_ended {
+        // A node that the largest force cannot move is omitted.
+        let is_packed = probed.too_stiff.is_none();
+        let blob_bytes = if is_packed { choice.bytes(&[Method::Energy], eye) as f64 } else { 0.0 };
+        return Known::Ended { tried, kept: tried - probed.failed as f64, blob_bytes };
+    }
+    let of_grid = |grid: &SpaceGrid, solved| space_bytes(grid, solved, &[Method::Energy], eye) as f64;
+    let grid = &resampled.grid;
+    let with_cells = |cells: u32| {
+        let finer = SpaceGrid::new(grid.radius_m / f64::from(cells), grid.radius_m);
+        finer.map_or(f64::NAN, |finer| of_grid(&finer, choice.solved))
+    };
+    let fallback = FallbackLattice::within(probed.wanted.radius_m).map(|FallbackLattice { grid, .. }| {
+        let lattice = Lattice { grid, complete_cells: true, increments: None };
+        let points = truth.lattice_that_takes_over(&lattice).samples.len();
+        Fallback { points: points as f64 - 1.0, blob_bytes: of_grid(&grid, points) }
+    });
+    Known::Open(OpenSearch {
+        tried,
+        lengths: [search.solved as f64, search.configurations],
+        failing: probed.failed as f64 / (tried + FEW),
+        is_lost: probed.lost + probed.forked > 0,
+        cells: grid.radius_m / grid.spacing_m,
+        bytes: (2..=12).map(with_cells).filter(|bytes| bytes.is_finite()).collect(),
+        fallback,
+    })
+}
+
+/// The choices of lattices, from coarse to fine.
+fn on_lattices(
+    probed: &Probed,
+    truth: &Surrogate,
+    sampling: &Sampling,
+    scattered: &Choice,
+    places: &[Place],
+) -> Vec<Choice> {
+    let mut choices: Vec<Choice> = Vec::new();
     let mut shares: Vec<(f64, f64)> = Vec::new();
     for lattice in lattices(sampling) {
         let grid = lattice.grid;
@@ -175,50 +242,38 @@ pub(super) fn plan(
         let choice = if points <= MOST_POINTS || shares.is_empty() {
             let samples = truth.lattice(&lattice).samples;
             shares.push((grid.spacing_m, samples.len() as f64 / points as f64));
-            let methods = measure(&Tables::of(&grid, &samples, None));
-            Choice {
-                configurations: samples.len() as f64,
-                solved: samples.len(),
-                grid,
-                methods,
-                built: true,
-                ..choices[0].clone()
-            }
+            let methods = measured(&Tables::of(&grid, &samples, None), places, &probed.wanted.tolerance);
+            let (configurations, solved) = (samples.len() as f64, samples.len());
+            Choice { configurations, solved, grid, methods, built: true, ..scattered.clone() }
         } else {
             let configurations = points as f64 * share_at(&shares, grid.spacing_m);
             let solved = configurations.round() as usize;
-            Choice { configurations, solved, grid, methods: Vec::new(), built: false, ..choices[0].clone() }
+            Choice { configurations, solved, grid, methods: Vec::new(), built: false, ..scattered.clone() }
         };
-        let methods = continued(&choices[1..], &choice);
+        let methods = continued(&choices, &choice);
         choices.push(Choice {
             spacing_m: Some(grid.spacing_m),
-            solving_s: choice.configurations * mean(&probed.near_s) * parts,
-            passed: true,
+            solving_s: SolveTimes::of(probed).lattice_s(choice.configurations) * parts,
             methods,
             ..choice
         });
     }
+    choices
+}
+
+/// Error of a linear body, and the share of the places within the tolerance.
+fn linear_error(truth: &Surrogate, places: &[Place], tolerance: &Tolerance) -> (Error, f64) {
     let linear = truth.linear();
     let mut errors = Vec::new();
     let mut within = 0;
-    for &Place { at, exact } in &places {
+    for &Place { at, exact } in places {
         let found = linear.force_n(at);
         let error_n = norm(std::array::from_fn(|i| found[i] - exact[i]));
-        within += usize::from(error_n <= wanted.tolerance.at(exact));
+        within += usize::from(error_n <= tolerance.at(exact));
         errors.push(error_n);
     }
     let share = within as f64 / errors.len().max(1) as f64;
-    Ok(NodePlan {
-        linear: Error { p99_n: percentile_99(&mut errors), within: share },
-        linear_configurations: if share >= WORTH_A_LOOK {
-            linear.scattered().configurations
-        } else {
-            f64::NAN
-        },
-        probed,
-        choices,
-        eye,
-    })
+    (Error { p99_n: percentile_99(&mut errors), within: share }, share)
 }
 
 /// Size of the displacement planes, by the packer's fit of the surface at the probes.
@@ -275,15 +330,6 @@ fn share_at(known: &[(f64, f64)], spacing_m: f64) -> f64 {
     }
 }
 
-/// Seconds of this number of scattered configurations. The first take as long as the probes. Later ones start
-/// from nearer parents: the distance decreases with the cube root of the number, down to a lattice step.
-fn scattered_s(probed: &Probed, configurations: f64) -> f64 {
-    let (far_s, near_s) = (mean(&probed.far_s), mean(&probed.near_s).min(mean(&probed.far_s)));
-    let probes = (probed.far_s.len() as f64).min(configurations);
-    let farther = probes + 1.5 * (probes.cbrt() * configurations.cbrt().powi(2) - probes);
-    configurations * near_s + farther * (far_s - near_s)
-}
-
 /// Mean; zero for an empty list.
 pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
@@ -311,16 +357,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn later_configurations_take_less_than_the_probes() {
-        let probed = super::super::surrogate::tests::probed(2, 8.0);
-        let seconds = |configurations| scattered_s(&probed, configurations);
-        assert_eq!(seconds(1.0), 3.0);
-        assert!(seconds(8.0) < 24.0 && seconds(8.0) > 2.0 * 8.0);
-        let last = seconds(1001.0) - seconds(1000.0);
-        assert!(last > 2.0 && last < 2.2, "{last}");
-    }
-
-    #[test]
     fn nodes_are_spread() {
         let line: Vec<[f64; 3]> = (0..11).map(|n| [f64::from(n), 0.0, 0.0]).collect();
         assert_eq!(spread(&line, 3), [0, 5, 10]);
@@ -340,7 +376,6 @@ mod tests {
                 solved: 100,
                 methods: p99_n.map(error).into_iter().collect(),
                 built: p99_n.is_some(),
-                passed: true,
             }
         };
         let coarser = [choice(5.0, Some(0.1)), choice(10.0, Some(0.025))];

@@ -11,6 +11,7 @@ use palpate_precompute::adaptive::{Found, Search, Step, Verdict};
 use palpate_precompute::fem::solve::{Configuration, Problem, Seed, Solver};
 use palpate_precompute::fit::Moved;
 use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::spec::Wanted;
 
 use crate::cmd::inspect::scattered::too_stiff;
@@ -38,8 +39,12 @@ pub(super) struct Probed {
     pub far_s: Vec<f64>,
     /// Wall seconds of each lattice step.
     pub near_s: Vec<f64>,
+    /// Whether adaptive sampling ended with these probes.
+    pub has_ended: bool,
     /// Number of probes that failed or left their branch.
     pub lost: usize,
+    /// Number of probes that failed.
+    pub failed: usize,
     /// Number of probes beyond the force limit.
     pub beyond: usize,
     /// Number of probes that were solved again from another start.
@@ -77,8 +82,11 @@ pub(super) struct Order {
     pub patience: Duration,
 }
 
-/// Probes one active node.
-pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
+/// Largest number of solves of [`probe`] before the probes are solved again, with rest and lattice steps.
+pub(super) const MOST_SOLVES: usize = 1 + MOST + 2;
+
+/// Probes one active node. Calls `solved` after each of the first [`MOST_SOLVES`] solves.
+pub(super) fn probe(order: &Order, solved: &dyn Fn()) -> Result<Probed, Failure> {
     let begun = Instant::now();
     let mut solver = Solver::new(order.problem.clone());
     let (rest, rest_s) = timed(|| solver.rest());
@@ -87,6 +95,7 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
             "the body cannot be solved at rest: {failure}; fix at least three nodes off one line"
         ))
     })?;
+    solved();
     let problem = &order.problem;
     let (matrix, factor) = problem.entries();
     let mut probed = Probed {
@@ -97,93 +106,138 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
         rest_s,
         far_s: Vec::new(),
         near_s: Vec::new(),
+        has_ended: false,
         lost: 0,
+        failed: 0,
         beyond: 0,
         again: 0,
         forked: 0,
         too_stiff: None,
         size: [problem.unknowns(), matrix, factor],
     };
-    // The force at rest is zero by definition.
-    let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..*rest.jet() };
-    probed.keep(jet, &rest, &rest, &order.surface);
-    let mut search = Search::new(order.wanted, &jet);
-    if search.step() == Step::Done(Verdict::TooStiff) {
-        probed.too_stiff = Some(too_stiff(&search.fitted(None)));
-    }
-    let mut seeds = vec![rest.seed.clone()];
-    let mut solved: Vec<Solved> = Vec::new();
-    'batches: while let Step::Solve(targets) = search.step() {
-        let mut found = Vec::new();
-        let mut learned = Vec::new();
-        for target in &targets {
-            let spent = begun.elapsed() > order.patience;
-            if probed.far_s.len() >= MOST || (spent && probed.far_s.len() >= LEAST) {
-                break 'batches;
-            }
-            // A parent outside the stored seeds would be known only to the search. This does not occur; the
-            // last seed is a valid start in any case.
-            let seed = &seeds[target.parent.min(seeds.len() - 1)];
-            let (reached, seconds) = timed(|| solver.advance(seed, target.displacement_m()));
-            probed.far_s.push(seconds);
-            found.push(match reached {
-                Ok(c) if !c.switched => {
-                    let jet = *c.jet();
-                    probed.keep(jet, &c, &rest, &order.surface);
-                    probed.beyond += usize::from(norm(jet.force_n) > order.wanted.max_force_n);
-                    let is_from_rest = target.parent == 0;
-                    if norm(jet.force_n) <= order.wanted.max_force_n {
-                        solved.push(Solved { at: jet, seed: c.seed.clone(), is_from_rest });
-                    }
-                    learned.push((jet, c.seed));
-                    Found::Solved(jet)
-                }
-                Ok(c) => {
-                    probed.lost += 1;
-                    Found::Elsewhere(*c.jet())
-                }
-                Err(_) => {
-                    probed.lost += 1;
-                    Found::Failed
-                }
-            });
-        }
-        search.take(&found);
-        // The search drops configurations far beyond the limit; parents are indices into those that it kept.
-        let kept = |at: [f64; 3]| search.jets().iter().any(|jet| jet.control_m == at);
-        seeds.extend(learned.into_iter().filter(|(jet, _)| kept(jet.control_m)).map(|(_, seed)| seed));
-    }
-    // A lattice step from rest, and one from the first probe.
-    for seed in [seeds.first(), seeds.get(1)].into_iter().flatten() {
-        if begun.elapsed() > order.patience && !probed.near_s.is_empty() {
-            break;
-        }
-        let from = seed.pose.displacement_m;
-        let back = if norm(from) > 0.0 { from.map(|x| -x / norm(from)) } else { [0.0, 0.0, 1.0] };
-        let to = std::array::from_fn(|i| from[i] + order.step_m * back[i]);
-        let (solved, seconds) = timed(|| solver.advance(seed, to));
-        if solved.is_ok() {
-            probed.near_s.push(seconds);
-        }
-    }
-    if probed.near_s.is_empty() {
-        probed.near_s.push(probed.rest_s);
-    }
-    // The farthest first, because a branch jump is most probable there.
-    solved.sort_by(|a, b| norm(b.at.control_m).total_cmp(&norm(a.at.control_m)));
-    for (n, probe) in solved.iter().enumerate() {
-        if begun.elapsed() > order.patience {
-            break;
-        }
-        let from = if probe.is_from_rest { nearest(&solved, n) } else { seeds.first() };
-        let found = from.map(|seed| solver.advance(seed, probe.at.control_m));
-        if let Some(Ok(other)) = found {
-            let apart: [f64; 3] = std::array::from_fn(|i| other.jet().force_n[i] - probe.at.force_n[i]);
-            probed.again += 1;
-            probed.forked += usize::from(norm(apart) > order.wanted.tolerance.at(probe.at.force_n));
-        }
-    }
+    let mut probing = Probing { order, begun, solver: &mut solver, seeds: Vec::new(), kept: Vec::new() };
+    probing.search(&mut probed, &rest, solved);
+    probing.lattice_steps(&mut probed, solved);
+    probing.again(&mut probed);
     Ok(probed)
+}
+
+/// The solves of a node in progress.
+struct Probing<'p> {
+    order: &'p Order,
+    begun: Instant,
+    solver: &'p mut Solver,
+    /// States of the configurations of the search: rest first.
+    seeds: Vec<Seed>,
+    /// The probes that were solved within the force limit.
+    kept: Vec<Solved>,
+}
+
+impl Probing<'_> {
+    fn is_late(&self) -> bool {
+        self.begun.elapsed() > self.order.patience
+    }
+
+    /// The first batches of adaptive sampling.
+    fn search(&mut self, probed: &mut Probed, rest: &Configuration, solved: &dyn Fn()) {
+        let order = self.order;
+        // The force at rest is zero by definition.
+        let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..*rest.jet() };
+        probed.keep(jet, rest, rest, &order.surface);
+        self.seeds.push(rest.seed.clone());
+        let mut search = Search::new(order.wanted, &jet);
+        loop {
+            let targets = match search.step() {
+                Step::Solve(targets) => targets,
+                Step::Done(verdict) => {
+                    probed.has_ended = true;
+                    probed.too_stiff =
+                        (verdict == Verdict::TooStiff).then(|| too_stiff(&search.fitted(None)));
+                    return;
+                }
+            };
+            let mut found = Vec::new();
+            let mut learned = Vec::new();
+            for target in &targets {
+                if probed.far_s.len() >= MOST || (self.is_late() && probed.far_s.len() >= LEAST) {
+                    return;
+                }
+                // A parent outside the stored seeds would be known only to the search. This does not occur;
+                // the last seed is a valid start in any case.
+                let seed = &self.seeds[target.parent.min(self.seeds.len() - 1)];
+                let (reached, seconds) = timed(|| self.solver.advance(seed, target.displacement_m()));
+                solved();
+                probed.far_s.push(seconds);
+                found.push(match reached {
+                    Ok(c) if !c.switched => {
+                        let jet = *c.jet();
+                        probed.keep(jet, &c, rest, &order.surface);
+                        let is_beyond = norm(jet.force_n) > order.wanted.max_force_n;
+                        probed.beyond += usize::from(is_beyond);
+                        if !is_beyond {
+                            let is_from_rest = target.parent == 0;
+                            self.kept.push(Solved { at: jet, seed: c.seed.clone(), is_from_rest });
+                        }
+                        learned.push((jet, c.seed));
+                        Found::Solved(jet)
+                    }
+                    Ok(c) => {
+                        probed.lost += 1;
+                        Found::Elsewhere(*c.jet())
+                    }
+                    Err(_) => {
+                        probed.lost += 1;
+                        probed.failed += 1;
+                        Found::Failed
+                    }
+                });
+            }
+            search.take(&found);
+            // The search drops configurations far beyond the limit; parents are indices into those that it
+            // kept.
+            let kept = |at: [f64; 3]| search.jets().iter().any(|jet| jet.control_m == at);
+            let kept = learned.into_iter().filter(|(jet, _)| kept(jet.control_m));
+            self.seeds.extend(kept.map(|(_, seed)| seed));
+        }
+    }
+
+    /// A lattice step from rest, and one from the first probe.
+    fn lattice_steps(&mut self, probed: &mut Probed, solved: &dyn Fn()) {
+        for n in 0..self.seeds.len().min(2) {
+            if self.is_late() && !probed.near_s.is_empty() {
+                break;
+            }
+            let seed = &self.seeds[n];
+            let from = seed.pose.displacement_m;
+            let back = if norm(from) > 0.0 { from.map(|x| -x / norm(from)) } else { [0.0, 0.0, 1.0] };
+            let to = std::array::from_fn(|i| from[i] + self.order.step_m * back[i]);
+            let (step, seconds) = timed(|| self.solver.advance(seed, to));
+            solved();
+            if step.is_ok() {
+                probed.near_s.push(seconds);
+            }
+        }
+        if probed.near_s.is_empty() {
+            probed.near_s.push(probed.rest_s);
+        }
+    }
+
+    /// The probes again from other starts, the farthest first, because a branch jump is most probable there.
+    fn again(&mut self, probed: &mut Probed) {
+        self.kept.sort_by(|a, b| norm(b.at.control_m).total_cmp(&norm(a.at.control_m)));
+        for (n, probe) in self.kept.iter().enumerate() {
+            if self.is_late() {
+                break;
+            }
+            let from = if probe.is_from_rest { nearest(&self.kept, n) } else { self.seeds.first() };
+            let found = from.map(|seed| self.solver.advance(seed, probe.at.control_m));
+            if let Some(Ok(other)) = found {
+                let apart: [f64; 3] = std::array::from_fn(|i| other.jet().force_n[i] - probe.at.force_n[i]);
+                probed.again += 1;
+                probed.forked += usize::from(norm(apart) > self.order.wanted.tolerance.at(probe.at.force_n));
+            }
+        }
+    }
 }
 
 /// A probe that was solved within the force limit.
@@ -230,8 +284,4 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
     let begun = Instant::now();
     let done = work();
     (done, begun.elapsed().as_secs_f64())
-}
-
-pub(crate) fn norm(a: [f64; 3]) -> f64 {
-    a.iter().map(|x| x * x).sum::<f64>().sqrt()
 }

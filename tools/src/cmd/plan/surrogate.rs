@@ -7,13 +7,14 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use palpate_precompute::adaptive::{AdaptiveFit, Found, Search, Step, Verdict};
+use palpate_precompute::adaptive::{AdaptiveFit, Found, Search, Step};
 use palpate_precompute::fit::{KernelFit, Sample};
 use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::space::{Plan, Record, Solution};
 use palpate_precompute::spec::{Domain, GridIndex, Lattice, Tolerance, Wanted};
 
-use super::probe::{Probed, norm};
+use super::probe::Probed;
 use super::tables::Place;
 
 /// Trial lengths of the kernel as shares of the initial reach, over the range of the search.
@@ -42,10 +43,10 @@ pub(crate) struct Surrogate {
 pub(super) struct Scattered {
     /// Its fit.
     pub fit: AdaptiveFit,
+    /// Number of configurations on the surrogate, including rest.
+    pub solved: usize,
     /// Number of configurations for the body, including rest.
     pub configurations: f64,
-    /// Whether its predictions came within the tolerance.
-    pub passed: bool,
 }
 
 /// A completed expansion of a lattice.
@@ -112,23 +113,18 @@ impl Surrogate {
     /// Runs adaptive sampling on it.
     pub(super) fn scattered(&self) -> Scattered {
         let mut search = Search::new(self.wanted, &self.rest);
-        let mut configurations = 1_usize;
+        let mut solved = 1_usize;
         loop {
             match search.step() {
                 Step::Done(verdict) => {
-                    let configurations =
-                        f64::min(configurations as f64 * self.more(), self.wanted.most as f64 + 1.0);
-                    return Scattered {
-                        fit: search.fitted(Some(verdict)),
-                        configurations,
-                        passed: matches!(verdict, Verdict::Passed | Verdict::Linear),
-                    };
+                    let configurations = f64::min(solved as f64 * self.more(), self.wanted.most as f64 + 1.0);
+                    return Scattered { fit: search.fitted(Some(verdict)), solved, configurations };
                 }
                 Step::Solve(targets) => {
-                    configurations += targets.len();
-                    let solved = |at: [f64; 3]| Found::Solved(self.fit.jet(at));
+                    solved += targets.len();
+                    let found_at = |at: [f64; 3]| Found::Solved(self.fit.jet(at));
                     let found: Vec<Found> =
-                        targets.iter().map(|target| solved(target.displacement_m())).collect();
+                        targets.iter().map(|target| found_at(target.displacement_m())).collect();
                     search.take(&found);
                 }
             }
@@ -232,6 +228,8 @@ pub(super) mod tests {
             far_s: vec![3.0],
             near_s: vec![2.0],
             lost: 0,
+            failed: 0,
+            has_ended: false,
             beyond: 0,
             again: 0,
             forked: 0,
@@ -258,7 +256,6 @@ pub(super) mod tests {
         for batches in [1, 2] {
             let probed = probed(batches, 8.0);
             let (predicted, truth) = (Surrogate::of(&probed).unwrap().scattered(), true_count(&probed));
-            assert!(predicted.passed);
             let ratio = predicted.configurations / truth as f64;
             assert!((0.5..=2.0).contains(&ratio), "{} for {truth}", predicted.configurations);
         }

@@ -11,9 +11,8 @@ use palpate_precompute::fit::{
     Centre, Derivatives, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes,
     hermite_nodes_known, lattice_values,
 };
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid, Tolerance};
-
-use super::probe::norm;
 
 /// With more centres than this a dense fit of weights would take too long for a plan.
 const MOST_CENTRES: usize = 1100;
