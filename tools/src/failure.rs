@@ -76,11 +76,7 @@ impl From<ExpansionError> for Failure {
 
 impl From<HeldOutError> for Failure {
     fn from(error: HeldOutError) -> Self {
-        match error {
-            HeldOutError::Store(error) => error.into(),
-            HeldOutError::NoSpace(_) | HeldOutError::NoReach(_) => Self::input(error),
-            HeldOutError::Interrupted | HeldOutError::Crew(_) => Self::work(error),
-        }
+        if error.is_bad_input() { Self::input(error) } else { Self::work(error) }
     }
 }
 

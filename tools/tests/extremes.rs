@@ -187,3 +187,20 @@ fn threads_that_do_not_start_are_one_line() {
     assert!(line.contains("2 worker threads cannot be started"), "{line}");
     assert!(!blob.exists());
 }
+
+/// A random path of the paper's steps of 1 mm would leave this ball with its first step.
+#[test]
+fn held_out_paths_of_a_ball_smaller_than_their_steps() {
+    let bench = Bench::new(LAW, "radius_m = 0.0008\ncannot_be_felt = true", 2.0);
+    let space = bench.folder.path().join("a.space");
+    bench.precompute(0, &[]);
+    let held_out = |more: &[&str], code: i32, words: &[&str]| {
+        let fixed = ["held-out", text(&bench.scene), "--out", text(&space), "--threads", "2"];
+        let few = ["--random", "2", "--random-steps", "20", "--uniform", "3"];
+        ends(&[&fixed[..], &few[..], more].concat(), code, words);
+    };
+    let before = std::fs::read(&space).expect("the space");
+    held_out(&["--step-mm", "1"], 2, &["steps of 1 mm", "radius 0.8 mm", "--step-mm 0.08", "--random 0"]);
+    assert_eq!(std::fs::read(&space).expect("the space"), before, "nothing is solved");
+    held_out(&[], 0, &[]);
+}

@@ -61,6 +61,9 @@ pub struct Health {
     pub unstable: usize,
     /// Number of configurations whose transition switched the branch.
     pub switched: usize,
+    /// Number of configurations that Newton's method accepted at the rounding floor of the residual, above
+    /// its tolerance.
+    pub at_rounding_floor: usize,
     /// Largest residual, N.
     pub residual_n: f64,
     /// Lower bound of the condition number of the fit's matrix; `None` without adaptive sampling.
@@ -124,8 +127,8 @@ pub(super) struct Findings<'f> {
 impl Health {
     /// Health of the records of a space.
     pub(super) fn of(records: &[Record], found: &Findings<'_>) -> Self {
-        let solved = records.iter().filter_map(|r| Some((r.residual_n, r.equilibrium()?)));
-        let reachable: Vec<(f64, &Equilibrium)> = solved.filter(|(_, at)| !at.terminating).collect();
+        let solved = records.iter().filter_map(|r| Some((r, r.equilibrium()?)));
+        let reachable: Vec<(&Record, &Equilibrium)> = solved.filter(|(_, at)| !at.terminating).collect();
         let count = |is: &dyn Fn(&Equilibrium) -> bool| reachable.iter().filter(|(_, at)| is(at)).count();
         let mut health = Self {
             reachable: reachable.len(),
@@ -133,9 +136,10 @@ impl Health {
             inverted: count(&|r| r.inverted > 0),
             unstable: count(&|r| r.unstable_modes.unwrap_or(0) > 0),
             switched: count(&|r| r.switched),
+            at_rounding_floor: reachable.iter().filter(|(r, _)| r.is_at_rounding_floor()).count(),
             residual_n: reachable
                 .iter()
-                .map(|&(residual_n, _)| residual_n)
+                .map(|(r, _)| r.residual_n)
                 .fold(0.0, |a, b| if b <= a { a } else { b }),
             condition: found.fit.map(|fit| fit.condition),
             loop_passed: found
@@ -145,9 +149,20 @@ impl Health {
             ..Self::default()
         };
         health.reasons = health.judged(found);
+        health.reasons.extend(health.rounding_floor());
         health.reasons.sort_by_key(|reason| std::cmp::Reverse(reason.verdict));
         health.verdict = health.reasons.iter().map(|reason| reason.verdict).max().unwrap_or_default();
         health
+    }
+
+    /// The reason of configurations at the rounding floor. Their residual is small, but above the tolerance.
+    fn rounding_floor(&self) -> Option<Reason> {
+        let what = format!(
+            "{} of {} reachable configurations have a residual above the tolerance of the solver, because rounding errors of very \
+             stiff parts limit it: reduce the ratio of the stiffnesses",
+            self.at_rounding_floor, self.reachable
+        );
+        (self.at_rounding_floor > 0).then_some(Reason { verdict: Verdict::Yellow, what })
     }
 
     fn judged(&self, found: &Findings<'_>) -> Vec<Reason> {
@@ -263,6 +278,8 @@ impl Health {
 mod tests {
     use super::super::{Errors, Probe, Within};
     use super::*;
+    use crate::num::jet::EnergyJet;
+    use crate::space::{Solution, Task};
     use crate::spec::Tolerance;
 
     #[test]
@@ -290,6 +307,31 @@ mod tests {
             paths_folded: none,
             probe: Probe::default(),
         }
+    }
+
+    #[test]
+    fn configurations_at_the_rounding_floor_are_counted() {
+        let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: None };
+        let record = |force_n: f64, residual_n: f64| {
+            let mut numbers = [0.0; 20];
+            numbers[1] = force_n;
+            let jet = EnergyJet::from_numbers([0.0; 3], &numbers);
+            Record { residual_n, ..Record::new(&task, Ok(Solution::of_jet(&jet, false))) }
+        };
+        let measured = [method(300, 300, None)];
+        let found = Findings {
+            cost: &Cost { configurations: 3, ..Cost::default() },
+            fold_pairs: 0,
+            folded_volume: 0.0,
+            two_solutions: TwoSolutions::default(),
+            methods: &measured,
+            fit: None,
+        };
+        let health = Health::of(&[record(0.0, 1e-13), record(1.0, 9e-9), record(3.0, 2e-8)], &found);
+        assert_eq!((health.at_rounding_floor, health.verdict), (0, Verdict::Green), "{:?}", health.reasons);
+        let health = Health::of(&[record(1.0, 9e-9), record(1.0, 2e-7), record(0.0, 1e-9)], &found);
+        assert_eq!((health.at_rounding_floor, health.verdict), (2, Verdict::Yellow));
+        assert!(health.reasons[0].what.starts_with("2 of 3 reachable configurations have a residual above"));
     }
 
     /// Each defect alone makes a sound space yellow or red, with its reason.

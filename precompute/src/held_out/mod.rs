@@ -10,6 +10,6 @@ pub mod positions;
 pub mod run;
 pub mod summary;
 
-pub use positions::{Draw, is_on_training_lattice};
+pub use positions::{Draw, LongStep, is_on_training_lattice};
 pub use run::{HeldOut, HeldOutError, HeldOutProgress};
 pub use summary::Summary;

@@ -27,6 +27,25 @@ impl Draw {
     pub const PAPER: Self =
         Self { seed: 1, step_m: 1e-3, regular_m: Some(0.1), random: 20, random_steps: 200, uniform: 299 };
 
+    /// Step length of the paths in a ball of this radius if nothing else is requested: that of the paper, and
+    /// a tenth of the radius in a ball of less than 1 cm.
+    pub fn default_step_m(radius_m: f64) -> f64 {
+        Self::PAPER.step_m.min(LONGEST_STEP * radius_m)
+    }
+
+    /// Checks that the steps are short enough for the paths in a ball of this radius.
+    pub fn check(&self, radius_m: f64) -> Result<(), LongStep> {
+        let random = (self.random > 0).then_some((Kind::Random, radius_m, LONGEST_STEP * radius_m));
+        let regular = self.regular_m.map(|length_m| (Kind::Regular, length_m, length_m));
+        for (paths, of_m, limit_m) in random.into_iter().chain(regular) {
+            // A limit in other units can differ in its last digit.
+            if self.step_m > limit_m * (1.0 + 1e-9) {
+                return Err(LongStep { paths, step_m: self.step_m, of_m, limit_m });
+            }
+        }
+        Ok(())
+    }
+
     /// The fields that must not change within one store, as JSON.
     pub fn identity(&self) -> String {
         let Self { seed, step_m, random_steps, .. } = self;
@@ -54,6 +73,37 @@ impl Draw {
     }
 }
 
+/// A draw whose steps are too long for its paths.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LongStep {
+    /// The paths, regular or random.
+    pub paths: Kind,
+    /// The step, m.
+    pub step_m: f64,
+    /// Length of the regular paths, or radius of the ball of the random ones, m.
+    pub of_m: f64,
+    /// Longest possible step, m.
+    pub limit_m: f64,
+}
+
+impl std::fmt::Display for LongStep {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [step_mm, of_mm, limit_mm] =
+            [self.step_m, self.of_m, self.limit_m].map(|m| (1e9 * m).round() / 1e6);
+        let (paths, none) = match self.paths {
+            Kind::Random => ("random paths in a ball of radius", "--random 0"),
+            _ => ("regular paths of", "--regular-mm 0"),
+        };
+        write!(
+            f,
+            "steps of {step_mm} mm are too long for {paths} {of_mm} mm; take --step-mm {limit_mm} or less, or no such \
+             paths with {none}"
+        )
+    }
+}
+
+impl std::error::Error for LongStep {}
+
 /// The 26 directions to the neighbours of a lattice point, in a fixed order.
 pub fn regular_directions() -> impl Iterator<Item = [f64; 3]> {
     (0..27_i32)
@@ -72,6 +122,10 @@ pub fn regular_path(direction: [f64; 3], length_m: f64, step_m: f64) -> Vec<[f64
 const PERSISTENCE: f64 = 4.0;
 /// Radius at which random paths are reflected, as a share of the grid radius.
 const TURNS_AT: f64 = 0.9;
+
+/// Longest step of a random path, in grid radii. Longer steps could leave the ball in spite of the
+/// reflections.
+const LONGEST_STEP: f64 = 0.1;
 
 /// Positions of random path `number`, without rest. It starts in a random direction and turns slowly. The
 /// correlation length of the direction is 4 r_G, so that nearly every path of length 2 r_G reaches the
@@ -193,6 +247,34 @@ mod tests {
         assert!(reached >= 190, "{reached} of 200 reached 0.9 r_G");
         // The mean cosine is 1 - s^2/5 = 0.9975 per step; the reflections reduce it.
         assert!(straight > 0.98 && straight < 0.9995, "mean cosine of a turn {straight}");
+    }
+
+    #[test]
+    fn random_paths_of_the_longest_steps_stay_in_a_small_ball() {
+        let radius_m = 8e-4;
+        let draw = Draw { step_m: Draw::default_step_m(radius_m), random_steps: 1000, ..Draw::PAPER };
+        assert_eq!(draw.step_m, 8e-5);
+        assert_eq!(draw.check(radius_m), Ok(()));
+        for number in 0..1000 {
+            for at in random_path(&draw, "A1", number, radius_m) {
+                assert!(norm(at) <= radius_m, "{at:?} of path {number}");
+            }
+        }
+        assert_eq!(Draw::default_step_m(RADIUS_M), Draw::PAPER.step_m);
+    }
+
+    #[test]
+    fn steps_that_are_too_long_for_a_path_are_refused() {
+        let refused = |draw: Draw| draw.check(8e-4).map_err(|error| error.to_string());
+        let random = Draw { regular_m: None, ..Draw::PAPER };
+        let line = refused(random.clone()).expect_err("1 mm steps in a ball of 0.8 mm");
+        for words in ["steps of 1 mm", "radius 0.8 mm", "--step-mm 0.08 or less", "--random 0"] {
+            assert!(line.contains(words), "{line}");
+        }
+        assert_eq!(refused(Draw { random: 0, ..random }), Ok(()));
+        let line = refused(Draw { random: 0, regular_m: Some(8e-4), ..Draw::PAPER });
+        let line = line.expect_err("paths shorter than a step");
+        assert!(line.contains("regular paths of 0.8 mm") && line.contains("--regular-mm 0"), "{line}");
     }
 
     #[test]

@@ -10,8 +10,8 @@ use std::sync::atomic::AtomicBool;
 
 use palpate_core::ConfigTag;
 
-use super::Draw;
 use super::positions::{random_path, regular_directions, regular_path, uniform_position};
+use super::{Draw, LongStep};
 use crate::adaptive::{AdaptiveFit, WithinReach};
 use crate::space::crew::Shift;
 use crate::space::{Crew, CrewError, Done, Kind, Store, StoreError, Walk, WalkJob, Work, state};
@@ -57,10 +57,23 @@ pub enum HeldOutError {
     Crew(CrewError),
     /// A stop was requested; every finished walk is committed.
     Interrupted,
+    /// The steps are too long for the paths. Nothing was solved.
+    LongStep(LongStep),
     /// Uniform positions need the complete space of this active node.
     NoSpace(String),
     /// Uniform positions need a reachable point besides rest in this active node's space.
     NoReach(String),
+}
+
+impl HeldOutError {
+    /// Whether the caller's input caused the error.
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Store(error) => !error.is_of_the_machine(),
+            Self::Interrupted | Self::Crew(_) => false,
+            Self::LongStep(_) | Self::NoSpace(_) | Self::NoReach(_) => true,
+        }
+    }
 }
 
 impl std::fmt::Display for HeldOutError {
@@ -71,6 +84,7 @@ impl std::fmt::Display for HeldOutError {
             Self::Interrupted => {
                 write!(f, "interrupted; every finished path is kept, run the same command to continue")
             }
+            Self::LongStep(error) => write!(f, "{error}"),
             Self::NoSpace(name) => write!(
                 f,
                 "{name}: uniform positions start from the solved space, which is not complete; run `palpate precompute` first, or \
@@ -93,6 +107,12 @@ impl From<StoreError> for HeldOutError {
     }
 }
 
+impl From<LongStep> for HeldOutError {
+    fn from(error: LongStep) -> Self {
+        Self::LongStep(error)
+    }
+}
+
 impl From<CrewError> for HeldOutError {
     fn from(error: CrewError) -> Self {
         Self::Crew(error)
@@ -112,6 +132,7 @@ impl HeldOut {
         stop: &AtomicBool,
         mut progress: impl FnMut(&HeldOutProgress),
     ) -> Result<(), HeldOutError> {
+        self.draw.check(self.sampling.radius_m())?;
         store.agree_on_draw(&self.draw.identity(), self.draw.regular_m)?;
         let outcome = self.all(store, crew, stop, &mut progress);
         let committed = store.commit();

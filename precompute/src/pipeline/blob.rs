@@ -94,7 +94,8 @@ fn solve_uniform(
     let analysis = Analysis::of_store(&store)?;
     drop(store);
     let store = analysis.store(space)?;
-    let uniform_only = Draw { regular_m: None, random: 0, ..Draw::PAPER };
+    let step_m = Draw::default_step_m(analysis.sampling()?.radius_m());
+    let uniform_only = Draw { step_m, regular_m: None, random: 0, ..Draw::PAPER };
     let draw = Draw { uniform: wanted, ..Draw::of(&store)?.unwrap_or(uniform_only) };
     let held_out = analysis.held_out(&actives, draw)?;
     let mut solved = 0;

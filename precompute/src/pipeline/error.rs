@@ -98,10 +98,9 @@ impl PipelineError {
             Self::Body { error, .. } => !matches!(error, BodyError::NoRest(_)),
             Self::Store(error)
             | Self::Expansion(ExpansionError::Store(error))
-            | Self::HeldOut(HeldOutError::Store(error))
             | Self::Pack(PackError::Store(error)) => !error.is_of_the_machine(),
             Self::Expansion(error) => matches!(error, ExpansionError::Rest(_)),
-            Self::HeldOut(error) => matches!(error, HeldOutError::NoSpace(_) | HeldOutError::NoReach(_)),
+            Self::HeldOut(error) => error.is_bad_input(),
             Self::Threads(_)
             | Self::Pack(PackError::Threads(_))
             | Self::Blob(_)

@@ -1,14 +1,9 @@
 //! A space with a branch jump from an analytic energy: tests of its flags, and of the repeated solves that
 //! remove it.
 
-use nalgebra::Matrix3;
-use palpate_core::ConfigTag;
-
 use super::made_up::MadeUp;
 use super::task::Task;
-use super::{Record, folds};
-use crate::fem::boundary::Pose;
-use crate::fem::solve::{Configuration, Seed};
+use super::{Kind, Outcome, Record, Solution, StoreError, Truth, Walk, WalkOutcome, folds};
 use crate::fit::Fold;
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
@@ -112,45 +107,52 @@ fn an_energy_that_is_not_finite_or_does_not_fit_the_force_breaks_every_pair_of_i
 }
 
 #[test]
-fn a_configuration_that_is_not_finite_is_a_failure() {
+fn numbers_that_are_not_finite_are_never_stored() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let store = MadeUp::new(1.0, 0.0).store(&folder.path().join("a.space"), 1);
     let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)) };
-    let (displacement_m, force_n, stiffness_n_m) = ([0.01, 0.0, 0.0], [1.0; 3], Matrix3::identity());
-    let sound = Configuration {
-        seed: Seed {
-            pose: Pose::translation(displacement_m),
-            state: vec![0.0],
-            sensitivity: [const { Vec::new() }; 3],
-            jet: EnergyJet {
-                control_m: displacement_m,
-                energy_j: 1.0,
-                force_n,
-                stiffness_n_m,
-                third_n_m2: [0.0; 10],
-            },
-        },
-        torque_n_m: [0.0; 3],
-        residual_n: 1e-9,
-        min_jacobian: 1.0,
-        inverted: 0,
-        volume_m3: 1.0,
-        unstable_modes: None,
-        iterations: 3,
-        factorisations: 1,
-        increments: 1,
-        switched: false,
+    let sound = EnergyJet::from_numbers([0.01, 0.0, 0.0], &[1.0; 20]);
+    let add = |jet: &EnergyJet, intermediate| {
+        let record = Record::new(&task, Ok(Solution::of_jet(jet, false)));
+        store.add(&Outcome { active: 0, record, seed: None, intermediate }, None)
     };
-    assert_eq!(Record::solved(&task, &sound, 10.0, 0.0).tag(), ConfigTag::Expandable);
-    let breakers: [fn(&mut Configuration); 4] = [
-        |c| c.seed.jet.energy_j = f64::NAN,
-        |c| c.seed.jet.force_n[1] = f64::INFINITY,
-        |c| c.seed.jet.stiffness_n_m[(2, 1)] = f64::NAN,
-        |c| c.seed.jet.third_n_m2[9] = f64::NEG_INFINITY,
+    let walk = Walk { active: 0, kind: Kind::Random, number: 7 };
+    let add_walk = |displacement_m, jet: &EnergyJet| {
+        let result = Ok(Solution::of_jet(jet, false).equilibrium);
+        let displacements = Vec::new();
+        let truth = Truth {
+            displacement_m,
+            result,
+            residual_n: 0.0,
+            iterations: 1,
+            factorisations: 1,
+            seconds: 0.0,
+            displacements,
+        };
+        store.add_walk(&WalkOutcome { walk, truths: vec![truth] })
+    };
+    let refused = |added: Result<(), StoreError>, what: &str| {
+        let line = added.expect_err("not finite").to_string();
+        assert!(line.contains("a.space: ") && line.contains(what) && line.contains("not finite"), "{line}");
+    };
+    let breakers: [fn(&mut EnergyJet); 4] = [
+        |jet| jet.energy_j = f64::NAN,
+        |jet| jet.force_n[1] = f64::INFINITY,
+        |jet| jet.stiffness_n_m[(0, 1)] = f64::NAN,
+        |jet| jet.third_n_m2[9] = f64::NEG_INFINITY,
     ];
-    for breaker in breakers {
-        let mut broken = sound.clone();
+    for (n, breaker) in breakers.into_iter().enumerate() {
+        let mut broken = sound;
         breaker(&mut broken);
-        let record = Record::solved(&task, &broken, 10.0, 0.0);
-        assert_eq!((record.tag(), record.failure()), (ConfigTag::Failed, Some("not-finite")));
-        assert_eq!(record.iterations, 3);
+        refused(add(&broken, Vec::new()), "grid point [1, 0, 0]");
+        refused(add(&sound, vec![broken]), "grid point [1, 0, 0]");
+        // Held-out solutions have no third derivatives.
+        if n < 3 {
+            refused(add_walk([0.01; 3], &broken), "random walk 7, step 1");
+        }
     }
+    refused(add_walk([0.01, f64::NAN, 0.0], &sound), "random walk 7, step 1");
+    assert_eq!(store.attempts(0).expect("readable"), []);
+    assert!(store.walks_done(0).expect("readable").is_empty());
+    add(&sound, vec![sound]).and_then(|()| add_walk([0.01; 3], &sound)).expect("finite");
 }

@@ -5,10 +5,10 @@ use palpate_core::ConfigTag;
 use serde::{Deserialize, Serialize};
 
 use super::task::Task;
-use crate::fem::solve::{Configuration, FailureReason, SolveFailure};
+use crate::fem::solve::{Configuration, NewtonOptions, SolveFailure};
 use crate::num::jet::{EnergyJet, SECOND_INDICES, SymmetricThird};
 use crate::num::vector::norm;
-use crate::spec::GridIndex;
+use crate::spec::{GridIndex, Tolerance};
 
 /// The outcome of one [`Task`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -147,14 +147,8 @@ impl Record {
         }
     }
 
-    /// Record of a solved configuration. It is terminating beyond `max_force_n`, and failed if a number is
-    /// not finite.
+    /// Record of a solved configuration. It is terminating beyond `max_force_n`.
     pub(super) fn solved(task: &Task, c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
-        if !c.jet().is_finite() {
-            let (iterations, residual_n) = (c.iterations, c.residual_n);
-            let failure = SolveFailure { reason: FailureReason::NotFinite, iterations, residual_n };
-            return Self::failed(task, &failure, seconds);
-        }
         let reachable = task.parent.is_none() || norm(c.jet().force_n) < max_force_n;
         let solution = Solution {
             equilibrium: Equilibrium::of(c, !reachable),
@@ -194,6 +188,18 @@ impl Record {
     /// The solution without its third derivatives; `None` for a failed attempt.
     pub fn equilibrium(&self) -> Option<&Equilibrium> {
         self.solution().map(|solution| &solution.equilibrium)
+    }
+
+    /// Whether Newton's method accepted the solution at the rounding floor of the residual, above its
+    /// tolerance.
+    ///
+    /// The tolerance is relative to the force. The solver adds the weight and a force of the material, which
+    /// no record contains; the imperceptible force replaces them here.
+    pub(crate) fn is_at_rounding_floor(&self) -> bool {
+        let least_n = Tolerance::CANNOT_BE_FELT.absolute_n;
+        self.equilibrium().is_some_and(|at| {
+            self.residual_n > NewtonOptions::default().tolerance * at.force_norm_n().max(least_n)
+        })
     }
 
     /// Reason of a failure.

@@ -45,9 +45,9 @@ pub(crate) struct Args {
     /// Uniform reachable positions per node (299 without one too large certify 99 % at 95 % confidence)
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.uniform)]
     uniform: u32,
-    /// Length of a step, mm
-    #[arg(long, value_name = "MM", default_value_t = 1e3 * Draw::PAPER.step_m)]
-    step_mm: f64,
+    /// Length of a step, mm; if not given, 1, or a tenth of a grid's radius below 10
+    #[arg(long, value_name = "MM")]
+    step_mm: Option<f64>,
     /// Seed of random paths and uniform positions
     #[arg(long, default_value_t = Draw::PAPER.seed)]
     seed: u64,
@@ -171,14 +171,17 @@ fn draw(args: &Args, radius_m: f64) -> Result<Draw, Failure> {
         Some(mm) => Some(positive("--regular-mm", mm)?),
         None => Some(radius_m),
     };
-    Ok(Draw {
+    let step_m = args.step_mm.map(|mm| positive("--step-mm", mm)).transpose()?;
+    let draw = Draw {
         seed: args.seed,
-        step_m: positive("--step-mm", args.step_mm)?,
+        step_m: step_m.unwrap_or_else(|| Draw::default_step_m(radius_m)),
         regular_m,
         random: args.random,
         random_steps: args.random_steps.max(1),
         uniform: args.uniform,
-    })
+    };
+    draw.check(radius_m).map_err(Failure::input)?;
+    Ok(draw)
 }
 
 /// Counts of one active node as text, one line each after `label`.

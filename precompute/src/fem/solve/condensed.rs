@@ -79,13 +79,13 @@ impl Solver {
             return fail(FailureReason::Inverted, residual_n);
         }
         let energy_j = assembled.energy_j - body.rest.energy_j;
-        if !(energy_j.is_finite() && stiffness.iter().chain(&third_n_m2).all(|s| s.is_finite())) {
-            return fail(FailureReason::NotFinite, residual_n);
-        }
         let (force_n, torque_n_m) = self.resultants(pose);
         // S is symmetric by definition; rounding makes the computed S unsymmetric in its last digits.
         let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());
         let jet = EnergyJet { control_m: pose.displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 };
+        if !jet.is_finite() {
+            return fail(FailureReason::NotFinite, residual_n);
+        }
         Ok(Configuration {
             seed: Seed { pose: *pose, state: self.state.clone(), sensitivity, jet },
             torque_n_m,

@@ -61,6 +61,13 @@ pub enum StoreError {
         /// Value of this run.
         wanted: String,
     },
+    /// A result with a number that is infinite or NaN, which is not written.
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// The result.
+        what: String,
+    },
     /// A value in the file is invalid.
     Corrupt {
         /// The file.
@@ -84,9 +91,9 @@ impl StoreError {
         Self::Sqlite { path: path.to_path_buf(), error }
     }
 
-    /// Whether the machine failed, not the input: the same command can succeed later.
+    /// Whether the machine or the computation failed, not the input.
     pub fn is_of_the_machine(&self) -> bool {
-        let Self::Sqlite { error, .. } = self else { return false };
+        let Self::Sqlite { error, .. } = self else { return matches!(self, Self::NotFinite { .. }) };
         matches!(error.sqlite_error_code(), Some(ErrorCode::DiskFull | ErrorCode::SystemIoFailure))
     }
 
@@ -166,6 +173,11 @@ impl std::fmt::Display for StoreError {
             Self::Drawn { path, stored, wanted } => write!(
                 f,
                 "{}: contains held-out positions of a different draw ({stored}; now {wanted}); use the same draw, or --again for a new one",
+                path.display()
+            ),
+            Self::NotFinite { path, what } => write!(
+                f,
+                "{}: {what} has a number that is not finite, and is not stored; please report it with the scene",
                 path.display()
             ),
             Self::Corrupt { path, what } => write!(f, "{}: {what}; {SALVAGE}", path.display()),

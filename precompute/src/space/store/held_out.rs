@@ -53,8 +53,14 @@ impl Store {
         ))
     }
 
-    /// Adds the outcome of a walk in one transaction.
+    /// Adds the outcome of a walk in one transaction. A walk with a number that is not finite is refused.
     pub fn add_walk(&self, outcome: &WalkOutcome) -> Result<(), StoreError> {
+        for (step, truth) in (1..).zip(&outcome.truths) {
+            let of_solution = truth.equilibrium().map(Equilibrium::numbers).unwrap_or_default();
+            self.expect_finite(truth.displacement_m.iter().chain(&of_solution), || {
+                format!("{} walk {}, step {step}", outcome.walk.kind.name(), outcome.walk.number)
+            })?;
+        }
         self.write(|connection| {
             connection.execute_batch("SAVEPOINT walk")?;
             let inserted = (1..)

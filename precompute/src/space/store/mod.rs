@@ -422,12 +422,30 @@ impl Store {
     }
 
     /// Adds an outcome, and with the last outcome of a space the state of the space. Outcomes in quick
-    /// succession share a commit; slow ones are committed at once.
+    /// succession share a commit; slow ones are committed at once. A number that is not finite is refused.
     pub fn add(&self, outcome: &Outcome, finished: Option<&SpaceState>) -> Result<(), StoreError> {
+        let solution = outcome.record.jet([0.0; 3]);
+        let numbers =
+            solution.iter().chain(&outcome.intermediate).map(EnergyJet::numbers).collect::<Vec<_>>();
+        self.expect_finite(numbers.as_flattened(), || {
+            format!("the configuration at grid point {:?}", outcome.record.index)
+        })?;
         self.write(|connection| {
             rows::insert(connection, outcome)?;
             finished.map_or(Ok(()), |state| finished::insert(connection, outcome.active as usize, state))
         })
+    }
+
+    /// Refuses numbers that are infinite or NaN.
+    fn expect_finite<'n>(
+        &self,
+        numbers: impl IntoIterator<Item = &'n f64>,
+        what: impl FnOnce() -> String,
+    ) -> Result<(), StoreError> {
+        if numbers.into_iter().all(|x| x.is_finite()) {
+            return Ok(());
+        }
+        Err(StoreError::NotFinite { path: self.path.clone(), what: what() })
     }
 
     fn write(&self, rows: impl FnOnce(&Connection) -> rusqlite::Result<()>) -> Result<(), StoreError> {
