@@ -23,6 +23,7 @@ use faer::{Mat, Side};
 use palpate_core::displacement::DisplacementPlanes;
 
 use super::fold::Fold;
+use super::ghosts::mean_of_nearest;
 use super::modes::{Mode, PackedModes, UNITS, dot};
 use crate::spec::{DisplacementBound, Domain, GridIndex, SpaceGrid};
 
@@ -318,22 +319,21 @@ struct Row {
 impl Row {
     /// Mean of the linear extrapolations of the nearest solved configurations.
     fn ghost(solved: &[GridIndex], rows: &[Self], index: GridIndex) -> Self {
-        let distance =
-            |from: &GridIndex| -> i32 { from.iter().zip(index).map(|(a, b)| (a - b) * (a - b)).sum() };
-        let nearest = solved.iter().map(distance).min().unwrap_or(0);
         let modes = rows.first().map_or(0, |row| row.values.len());
-        let mut mean = Self { values: vec![0.0; modes], slopes: std::array::from_fn(|_| vec![0.0; modes]) };
-        let count = solved.iter().filter(|from| distance(from) == nearest).count().max(1) as f64;
-        for (from, row) in solved.iter().zip(rows).filter(|(from, _)| distance(from) == nearest) {
-            mean.values.iter_mut().zip(&row.values).for_each(|(sum, value)| *sum += value / count);
-            for axis in 0..3 {
-                let step = f64::from(index[axis] - from[axis]);
-                let slopes = &row.slopes[axis];
-                mean.values.iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += step * slope / count);
-                mean.slopes[axis].iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += slope / count);
+        let mut mean = vec![0.0; 4 * modes];
+        let solved = solved.iter().copied().zip(rows);
+        mean_of_nearest(solved, index, &mut mean, |row, step, sum| {
+            let add = |sum: &mut [f64], factor: f64, numbers: &[f64]| {
+                sum.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += factor * number);
+            };
+            add(sum, 1.0, &row.values);
+            for (axis, slopes) in row.slopes.iter().enumerate() {
+                add(sum, step[axis], slopes);
+                add(&mut sum[(axis + 1) * modes..], 1.0, slopes);
             }
-        }
-        mean
+        });
+        let part = |n: usize| mean[n * modes..(n + 1) * modes].to_vec();
+        Self { values: part(0), slopes: [part(1), part(2), part(3)] }
     }
 
     fn pack_into(&self, slopes: usize, coefficients: &mut Vec<i16>) {

@@ -21,7 +21,7 @@ pub struct LatticeValues {
 
 /// Limit of a ghost's force as a multiple of the largest solved force, because an extrapolation over many
 /// cells can diverge.
-const GHOST_FORCE_LIMIT: f64 = 2.0;
+pub(super) const GHOST_FORCE_LIMIT: f64 = 2.0;
 
 /// Table of `samples` (one per solved grid point, including the rest point).
 pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
@@ -52,25 +52,37 @@ pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
     values
 }
 
-/// Mean of the extrapolations from all solved points at the smallest distance.
+/// Mean of the linear extrapolations of the nearest solved points, limited to `limit`.
 fn ghost(grid: &SpaceGrid, samples: &[Sample], index: GridIndex, limit: f64) -> [f64; 3] {
-    let nearest = samples.iter().map(|s| squared_distance(s.index, index)).min().unwrap_or(0);
-    let (mut sum, mut count) = ([0.0; 3], 0.0);
-    for sample in samples.iter().filter(|s| squared_distance(s.index, index) == nearest) {
-        let step: [f64; 3] = std::array::from_fn(|i| f64::from(index[i] - sample.index[i]) * grid.spacing_m);
+    let mut mean = [0.0; 3];
+    let solved = samples.iter().map(|sample| (sample.index, sample));
+    mean_of_nearest(solved, index, &mut mean, |sample, step, sum| {
         for (i, total) in sum.iter_mut().enumerate() {
-            let change: f64 = (0..3).map(|j| sample.jet.stiffness_n_m[(i, j)] * step[j]).sum();
+            let change: f64 =
+                (0..3).map(|j| sample.jet.stiffness_n_m[(i, j)] * (step[j] * grid.spacing_m)).sum();
             *total += sample.jet.force_n[i] + change;
         }
-        count += 1.0;
-    }
-    let mean = sum.map(|f| f / f64::max(count, 1.0));
+    });
     let size = norm(mean);
     if size > limit { mean.map(|f| f * limit / size) } else { mean }
 }
 
-fn squared_distance(a: GridIndex, b: GridIndex) -> i32 {
-    a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
+/// The ghost of every table: sets `mean` to the mean of the continuations of the solved points nearest to
+/// `index`. `add` adds the continuation of a point by a step in cells.
+pub(super) fn mean_of_nearest<T>(
+    solved: impl Iterator<Item = (GridIndex, T)> + Clone,
+    index: GridIndex,
+    mean: &mut [f64],
+    add: impl Fn(T, [f64; 3], &mut [f64]),
+) {
+    let squared = |from: GridIndex| -> i32 { from.iter().zip(index).map(|(a, b)| (a - b) * (a - b)).sum() };
+    let nearest = solved.clone().map(|(from, _)| squared(from)).min();
+    let mut count = 0;
+    for (from, point) in solved.filter(|(from, _)| Some(squared(*from)) == nearest) {
+        add(point, std::array::from_fn(|axis| f64::from(index[axis] - from[axis])), mean);
+        count += 1;
+    }
+    mean.iter_mut().for_each(|sum| *sum /= f64::from(count.max(1)));
 }
 
 fn norm(v: [f64; 3]) -> f64 {

@@ -15,11 +15,13 @@
 
 use std::collections::{BTreeMap, HashSet};
 
-use nalgebra::{DMatrix, DVector};
+use faer::Mat;
+use faer::linalg::solvers::SolveLstsq;
 use palpate_core::flags;
 use palpate_core::method::hermite::Node;
 
 use super::fold::Fold;
+use super::ghosts::{GHOST_FORCE_LIMIT, mean_of_nearest};
 use super::{LatticeValues, Sample};
 use crate::spec::{Domain, GridIndex, SpaceGrid};
 
@@ -113,7 +115,7 @@ fn nodes_with(
             Some(known) => known.w,
             None => {
                 let free = field.fitted(index).unwrap_or_else(|| field.ghost(index));
-                held_ghost(free, LARGEST_GHOST * largest_n)
+                held_ghost(free, GHOST_FORCE_LIMIT * largest_n)
             }
         };
         table.row[slot] = table.nodes.len() as u32;
@@ -126,9 +128,6 @@ fn nodes_with(
 /// because a slope can belong to a branch that ends within the cell. The limit is that of monotone cubic
 /// interpolation (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980: 3).
 const STEEPEST: f64 = 3.0;
-/// Limit of a ghost's force, as a multiple of the largest solved |h|; the same as in the table of forces.
-const LARGEST_GHOST: f64 = 2.0;
-
 fn norm(a: [f64; 3]) -> f64 {
     a.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
@@ -305,11 +304,48 @@ impl Field<'_> {
     /// The unknowns are the 56 derivatives at `index`. Each row is one of the 20 derivatives of a node as a
     /// Taylor sum, weighted by the factorial of its order and the square of the distance.
     fn fitted(&self, index: GridIndex) -> Option<Derivatives> {
-        let offset = |slot: usize| -> GridIndex {
-            let at = self.grid.lattice.ijk(slot);
-            std::array::from_fn(|axis| at[axis] - index[axis])
-        };
-        let squared = |slot: usize| -> i32 { offset(slot).iter().map(|n| n * n).sum() };
+        let chosen = self.around(index)?;
+        let unknowns: Vec<[usize; 3]> = orders_up_to(5).collect();
+        let derivatives: Vec<[usize; 3]> = orders_up_to(3).collect();
+        let (n, rows) = (unknowns.len(), chosen.len() * derivatives.len());
+        let (mut matrix, mut right) = (Mat::<f64>::zeros(rows + n, n), Mat::<f64>::zeros(rows + n, 1));
+        for (node, slot) in chosen.into_iter().enumerate() {
+            let (known, step) = (self.solved[slot].as_ref()?, self.offset(index, slot).map(f64::from));
+            for (number, &wanted) in derivatives.iter().enumerate() {
+                let row = node * derivatives.len() + number;
+                let weight = 1.0 / (squared(step) * factorial(wanted.iter().sum()));
+                for (column, unknown) in unknowns.iter().enumerate() {
+                    let along = |axis: usize| {
+                        let left = unknown[axis].checked_sub(wanted[axis]);
+                        left.map_or(0.0, |left| step[axis].powi(left as i32) / factorial(left))
+                    };
+                    matrix[(row, column)] = weight * along(0) * along(1) * along(2);
+                }
+                right[(row, 0)] = weight * known.derivative(wanted);
+            }
+        }
+        // The ridge keeps undetermined directions near zero.
+        let ridge = RIDGE * matrix.norm_l2() / (n as f64).sqrt();
+        for i in 0..n {
+            matrix[(rows + i, i)] = ridge;
+        }
+        let solved = matrix.col_piv_qr().solve_lstsq(&right);
+        let mut w = Derivatives::default();
+        for (&[a, b, c], value) in unknowns.iter().zip(solved.col(0).iter()) {
+            if !value.is_finite() {
+                return None;
+            }
+            if a <= 2 && b <= 2 && c <= 2 {
+                w[a][b][c] = *value;
+            }
+        }
+        Some(w)
+    }
+
+    /// The slots of the nodes for the fit at `index`, all on one branch, the nearest first; `None` if there are
+    /// too few.
+    fn around(&self, index: GridIndex) -> Option<Vec<usize>> {
+        let squared = |slot: usize| -> i32 { self.offset(index, slot).iter().map(|n| n * n).sum() };
         let mut order: Vec<(i32, usize)> = (0..self.solved.len())
             .filter(|&slot| self.solved[slot].is_some() && squared(slot) <= REACH)
             .map(|slot| (squared(slot), slot))
@@ -324,69 +360,34 @@ impl Field<'_> {
                 chosen.push(slot);
             }
         }
-        if chosen.len() < FEWEST || chosen.first().is_none_or(|&slot| squared(slot) > NEAR) {
-            return None;
-        }
-        let unknowns: Vec<[usize; 3]> = orders_up_to(5).collect();
-        let n = unknowns.len();
-        let (mut matrix, mut right) = (DMatrix::<f64>::zeros(n, n), DVector::<f64>::zeros(n));
-        let mut row = DVector::<f64>::zeros(n);
-        for slot in chosen {
-            let known = self.solved[slot].as_ref()?;
-            let (step, near) = (offset(slot).map(f64::from), f64::from(squared(slot)));
-            for wanted in orders_up_to(3) {
-                let degree: usize = wanted.iter().sum();
-                let weight = 1.0 / (near * factorial(degree));
-                for (value, unknown) in row.iter_mut().zip(&unknowns) {
-                    let along = |axis: usize| {
-                        let left = unknown[axis].checked_sub(wanted[axis]);
-                        left.map_or(0.0, |left| step[axis].powi(left as i32) / factorial(left))
-                    };
-                    *value = weight * along(0) * along(1) * along(2);
-                }
-                right.axpy(weight * known.derivative(wanted), &row, 1.0);
-                matrix.ger(1.0, &row, &row, 1.0);
-            }
-        }
-        // The ridge keeps undetermined directions near zero.
-        let ridge = RIDGE * matrix.trace() / n as f64;
-        for i in 0..n {
-            matrix[(i, i)] += ridge;
-        }
-        let solved = matrix.cholesky()?.solve(&right);
-        let mut w = Derivatives::default();
-        for ([a, b, c], value) in unknowns.iter().copied().zip(&solved) {
-            if a <= 2 && b <= 2 && c <= 2 {
-                w[a][b][c] = *value;
-            }
-        }
-        solved.iter().all(|x| x.is_finite()).then_some(w)
+        let is_near = chosen.first().is_some_and(|&slot| squared(slot) <= NEAR);
+        (chosen.len() >= FEWEST && is_near).then_some(chosen)
+    }
+
+    /// Position of a slot relative to `index`, in cells.
+    fn offset(&self, index: GridIndex, slot: usize) -> GridIndex {
+        let at = self.grid.lattice.ijk(slot);
+        std::array::from_fn(|axis| at[axis] - index[axis])
     }
 
     /// Mean of the Taylor polynomials of the nearest solved nodes.
     fn ghost(&self, index: GridIndex) -> Derivatives {
-        let distance = |slot: usize| -> i32 {
-            self.grid.lattice.ijk(slot).iter().zip(index).map(|(a, b)| (a - b) * (a - b)).sum()
-        };
-        let known = || self.solved.iter().enumerate().filter_map(|(slot, k)| Some((slot, k.as_ref()?)));
-        let nearest = known().map(|(slot, _)| distance(slot)).min().unwrap_or(0);
-        let (mut sum, mut count) = (Derivatives::default(), 0.0);
-        for (slot, node) in known().filter(|(slot, _)| distance(*slot) == nearest) {
-            let from = self.grid.lattice.ijk(slot);
-            let step = std::array::from_fn(|axis| f64::from(index[axis] - from[axis]));
-            let continued = taylor(node, step, nearest > NEAR);
-            for (sum, value) in sum
-                .as_flattened_mut()
-                .as_flattened_mut()
-                .iter_mut()
-                .zip(continued.as_flattened().as_flattened())
-            {
+        let known = self.solved.iter().enumerate();
+        let known = known.filter_map(|(slot, node)| Some((self.grid.lattice.ijk(slot), node.as_ref()?)));
+        let mut mean = Derivatives::default();
+        mean_of_nearest(known, index, mean.as_flattened_mut().as_flattened_mut(), |node, step, sum| {
+            let continued = taylor(node, step, squared(step) > f64::from(NEAR));
+            for (sum, value) in sum.iter_mut().zip(continued.as_flattened().as_flattened()) {
                 *sum += value;
             }
-            count += 1.0;
-        }
-        sum.map(|plane| plane.map(|row| row.map(|value| value / f64::max(count, 1.0))))
+        });
+        mean
     }
+}
+
+/// Squared length of a step, in cells.
+fn squared(step: [f64; 3]) -> f64 {
+    step.iter().map(|x| x * x).sum()
 }
 
 /// Largest squared distance, in cells, at which a node is extrapolated with all its derivatives. Beyond it
@@ -397,8 +398,8 @@ const NEAR: i32 = 3;
 const REACH: i32 = 6;
 const MOST: usize = 20;
 const FEWEST: usize = 6;
-/// Ridge as a share of the mean diagonal entry.
-const RIDGE: f64 = 1e-13;
+/// Ridge as a share of the root mean square norm of a column.
+const RIDGE: f64 = 3e-7;
 
 impl Known {
     /// The exact derivative of these orders, whose sum is at most three.
