@@ -10,6 +10,7 @@ mod file;
 mod grid;
 mod material;
 mod nodes;
+mod place;
 pub(crate) mod reach;
 mod resolve;
 
@@ -27,7 +28,8 @@ use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{SolveFailure, settle};
 use crate::mesh::{Refined, TetMesh};
 use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered};
-use file::{Place, SceneFile};
+use file::SceneFile;
+use place::Place;
 pub use reach::Unreachable;
 
 /// The grids of the paper: number of points, and number of cells along the radius.
@@ -119,7 +121,7 @@ impl Scene {
     /// Parses a scene. Error messages name `path`; file names in the scene are relative to its folder.
     pub fn parse(path: &Path, text: String) -> Result<Self, InputError> {
         let place = Place { path: path.to_path_buf(), text };
-        let file = place.parse()?;
+        let file = SceneFile::parse(&place)?;
         Ok(Self { place, file })
     }
 

@@ -1,9 +1,11 @@
 //! Fixtures shared by the tests: small bodies with known solutions.
 #![forbid(unsafe_code)]
 
+pub mod circles;
 pub mod coarse_blob;
 pub mod documents;
 pub mod platform_math;
+pub mod sizes;
 pub mod space_bench;
 pub mod strata;
 

@@ -46,15 +46,41 @@ impl fmt::Display for Finding {
 /// If a file of the crate cannot be read or parsed.
 #[must_use]
 pub fn findings(src: &Path, strata: &[&str]) -> Vec<Finding> {
-    let src = src.canonicalize().unwrap_or_else(|error| panic!("{}: {error}", src.display()));
     let order: Vec<ModulePath> = strata.iter().map(|path| split(path)).collect();
-    let mut findings = walk_file(&src, &order, &src.join("lib.rs"), &[]);
+    let mut findings = walk(src, &order).findings;
     findings.sort();
     findings.dedup();
     findings
 }
 
-type ModulePath = Vec<String>;
+/// What a crate's files contain.
+#[derive(Default)]
+pub(crate) struct Contents {
+    findings: Vec<Finding>,
+    /// Module of each file.
+    pub(crate) files: Vec<ModulePath>,
+    /// Importing module and imported path.
+    pub(crate) imports: Vec<(ModulePath, ModulePath)>,
+    /// Module, a name that a `use` declares in it, and the path of what it names.
+    pub(crate) names: Vec<(ModulePath, String, ModulePath)>,
+}
+
+impl Contents {
+    fn extend(&mut self, other: Self) {
+        self.findings.extend(other.findings);
+        self.files.extend(other.files);
+        self.imports.extend(other.imports);
+        self.names.extend(other.names);
+    }
+}
+
+/// Walks a crate from the `lib.rs` in `src`.
+pub(crate) fn walk(src: &Path, order: &[ModulePath]) -> Contents {
+    let src = src.canonicalize().unwrap_or_else(|error| panic!("{}: {error}", src.display()));
+    walk_file(&src, order, &src.join("lib.rs"), &[])
+}
+
+pub(crate) type ModulePath = Vec<String>;
 
 fn split(path: &str) -> ModulePath {
     path.split("::").map(String::from).collect()
@@ -69,18 +95,19 @@ struct Walk<'c> {
     folder: PathBuf,
     module: ModulePath,
     children: Vec<String>,
-    findings: Vec<Finding>,
+    contents: Contents,
 }
 
-fn walk_file(src: &Path, order: &[ModulePath], file: &Path, module: &[String]) -> Vec<Finding> {
+fn walk_file(src: &Path, order: &[ModulePath], file: &Path, module: &[String]) -> Contents {
     let text = fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let parsed = syn::parse_file(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let owns_folder = module.is_empty() || file.ends_with("mod.rs");
     let folder = if owns_folder { file.with_file_name("") } else { file.with_extension("") };
     let (module, children) = (module.to_vec(), declared(&parsed.items));
-    let mut walk = Walk { src, order, file, folder, module, children, findings: Vec::new() };
+    let contents = Contents { files: vec![module.clone()], ..Contents::default() };
+    let mut walk = Walk { src, order, file, folder, module, children, contents };
     parsed.items.iter().for_each(|item| walk.visit_item(item));
-    walk.findings
+    walk.contents
 }
 
 fn declared(items: &[Item]) -> Vec<String> {
@@ -97,28 +124,36 @@ impl Walk<'_> {
 
     fn report(&mut self, span: Span, what: String) {
         let file = self.file.strip_prefix(self.src).unwrap_or(self.file).to_path_buf();
-        self.findings.push(Finding { file, line: span.start().line, what });
+        self.contents.findings.push(Finding { file, line: span.start().line, what });
     }
 
     /// A path in the source: an import if it begins with a module of this crate.
     fn path(&mut self, segments: &[String], span: Span) {
-        let [first, .., _] = segments else { return };
+        if let Some(target) = self.target(segments) {
+            self.import(&target, span);
+        }
+    }
+
+    /// The path of an imported item from the root of the crate.
+    fn target(&self, segments: &[String]) -> Option<ModulePath> {
+        let [first, .., _] = segments else { return None };
         let supers = segments.iter().take_while(|segment| *segment == "super").count();
         let (mut target, skip) = match first.as_str() {
             "crate" => (Vec::new(), 1),
             "self" => (self.module.clone(), 1),
             "super" => (self.module[..self.module.len().saturating_sub(supers)].to_vec(), supers),
             child if self.children.iter().any(|name| name == child) => (self.module.clone(), 0),
-            _ => return,
+            _ => return None,
         };
         target.extend_from_slice(&segments[skip..]);
-        self.import(&target, span);
+        Some(target)
     }
 
     fn import(&mut self, target: &[String], span: Span) {
         if self.module.is_empty() {
             return;
         }
+        self.contents.imports.push((self.module.clone(), target.to_vec()));
         let (module, name) = (self.module.join("::"), target.join("::"));
         match (self.rank(&self.module), self.rank(target)) {
             (Some(own), Some(other)) if other <= own => {}
@@ -160,13 +195,22 @@ impl Walk<'_> {
         let with = |name: &syn::Ident| [before, &[name.to_string()]].concat();
         match tree {
             UseTree::Path(path) => self.use_tree(&path.tree, &with(&path.ident)),
-            UseTree::Name(name) => self.path(&with(&name.ident), name.ident.span()),
-            UseTree::Rename(name) => self.path(&with(&name.ident), name.ident.span()),
+            UseTree::Name(name) => self.named(&with(&name.ident), &name.ident),
+            UseTree::Rename(name) => self.named(&with(&name.ident), &name.rename),
             UseTree::Glob(glob) => {
                 self.path(&[before, &["*".into()]].concat(), glob.star_token.spans[0]);
             }
             UseTree::Group(group) => group.items.iter().for_each(|tree| self.use_tree(tree, before)),
         }
+    }
+
+    /// A path that a `use` makes available as `name`.
+    fn named(&mut self, segments: &[String], name: &syn::Ident) {
+        self.path(segments, name.span());
+        let Some(mut target) = self.target(segments) else { return };
+        target.pop_if(|last| last == "self");
+        let name = if name == "self" { target.last().cloned().unwrap_or_default() } else { name.to_string() };
+        self.contents.names.push((self.module.clone(), name, target));
     }
 
     /// Paths in the tokens of a macro.
@@ -213,7 +257,7 @@ impl<'ast> Visit<'ast> for Walk<'_> {
             None => {
                 let file = self.file_of(module, &child);
                 let found = walk_file(self.src, self.order, &file, &child);
-                self.findings.extend(found);
+                self.contents.extend(found);
             }
             Some((_, items)) => {
                 let outside = (self.folder.clone(), self.module.clone(), self.children.clone());

@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::Path;
 
+use palpate_tests::circles::circles;
 use palpate_tests::strata::findings;
 
 /// The findings in a crate of three strata after one file is replaced.
@@ -299,4 +300,42 @@ fn every_crate_imports_downwards() {
         let lines: String = found.iter().map(|found| format!("{found}\n")).collect();
         assert!(found.is_empty(), "{name}:\n{lines}");
     }
+}
+
+/// A crate of these files; its circles.
+fn circles_of(files: &[(&str, &str)]) -> Vec<Vec<String>> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for (name, content) in files {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().expect("in the folder")).expect("writable");
+        fs::write(path, content).expect("writable");
+    }
+    circles(folder.path())
+}
+
+#[test]
+fn a_circle_between_files_is_found_also_through_a_facade() {
+    let lib = ("lib.rs", "mod group;");
+    let facade = ("group/mod.rs", "mod one; mod two; mod three;\npub use one::One;\npub struct Own;");
+    let one = ("group/one.rs", "use super::Own;\nuse super::two::Two;\npub struct One(Own, Two);");
+    let sound =
+        [lib, facade, one, ("group/two.rs", "pub struct Two;"), ("group/three.rs", "use super::One;")];
+    assert_eq!(circles_of(&sound), [[""; 0]; 0]);
+    for back in ["use super::One;", "use super::one::One;", "fn f() -> crate::group::One { todo!() }"] {
+        let mut files = sound;
+        files[3].1 = back;
+        assert_eq!(circles_of(&files), [["group::one", "group::two"]], "{back}");
+    }
+    let mut files = sound;
+    files[3].1 = "use super::three::Three;\npub struct Two;";
+    assert_eq!(circles_of(&files), [["group::one", "group::three", "group::two"]]);
+}
+
+#[test]
+fn no_files_of_core_and_precompute_import_one_another() {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace");
+    let of = |name: &str| circles(&workspace.join(name).join("src"));
+    let found: Vec<String> =
+        ["firmware-like-core", "precompute"].iter().flat_map(|name| of(name)).map(|c| c.join(", ")).collect();
+    assert!(found.is_empty(), "{}", found.join("\n"));
 }

@@ -10,5 +10,11 @@ pub use bytes::Aligned;
 #[cfg(feature = "alloc")]
 pub use bytes::AlignedBytes;
 pub use error::BlobError;
-pub use profile::{Limits, MICROCONTROLLER_SPACES, MicrocontrollerOrgan, PC_SPACES, PcOrgan};
+pub use profile::{Limits, MICROCONTROLLER_SPACES, PC_SPACES};
 pub use reader::{Organ, Surface};
+
+/// An organ on a PC.
+pub type PcOrgan<'a> = Organ<'a, PC_SPACES>;
+
+/// An organ on a microcontroller, to be read with [`Organ::read_within`] and [`Limits::MICROCONTROLLER`].
+pub type MicrocontrollerOrgan<'a> = Organ<'a, MICROCONTROLLER_SPACES>;

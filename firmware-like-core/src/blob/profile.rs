@@ -4,8 +4,6 @@
 //! of a tick, of a picture and of the check at the start. A blob that exceeds a limit is refused with
 //! [`crate::BlobError::Capacity`].
 
-use super::Organ;
-
 /// Largest sizes of the surface and of the tables of one space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
@@ -39,9 +37,3 @@ pub const PC_SPACES: usize = 512;
 
 /// Active nodes on a microcontroller.
 pub const MICROCONTROLLER_SPACES: usize = 4;
-
-/// An organ on a PC.
-pub type PcOrgan<'a> = Organ<'a, PC_SPACES>;
-
-/// An organ on a microcontroller, to be read with [`Organ::read_within`] and [`Limits::MICROCONTROLLER`].
-pub type MicrocontrollerOrgan<'a> = Organ<'a, MICROCONTROLLER_SPACES>;

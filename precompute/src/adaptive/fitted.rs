@@ -1,8 +1,8 @@
 //! The fit of an adaptive search, and the queries of it after the search.
 
-use super::LinearSuits;
+use super::linear::LinearSuits;
+use super::prediction::{Test, Verdict, passes};
 use super::reach::Known;
-use super::search::{Test, Verdict, passes};
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::norm;

@@ -9,11 +9,8 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::resample::Resampled;
-use super::{AdaptiveFit, PASSES, Verdict};
-use crate::fit::{KernelFit, Sample};
+use super::prediction::PASSES;
 use crate::num::vector::{difference, norm};
-use crate::spec::{Domain, SpaceGrid};
 
 /// The linear model and its tests so far.
 #[derive(Debug, Clone)]
@@ -81,33 +78,11 @@ impl Linear {
     }
 }
 
-/// The table of the linear model with the fewest bytes, if the search ended with it, up to `radius_m`.
-///
-/// A quintic Hermite interpolation reproduces a quadratic energy for any cell size, and a tri-linear one its
-/// linear force. The cells are therefore as large as the ball.
-pub(super) fn table(search: &AdaptiveFit, radius_m: f64) -> Option<Resampled> {
-    if search.verdict != Some(Verdict::Linear) {
-        return None;
-    }
-    let grid = SpaceGrid::new(radius_m, radius_m).ok()?;
-    let quadratic = KernelFit::new(radius_m, search.jets.first()?.stiffness_n_m);
-    let mut points: Vec<_> = Domain::new(&grid, true).points().collect();
-    points.sort_unstable();
-    let sample = |&index: &_| {
-        let jet = quadratic.jet(grid.displacement_m(index));
-        let terminating = norm(jet.force_n) > search.wanted.max_force_n;
-        Sample { index, attempt: 0, jet, terminating, inverted: false }
-    };
-    let samples = points.iter().map(sample).collect();
-    let derivatives =
-        points.iter().map(|&index| (index, quadratic.derivatives(grid.displacement_m(index)))).collect();
-    Some(Resampled { grid, samples, derivatives, added: 0.0 })
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::{Found, Search, Step, resample};
+    use super::super::{AdaptiveFit, Found, Search, Step, Verdict, resample};
     use super::*;
+    use crate::fit::KernelFit;
     use crate::fit::made_up::jet;
     use crate::spec::{Tolerance, Wanted};
     use palpate_core::method::hermite::{HermitePlanes, HermiteTable};

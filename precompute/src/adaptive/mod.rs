@@ -7,6 +7,7 @@
 mod alone;
 mod fitted;
 mod linear;
+mod prediction;
 mod reach;
 mod resample;
 mod search;
@@ -15,5 +16,6 @@ mod stagnation;
 pub use alone::{Alone, alone, at_rest};
 pub use fitted::{AdaptiveFit, LeftOut, WithinReach};
 pub use linear::LinearSuits;
+pub use prediction::{PASSES, Test, Verdict};
 pub use resample::{Resampled, resample};
-pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict};
+pub use search::{Found, Search, Step, Target};

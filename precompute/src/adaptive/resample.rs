@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, HashSet};
 use palpate_core::LatticeError;
 use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
 
-use super::{AdaptiveFit, linear};
-use crate::fit::{Derivatives, Sample, hermite_nodes_known};
+use super::fitted::AdaptiveFit;
+use super::prediction::Verdict;
+use crate::fit::{Derivatives, KernelFit, Sample, hermite_nodes_known};
 use crate::num::vector::{difference, norm};
 use crate::spec::{Domain, GridIndex, RADII_M, SpaceGrid};
 
@@ -47,7 +48,7 @@ pub fn resample(search: &AdaptiveFit) -> Result<Resampled, LatticeError> {
     let farthest = search.jets.iter().map(|jet| norm(jet.control_m)).fold(0.0, f64::max);
     let [smallest, largest] = RADII_M;
     let radius_m = (MARGIN * farthest).min(search.wanted.radius_m).clamp(smallest, largest);
-    if let Some(linear) = linear::table(search, radius_m) {
+    if let Some(linear) = linear_table(search, radius_m) {
         return Ok(linear);
     }
     let [asked, reached] = places(search);
@@ -70,6 +71,29 @@ pub fn resample(search: &AdaptiveFit) -> Result<Resampled, LatticeError> {
         }
     }
     Ok(best)
+}
+
+/// The table of the linear model with the fewest bytes, if the search ended with it, up to `radius_m`.
+///
+/// A quintic Hermite interpolation reproduces a quadratic energy for any cell size, and a tri-linear one its
+/// linear force. The cells are therefore as large as the ball.
+fn linear_table(search: &AdaptiveFit, radius_m: f64) -> Option<Resampled> {
+    if search.verdict != Some(Verdict::Linear) {
+        return None;
+    }
+    let grid = SpaceGrid::new(radius_m, radius_m).ok()?;
+    let quadratic = KernelFit::new(radius_m, search.jets.first()?.stiffness_n_m);
+    let mut points: Vec<_> = Domain::new(&grid, true).points().collect();
+    points.sort_unstable();
+    let sample = |&index: &_| {
+        let jet = quadratic.jet(grid.displacement_m(index));
+        let terminating = norm(jet.force_n) > search.wanted.max_force_n;
+        Sample { index, attempt: 0, jet, terminating, inverted: false }
+    };
+    let samples = points.iter().map(sample).collect();
+    let derivatives =
+        points.iter().map(|&index| (index, quadratic.derivatives(grid.displacement_m(index)))).collect();
+    Some(Resampled { grid, samples, derivatives, added: 0.0 })
 }
 
 /// Two disjoint sets of reachable positions: one measures the table, the other selects its cells. A cell that

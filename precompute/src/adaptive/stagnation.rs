@@ -5,7 +5,7 @@
 //! large errors and not the mean: about one prediction in five is affected by a jump, and the errors of the
 //! others continue to decrease.
 
-use super::Test;
+use super::prediction::Test;
 
 /// Number of predictions in each of the two compared windows. On the bundled organ, nodes that pass after 100
 /// configurations are never classified as stagnating with 40; with 30, three of 297 were.

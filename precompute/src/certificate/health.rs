@@ -166,13 +166,31 @@ impl Health {
     }
 
     fn judged(&self, found: &Findings<'_>) -> Vec<Reason> {
-        let share = |n: usize| n as f64 / self.reachable.max(1) as f64;
         let mut reasons = Vec::new();
         let mut say = |verdict: Verdict, what: String| {
             if verdict > Verdict::Green {
                 reasons.push(Reason { verdict, what });
             }
         };
+        self.judge_branches(found, &mut say);
+        self.judge_solutions(found, &mut say);
+        self.judge_fit(&mut say);
+        judge_errors(found.methods, &mut say);
+        reasons
+    }
+
+    /// `n` as a share of the reachable configurations.
+    fn share(&self, n: usize) -> f64 {
+        n as f64 / self.reachable.max(1) as f64
+    }
+
+    fn of_all(&self) -> String {
+        format!("of {} reachable configurations", self.reachable)
+    }
+
+    /// Branch jumps and unstable equilibria.
+    fn judge_branches(&self, found: &Findings<'_>, say: &mut impl FnMut(Verdict, String)) {
+        let of_all = self.of_all();
         say(
             BRANCHES.of(found.folded_volume),
             format!(
@@ -184,19 +202,26 @@ impl Health {
         );
         let TwoSolutions { points, apart_n } = found.two_solutions;
         say(
-            BRANCHES.of(share(points)),
+            BRANCHES.of(self.share(points)),
             format!(
                 "two stable solutions at {points} points, with forces up to {apart_n:.2} N apart: the body buckles; use a smaller radius_m"
             ),
         );
-        let of_all = format!("of {} reachable configurations", self.reachable);
-        say(BRANCHES.of(share(self.unstable)), format!("{} {of_all} are unstable equilibria", self.unstable));
         say(
-            BRANCHES.of(share(self.switched)),
-            format!("{} {of_all} switched to another branch", self.switched),
+            BRANCHES.of(self.share(self.unstable)),
+            format!("{} {of_all} are unstable equilibria", self.unstable),
         );
         say(
-            INVERTED.of(share(self.inverted)),
+            BRANCHES.of(self.share(self.switched)),
+            format!("{} {of_all} switched to another branch", self.switched),
+        );
+    }
+
+    /// Inverted elements, failures and residuals.
+    fn judge_solutions(&self, found: &Findings<'_>, say: &mut impl FnMut(Verdict, String)) {
+        let of_all = self.of_all();
+        say(
+            INVERTED.of(self.share(self.inverted)),
             format!(
                 "{} {of_all} have inverted elements (smallest J {:.2}): refine the mesh there, or use order = 2 or a smaller radius_m",
                 self.inverted, self.min_jacobian
@@ -211,6 +236,10 @@ impl Health {
             RESIDUAL_N.of(self.residual_n),
             format!("residuals of up to {:.1e} N: not converged", self.residual_n),
         );
+    }
+
+    /// End of the adaptive search and condition of its fit.
+    fn judge_fit(&self, say: &mut impl FnMut(Verdict, String)) {
         if self.loop_stalled {
             say(
                 Verdict::Yellow,
@@ -229,48 +258,51 @@ impl Health {
                 format!("the fit's matrix has a condition number of {condition:.0e} or more"),
             );
         }
-        let measured = || found.methods.iter().filter(|method| method.uniform.count > 0);
-        let felt = |m: &MethodCertificate| 1.0 - m.uniform.not_felt as f64 / m.uniform.count as f64;
-        let best = measured().min_by(|a, b| felt(a).total_cmp(&felt(b)));
-        if let Some(best) = best {
-            // A scene's own tolerance may permit a perceptible error. Errors beyond that tolerance are judged
-            // below. A single perceptible error can be chance for any number of positions.
-            let is_sure = best.uniform.count > best.uniform.not_felt + 1;
-            let most = if best.tolerated.is_some() || !is_sure { Verdict::Yellow } else { Verdict::Red };
-            let percent = 100.0 * felt(best);
-            say(
-                FELT.of(felt(best)).min(most),
-                format!(
-                    "the error is perceptible at {percent:.1} % of {} independent positions ({}, the best method)",
-                    best.uniform.count, best.method
-                ),
-            );
-        } else {
-            say(
-                Verdict::Yellow,
-                "no independent position away from branch jumps was solved: the errors are known only from the predictions of the search".into(),
-            );
-        }
-        let beyond = |m: &MethodCertificate| Some(1.0 - m.tolerated?.count as f64 / m.uniform.count as f64);
-        let beyond = measured().filter_map(|m| Some((m, beyond(m)?))).min_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((best, share)) = beyond {
-            say(
-                TOLERATED.of(share),
-                format!(
-                    "the error is beyond the scene's tolerance at {:.1} % of {} independent positions ({}, the best method)",
-                    100.0 * share,
-                    best.uniform.count,
-                    best.method
-                ),
-            );
-        }
-        for method in found.methods {
-            say(
-                ROUNDING_N.of(method.probe.rounding_n),
-                format!("{}: rounding of up to {:.1} mN", method.method, 1e3 * method.probe.rounding_n),
-            );
-        }
-        reasons
+    }
+}
+
+/// Errors at independent positions, and rounding.
+fn judge_errors(methods: &[MethodCertificate], say: &mut impl FnMut(Verdict, String)) {
+    let measured = || methods.iter().filter(|method| method.uniform.count > 0);
+    let felt = |m: &MethodCertificate| 1.0 - m.uniform.not_felt as f64 / m.uniform.count as f64;
+    let best = measured().min_by(|a, b| felt(a).total_cmp(&felt(b)));
+    if let Some(best) = best {
+        // A scene's own tolerance may permit a perceptible error. Errors beyond that tolerance are judged
+        // below. A single perceptible error can be chance for any number of positions.
+        let is_sure = best.uniform.count > best.uniform.not_felt + 1;
+        let most = if best.tolerated.is_some() || !is_sure { Verdict::Yellow } else { Verdict::Red };
+        let percent = 100.0 * felt(best);
+        say(
+            FELT.of(felt(best)).min(most),
+            format!(
+                "the error is perceptible at {percent:.1} % of {} independent positions ({}, the best method)",
+                best.uniform.count, best.method
+            ),
+        );
+    } else {
+        say(
+            Verdict::Yellow,
+            "no independent position away from branch jumps was solved: the errors are known only from the predictions of the search".into(),
+        );
+    }
+    let beyond = |m: &MethodCertificate| Some(1.0 - m.tolerated?.count as f64 / m.uniform.count as f64);
+    let beyond = measured().filter_map(|m| Some((m, beyond(m)?))).min_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((best, share)) = beyond {
+        say(
+            TOLERATED.of(share),
+            format!(
+                "the error is beyond the scene's tolerance at {:.1} % of {} independent positions ({}, the best method)",
+                100.0 * share,
+                best.uniform.count,
+                best.method
+            ),
+        );
+    }
+    for method in methods {
+        say(
+            ROUNDING_N.of(method.probe.rounding_n),
+            format!("{}: rounding of up to {:.1} mN", method.method, 1e3 * method.probe.rounding_n),
+        );
     }
 }
 

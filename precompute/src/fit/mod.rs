@@ -1,5 +1,6 @@
 //! Fits: from solved configurations to the tables that the core interpolates.
 
+mod centre;
 mod displacement;
 mod fold;
 mod ghosts;
@@ -13,6 +14,7 @@ mod motion;
 mod rbf_iterative;
 mod rbf_weights;
 
+pub use centre::Centre;
 pub use displacement::{DisplacementFault, DisplacementFit, Misfit, Moved, fit_displacement};
 pub use fold::{Fold, flagged_pairs, folds};
 pub use ghosts::{LatticeValues, lattice_values};
@@ -22,7 +24,7 @@ pub use kernel::{Derivatives, Indistinct, KernelFit};
 pub use kernel_planes::KernelPlanes;
 pub(crate) use modes::PackedModes;
 pub use motion::ScatteredMotion;
-pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
+pub use rbf_weights::{FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;

@@ -14,7 +14,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::rbf_weights::Centre;
+use super::centre::Centre;
 use crate::num::parallel::{Pool, ThreadError};
 
 /// Number of centres of a local fit.

@@ -3,7 +3,7 @@
 use faer::prelude::Solve;
 use faer::{Mat, Side};
 
-use super::Sample;
+use super::centre::Centre;
 use super::rbf_iterative::solve_iteratively;
 use crate::num::parallel::ThreadError;
 
@@ -93,21 +93,6 @@ impl std::fmt::Display for FitError {
 }
 
 impl std::error::Error for FitError {}
-
-/// A position and the force there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Centre {
-    /// Position in cells.
-    pub position: [f64; 3],
-    /// h, N.
-    pub force_n: [f64; 3],
-}
-
-impl From<&Sample> for Centre {
-    fn from(sample: &Sample) -> Self {
-        Self { position: sample.index.map(f64::from), force_n: sample.jet.force_n }
-    }
-}
 
 /// Maximum number of centres for linear weights by factorisation: 6.4 GB. With 6,204 centres the
 /// factorisation takes 5 s and the iteration 25 s.

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use toml::Spanned;
 
-use super::file::{DeviceTable, Place};
-use super::resolve::positive;
+use super::file::DeviceTable;
+use super::place::{Place, positive};
 use crate::error::{InputError, nearest_word};
 
 /// The part of a profile that is read here.

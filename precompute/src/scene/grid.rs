@@ -4,7 +4,8 @@ use toml::Spanned;
 
 use super::GRID_POINTS;
 use super::file::GridTable;
-use super::resolve::{Lookup, positive};
+use super::place::positive;
+use super::resolve::Lookup;
 use crate::error::InputError;
 use crate::spec::{Lattice, RADII_M, Sampling, Scattered, SpaceGrid, Tolerance, Workspace};
 
@@ -36,26 +37,7 @@ impl Lookup<'_> {
                 .push(format!("the grid's radius {radius_m} m is larger than the body, {size:.3} m across"));
         }
         if let Some(tolerance) = self.tolerance(table)? {
-            if !max_force_n.is_finite() {
-                let what = "adaptive sampling needs the force limit of the device";
-                return Err(self.place.error(
-                    grid.span(),
-                    what,
-                    "add [device] with `max_force_n` or `profile`",
-                ));
-            }
-            if max_force_n <= tolerance.absolute_n {
-                let what = format!(
-                    "the largest force {max_force_n} N is within the tolerance {} N: no force would be perceptible",
-                    tolerance.absolute_n
-                );
-                let span = table.error_driven().map_or(grid.span(), |(span, _)| span);
-                return Err(self.place.error(
-                    span,
-                    what,
-                    "give [device] a larger `max_force_n` in newtons, or a smaller `tolerance_n`",
-                ));
-            }
+            self.check_force_limit(grid, max_force_n, tolerance)?;
             return Ok(Sampling::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m }));
         }
         if let Some(corner) = &table.workspace_min_m {
@@ -67,7 +49,49 @@ impl Lookup<'_> {
             let what = "contact = \"push\" does not restrict a lattice, only adaptive sampling";
             self.warnings.push(what.into());
         }
-        let spacing_m = match (&table.spacing_m, &table.points) {
+        let spacing_m = self.spacing_m(grid, radius_m)?;
+        let increments = self.increments(table)?;
+        let complete_cells = table.complete_cells.unwrap_or(true);
+        let space_grid = SpaceGrid::new(spacing_m, radius_m).map_err(|error| {
+            self.place.error(
+                grid.span(),
+                format!("[grid] is not a valid lattice: {error}"),
+                "correct its numbers (metres)",
+            )
+        })?;
+        Ok(Sampling::Lattice(Lattice { grid: space_grid, complete_cells, increments }))
+    }
+
+    /// Adaptive sampling needs a force limit above its tolerance.
+    fn check_force_limit(
+        &self,
+        grid: &Spanned<GridTable>,
+        max_force_n: f64,
+        tolerance: Tolerance,
+    ) -> Result<(), InputError> {
+        if !max_force_n.is_finite() {
+            let what = "adaptive sampling needs the force limit of the device";
+            return Err(self.place.error(grid.span(), what, "add [device] with `max_force_n` or `profile`"));
+        }
+        if max_force_n <= tolerance.absolute_n {
+            let what = format!(
+                "the largest force {max_force_n} N is within the tolerance {} N: no force would be perceptible",
+                tolerance.absolute_n
+            );
+            let span = grid.get_ref().error_driven().map_or(grid.span(), |(span, _)| span);
+            return Err(self.place.error(
+                span,
+                what,
+                "give [device] a larger `max_force_n` in newtons, or a smaller `tolerance_n`",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Spacing of a lattice, from `spacing_m` or from the number of points.
+    fn spacing_m(&self, grid: &Spanned<GridTable>, radius_m: f64) -> Result<f64, InputError> {
+        let table = grid.get_ref();
+        match (&table.spacing_m, &table.points) {
             (Some(spacing), None) => {
                 let spacing_m = positive(self.place, "spacing_m", spacing)?;
                 if spacing_m > radius_m {
@@ -82,7 +106,7 @@ impl Lookup<'_> {
                     );
                     return Err(self.place.error(spacing.span(), what, "give a coarser spacing, in metres"));
                 }
-                spacing_m
+                Ok(spacing_m)
             }
             (None, Some(points)) => {
                 let known = GRID_POINTS.iter().find(|(n, _)| i64::from(*n) == *points.get_ref());
@@ -94,38 +118,29 @@ impl Lookup<'_> {
                         "use 514, 1418, 4168 or 14146, or `spacing_m`",
                     ));
                 };
-                radius_m / f64::from(*cells)
+                Ok(radius_m / f64::from(*cells))
             }
             (Some(_), Some(points)) => {
                 let what = "[grid] has both `spacing_m` and `points`";
-                return Err(self.place.error(points.span(), what, "keep one of the two"));
+                Err(self.place.error(points.span(), what, "keep one of the two"))
             }
             (None, None) => {
                 let what = "[grid] has no resolution";
-                return Err(self.place.error(grid.span(), what, "give `spacing_m` or `points`"));
+                Err(self.place.error(grid.span(), what, "give `spacing_m` or `points`"))
             }
-        };
-        let increments = match &table.increments {
-            None => None,
-            Some(n) if (2..=100).contains(n.get_ref()) => Some(*n.get_ref() as u32),
+        }
+    }
+
+    /// Load increments whose states are stored.
+    fn increments(&self, table: &GridTable) -> Result<Option<u32>, InputError> {
+        match &table.increments {
+            None => Ok(None),
+            Some(n) if (2..=100).contains(n.get_ref()) => Ok(Some(*n.get_ref() as u32)),
             Some(n) => {
                 let what = format!("`increments` = {} is not from 2 to 100", n.get_ref());
-                return Err(self.place.error(
-                    n.span(),
-                    what,
-                    "the paper uses 5; omit the key to store no states",
-                ));
+                Err(self.place.error(n.span(), what, "the paper uses 5; omit the key to store no states"))
             }
-        };
-        let complete_cells = table.complete_cells.unwrap_or(true);
-        let space_grid = SpaceGrid::new(spacing_m, radius_m).map_err(|error| {
-            self.place.error(
-                grid.span(),
-                format!("[grid] is not a valid lattice: {error}"),
-                "correct its numbers (metres)",
-            )
-        })?;
-        Ok(Sampling::Lattice(Lattice { grid: space_grid, complete_cells, increments }))
+        }
     }
 
     /// The tolerance of adaptive sampling; `None` for a lattice.

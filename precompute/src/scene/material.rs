@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use toml::Spanned;
 
-use super::file::{Located, Place};
+use super::place::{Located, Place};
 use crate::error::{InputError, nearest_word};
 use crate::fem::material::{Key, LAWS, Material, Value};
 

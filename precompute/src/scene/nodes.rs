@@ -6,9 +6,10 @@ use palpate_core::blob::PC_SPACES;
 use palpate_core::space::SPACE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{ActiveTable, FixedTable, Located, Tables};
+use super::file::{ActiveTable, FixedTable, Tables};
+use super::place::{Located, check_name, finite, positive};
 use super::reach::is_hidden;
-use super::resolve::{Lookup, check_name, finite, positive};
+use super::resolve::Lookup;
 use super::{ActiveNode, Scene, Unreachable};
 use crate::error::{InputError, count};
 use crate::mesh::tetrahedral::distance;

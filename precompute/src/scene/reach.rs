@@ -6,8 +6,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::file::{GridTable, Place};
-use super::resolve::finite;
+use super::file::GridTable;
+use super::place::{Place, finite};
 use crate::error::InputError;
 use crate::mesh::tetrahedral::{cross, dot, sub};
 use crate::mesh::{Surface, TetMesh};

@@ -6,7 +6,8 @@ use std::ops::Range;
 use palpate_core::blob::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{BodyForceTable, NeedsTable, Place, SolverTable, Tables};
+use super::file::{BodyForceTable, NeedsTable, SolverTable, Tables};
+use super::place::{Place, check_name, finite, positive};
 use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, device, material, reach};
 use crate::error::{InputError, count, nearest_word};
 use crate::fem::boundary::Constraints;
@@ -329,6 +330,12 @@ impl Lookup<'_> {
                 ));
             }
         }
+        self.warn_of_mesh(piece_count, fixed);
+        Ok(())
+    }
+
+    /// Warnings about separate pieces, rigid elements and the surface.
+    fn warn_of_mesh(&mut self, piece_count: u32, fixed: &[u32]) {
         if piece_count > 1 {
             self.warnings.push(format!(
                 "the mesh has {piece_count} separate pieces: a force on one does not move the others"
@@ -350,7 +357,6 @@ impl Lookup<'_> {
                 count(topology.overlapping_faces, "overlapping face")
             ));
         }
-        Ok(())
     }
 }
 
@@ -360,43 +366,4 @@ fn on_a_line(points: &[[f64; 3]]) -> bool {
     let far = rest.iter().map(|x| sub(x, first)).max_by(|a, b| norm(a).total_cmp(&norm(b)));
     let Some(axis) = far else { return true };
     rest.iter().all(|x| norm(&cross(&axis, &sub(x, first))) <= 1e-9 * norm(&axis).powi(2))
-}
-
-pub(super) fn check_name(
-    place: &Place,
-    span: Range<usize>,
-    name: &str,
-    limit: usize,
-) -> Result<(), InputError> {
-    let fault = if name.is_empty() {
-        "is empty".to_owned()
-    } else if name.len() > limit {
-        format!("is {} bytes long", name.len())
-    } else if name.contains(|c: char| c.is_control() || c == ',' || c == '"') {
-        "holds a comma, a quote or a control character".to_owned()
-    } else {
-        return Ok(());
-    };
-    let what = format!("the name \"{}\" {fault}", name.escape_debug());
-    Err(place.error(span, what, format!("use 1 to {limit} bytes without commas and quotes")))
-}
-
-pub(super) fn positive(place: &Place, key: &str, value: &Spanned<f64>) -> Result<f64, InputError> {
-    let number = *value.get_ref();
-    if number.is_finite() && number > 0.0 {
-        return Ok(number);
-    }
-    Err(place.error(
-        value.span(),
-        format!("`{key}` = {number} is not a positive number"),
-        "correct the value",
-    ))
-}
-
-pub(super) fn finite(place: &Place, key: &str, value: &Spanned<[f64; 3]>) -> Result<[f64; 3], InputError> {
-    let point = *value.get_ref();
-    if point.iter().all(|c| c.is_finite()) {
-        return Ok(point);
-    }
-    Err(place.error(value.span(), format!("`{key}` = {point:?} is not finite"), "correct the value"))
 }

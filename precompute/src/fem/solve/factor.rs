@@ -11,17 +11,18 @@
 //! order. Refinement then removes the effect of delta. If the measured residual shows that this fails, delta
 //! is increased; the last attempt is an LU factorisation with pivoting.
 
+mod symbolic;
+
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::prelude::Solve;
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LdltRef, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-    factorize_symbolic_cholesky, supernodal,
-};
+use faer::sparse::linalg::cholesky::{LdltRef, LltRef, SymbolicCholeskyRaw, supernodal};
 use faer::sparse::{SparseColMat, SparseColMatRef, SymbolicSparseColMatRef, Triplet};
 use faer::{Conj, Mat, MatMut, Par, Side};
+
+use symbolic::Route;
+pub(super) use symbolic::SymbolicFactor;
 
 use crate::fem::assembly::Pattern;
 
@@ -56,98 +57,6 @@ const REFINEMENTS: usize = 6;
 pub(super) struct SingularMatrix {
     /// Relative residual of the best attempt.
     pub(super) residual: f64,
-}
-
-/// Symbolic analysis of one pattern, shared by all threads.
-#[derive(Debug)]
-pub(super) struct SymbolicFactor {
-    symbolic: SymbolicCholesky<usize>,
-    /// Position of each pressure unknown's diagonal entry, and its regularisation for delta = 1.
-    pressure_diagonal: Vec<(usize, f64)>,
-    /// Number of negative pivots of a stable state: one for each pressure and each multiplier.
-    negative_when_stable: usize,
-}
-
-/// Kind of factorisation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Route {
-    /// LL^T; exists only for a positive definite matrix.
-    Positive,
-    /// LDL^T with the regularisation of this index in [`DELTAS`].
-    Indefinite(usize),
-    /// LU with pivoting.
-    Pivoted,
-}
-
-impl SymbolicFactor {
-    /// Analyses `pattern`, whose unknowns are in elimination order. `pressure_diagonal` lists (equation, V_i
-    /// / mu in scaled units) of every pressure unknown without a block.
-    pub(super) fn new(
-        pattern: &Pattern,
-        pressure_diagonal: &[(usize, f64)],
-        negative_when_stable: usize,
-    ) -> Self {
-        let n = pattern.unknowns();
-        // With a given order, faer analyses the upper triangle as it is, independent of the named side.
-        let (starts, rows) = pattern.upper_triangle();
-        let symbolic = factorize_symbolic_cholesky(
-            SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows),
-            Side::Upper,
-            SymmetricOrdering::Identity,
-            // AUTO can select the simplicial method, which is slower and has no pivoting either.
-            CholeskySymbolicParams {
-                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-                ..Default::default()
-            },
-        )
-        .expect("the pattern is square, sorted and fits in memory");
-        let pressure_diagonal = pressure_diagonal
-            .iter()
-            .map(|&(equation, size)| (pattern.column_starts[equation], size))
-            .collect();
-        Self { symbolic, pressure_diagonal, negative_when_stable }
-    }
-
-    /// The factorisations in the order of the attempts.
-    fn routes(&self) -> &'static [Route] {
-        const SADDLE: [Route; 4] =
-            [Route::Indefinite(0), Route::Indefinite(1), Route::Indefinite(2), Route::Pivoted];
-        match (self.negative_when_stable, self.pressure_diagonal.is_empty()) {
-            (0, _) => &[Route::Positive, Route::Indefinite(0), Route::Pivoted],
-            // Without regularised entries, a second level would repeat the first.
-            (_, true) => &[Route::Indefinite(0), Route::Pivoted],
-            (_, false) => &SADDLE,
-        }
-    }
-
-    /// Ratio of the floating-point operations of a factorisation to those of a solve: sum n_j^2 / sum 4 n_j
-    /// over the columns of the factor. It estimates the saving of a frozen factor and is the same on every
-    /// machine.
-    pub(super) fn factor_over_solve(&self) -> f64 {
-        let (factor, solve) = self.flops();
-        factor / solve
-    }
-
-    /// Numbers of floating-point operations of a factorisation and of a solve.
-    pub(super) fn flops(&self) -> (f64, f64) {
-        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.raw() else { return (1.0, 1.0) };
-        let (mut factor, mut solve) = (0.0, 0.0);
-        for s in 0..symbolic.n_supernodes() {
-            let columns = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
-            let below = symbolic.supernode(s).pattern().len();
-            for column in 0..columns {
-                let height = (columns - column + below) as f64;
-                factor += height * height;
-                solve += 4.0 * height;
-            }
-        }
-        (factor, solve)
-    }
-
-    /// Number of entries of the factor.
-    pub(super) fn factor_entries(&self) -> usize {
-        self.symbolic.len_val()
-    }
 }
 
 /// Numeric factor and scratch memory of one thread; no allocation after the first use.

@@ -8,12 +8,15 @@
 mod error;
 mod finished;
 pub(super) mod held_out;
+mod identity;
 mod reading;
 mod recognise;
 mod refusal;
 pub(super) mod rows;
 
 pub use error::StoreError;
+pub(super) use identity::LAYOUT;
+pub use identity::{StoreIdentity, solver_version};
 
 use std::cell::Cell;
 use std::fs::{File, TryLockError};
@@ -29,40 +32,9 @@ use super::state::SpaceState;
 use crate::fem::solve::Seed;
 use crate::mesh::TetMesh;
 use crate::num::jet::EnergyJet;
-use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
-
-/// Layout of the file. A store of another layout is refused.
-pub(super) const LAYOUT: &str = "5";
-
-/// Increased whenever the bits of the solver or the course of a search change.
-const SOLVER_REVISION: u32 = 8;
+use crate::spec::{GridIndex, Sampling};
 
 const SCHEMA: &str = include_str!("schema.sql");
-
-/// Inputs of a store. A resumed run must have the same.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StoreIdentity {
-    /// Name of the scene.
-    pub scene_name: String,
-    /// Canonical text of the scene.
-    pub scene: String,
-    /// Hash of all content of scene and mesh that changes numbers.
-    pub content_hash: String,
-    /// Hash of the mesh alone.
-    pub mesh_hash: [u8; 32],
-    /// Name of the constitutive law.
-    pub law: String,
-    /// f_max of the scene, N.
-    pub max_force_n: f64,
-    /// Definition of the positions.
-    pub sampling: Sampling,
-    /// Unit outward normal of each active node at rest.
-    pub normals: Vec<[f64; 3]>,
-    /// Whether the scene requests displacements for rendering.
-    pub visual: bool,
-    /// Error bound of these displacements.
-    pub displacement_bound: DisplacementBound,
-}
 
 /// Longest time from the end of a solve to its commit.
 ///
@@ -204,130 +176,6 @@ impl Store {
                 .map_err(at)?;
         }
         transaction.commit().map_err(at)
-    }
-
-    /// Updates the properties that may change between runs because no number depends on them.
-    fn refresh(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
-        let current = [
-            ("scene_name", identity.scene_name.clone()),
-            ("scene", identity.scene.clone()),
-            ("visual", identity.visual.to_string()),
-            ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
-            ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
-        ];
-        for (key, value) in current {
-            let sql = "INSERT INTO meta VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2 WHERE value <> ?2";
-            self.wrap(self.connection.execute(sql, params![key, value]))?;
-        }
-        Ok(())
-    }
-
-    fn check(&self, identity: &StoreIdentity, active: &[(String, u32)]) -> Result<(), StoreError> {
-        self.expect_meta("layout", LAYOUT)?;
-        self.expect_meta("solver", &solver_version())?;
-        self.expect_content(identity)?;
-        let stored = self.active()?;
-        if stored != active {
-            return Err(StoreError::Mismatch {
-                path: self.path.clone(),
-                what: "set of active nodes",
-                stored: format!("{stored:?}"),
-                wanted: format!("{active:?}"),
-            });
-        }
-        Ok(())
-    }
-
-    pub(super) fn expect_meta(&self, key: &'static str, wanted: &str) -> Result<(), StoreError> {
-        let stored = self.meta(key)?;
-        if stored == wanted {
-            return Ok(());
-        }
-        let what = if key == "layout" { "file layout" } else { "version of the solver" };
-        let short = |s: &str| s.chars().take(40).collect::<String>();
-        Err(StoreError::Mismatch {
-            path: self.path.clone(),
-            what,
-            stored: short(&stored),
-            wanted: short(wanted),
-        })
-    }
-
-    /// Value of a `meta` key.
-    pub fn meta(&self, key: &str) -> Result<String, StoreError> {
-        self.optional(key)?.ok_or_else(|| self.corrupt(format!("no `{key}` in its meta table")))
-    }
-
-    fn optional(&self, key: &str) -> Result<Option<String>, StoreError> {
-        let sql = "SELECT value FROM meta WHERE key = ?1";
-        self.wrap(self.connection.query_row(sql, [key], |row| row.get(0)).optional())
-    }
-
-    fn parsed<T: std::str::FromStr>(&self, key: &str) -> Result<T, StoreError> {
-        self.parse(key, &self.meta(key)?)
-    }
-
-    fn parse<T: std::str::FromStr>(&self, key: &str, text: &str) -> Result<T, StoreError> {
-        text.parse().map_err(|_| self.corrupt(format!("its {key} is `{text}`")))
-    }
-
-    /// Records the peak memory of a run that solved something, bytes. The largest value of all runs is kept.
-    pub fn note_peak(&self, bytes: u64) -> Result<(), StoreError> {
-        let bytes = bytes.max(self.peak()?.unwrap_or(0)).to_string();
-        let sql = "INSERT INTO meta VALUES ('peak_bytes', ?1) ON CONFLICT (key) DO UPDATE SET value = ?1";
-        self.wrap(self.connection.execute(sql, params![bytes])).map(|_| ())
-    }
-
-    /// Largest peak memory of all runs, bytes, if recorded.
-    pub fn peak(&self) -> Result<Option<u64>, StoreError> {
-        self.optional("peak_bytes")?.map(|text| self.parse("peak_bytes", &text)).transpose()
-    }
-
-    /// The inputs of the store.
-    pub fn identity(&self) -> Result<StoreIdentity, StoreError> {
-        Ok(StoreIdentity {
-            scene_name: self.meta("scene_name")?,
-            scene: self.meta("scene")?,
-            content_hash: self.meta("content_hash")?,
-            mesh_hash: *blake3::Hash::from_hex(self.meta("mesh_hash")?)
-                .map_err(|_| self.corrupt("mesh_hash is not a hash"))?
-                .as_bytes(),
-            law: self.meta("law")?,
-            max_force_n: self.parsed("max_force_n")?,
-            sampling: self.sampling()?,
-            normals: self.normals()?,
-            visual: self.parsed("visual")?,
-            displacement_bound: DisplacementBound {
-                rms_m: self.parsed("displacement_rms_m")?,
-                max_m: self.parsed("displacement_max_m")?,
-            },
-        })
-    }
-
-    /// Unit outward normal of each active node at rest.
-    fn normals(&self) -> Result<Vec<[f64; 3]>, StoreError> {
-        let text = self.meta("normals")?;
-        let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
-        let numbers = numbers.map_err(|_| self.corrupt(format!("its normals are `{text}`")))?;
-        Ok(numbers.as_chunks().0.to_vec())
-    }
-
-    /// Definition of the positions.
-    fn sampling(&self) -> Result<Sampling, StoreError> {
-        let scattered = self.meta("scattered")?;
-        if !scattered.is_empty() {
-            let read = serde_json::from_str(&scattered).map(Sampling::Scattered);
-            return read.map_err(|_| self.corrupt(format!("its scattered positions are `{scattered}`")));
-        }
-        let grid = SpaceGrid::new(self.parsed("spacing_m")?, self.parsed("radius_m")?);
-        Ok(Sampling::Lattice(Lattice {
-            grid: grid.map_err(|error| self.corrupt(format!("its grid is refused: {error}")))?,
-            complete_cells: self.parsed("complete_cells")?,
-            increments: match self.meta("increments")?.as_str() {
-                "" => None,
-                _ => Some(self.parsed("increments")?),
-            },
-        }))
     }
 
     /// Active nodes (name, mesh node) in the order of their numbers.
@@ -579,24 +427,4 @@ fn configure(connection: &Connection) -> rusqlite::Result<()> {
     connection.pragma_update(None, "journal_mode", "WAL")?;
     connection.pragma_update(None, "synchronous", "NORMAL")?;
     connection.busy_timeout(std::time::Duration::from_secs(5))
-}
-
-/// Version of the numbers: crate version, solver revision and instruction set. Other instructions round
-/// differently.
-pub fn solver_version() -> String {
-    format!("{}.{SOLVER_REVISION} {}", env!("CARGO_PKG_VERSION"), instruction_set())
-}
-
-/// faer selects its kernels at run time by these features.
-fn instruction_set() -> String {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if std::is_x86_feature_detected!("avx512f") {
-            return "x86_64+avx512f".into();
-        }
-        if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
-            return "x86_64+avx2+fma".into();
-        }
-    }
-    std::env::consts::ARCH.into()
 }

@@ -1,0 +1,106 @@
+//! The fit of an analytic energy.
+
+use super::super::made_up::{jet, spread};
+use super::*;
+
+fn fit(configurations: u32, length_m: f64) -> KernelFit {
+    let mut fit = KernelFit::new(length_m, jet([0.0; 3]).stiffness_n_m);
+    fit.add(&[jet([0.0; 3])]).expect("the first");
+    for n in 1..configurations {
+        fit.add(&[jet(spread(n, 0.05))]).expect("apart");
+    }
+    fit
+}
+
+fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+fn worst_n(fit: &KernelFit) -> f64 {
+    let at = |n| spread(n, 0.045);
+    (1000..1200).map(|n| apart(fit.force_n(at(n)), jet(at(n)).force_n)).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_taylor_force_is_exact_to_third_order() {
+    let from = jet([0.01, -0.02, 0.015]);
+    let error = |step: f64| {
+        let at = [0.01 + 0.8 * step, -0.02 + 0.3 * step, 0.015 - 0.5 * step];
+        apart(from.taylor_force_n(at), jet(at).force_n)
+    };
+    let order = (error(0.008) / error(0.004)).log2();
+    assert!((order - 3.0).abs() < 0.1, "order {order}");
+}
+
+#[test]
+fn few_configurations_are_enough_and_more_are_better() {
+    let errors = [4, 12, 36].map(|n| worst_n(&fit(n, 0.04)));
+    // The largest force is about 20 N.
+    assert!(errors[2] < 0.01 && errors[0] > 10.0 * errors[1] && errors[1] > 5.0 * errors[2], "{errors:?} N");
+}
+
+#[test]
+fn what_is_given_is_met() {
+    let fit = fit(20, 0.03);
+    for n in 1..20 {
+        let (given, found) = (jet(spread(n, 0.05)), fit.derivatives(spread(n, 0.05)));
+        assert!((found[0][0][0] - given.energy_j).abs() < 1e-6, "{n}");
+        assert!(apart([found[1][0][0], found[0][1][0], found[0][0][1]], given.force_n) < 1e-4, "{n}");
+        assert!((found[1][1][0] - given.stiffness_n_m[(0, 1)]).abs() < 0.02, "{n}");
+    }
+}
+
+/// All 27 derivatives, each compared with a difference of the next lower one.
+#[test]
+fn derivatives_are_those_of_the_energy() {
+    let (fit, at, step) = (fit(15, 0.03), [0.012, -0.008, 0.019], 1e-5);
+    let here = fit.derivatives(at);
+    assert!(apart([here[1][0][0], here[0][1][0], here[0][0][1]], fit.force_n(at)) < 1e-9);
+    let jet = fit.jet(at);
+    assert!(apart(jet.force_n, fit.force_n(at)) < 1e-9 && (jet.energy_j - here[0][0][0]).abs() < 1e-12);
+    assert!((jet.stiffness_n_m[(0, 1)] - here[1][1][0]).abs() < 1e-9 * here[1][1][0].abs().max(1.0));
+    // W_xxy and W_xyz.
+    for (third, exact) in [(jet.third_n_m2[1], here[2][1][0]), (jet.third_n_m2[4], here[1][1][1])] {
+        assert!((third - exact).abs() < 1e-9 * exact.abs().max(1.0), "{third} {exact}");
+    }
+    for axis in 0..3 {
+        let beside = [-step, step].map(|step| {
+            let mut at = at;
+            at[axis] += step;
+            fit.derivatives(at)
+        });
+        for (a, b, c) in (0..27).map(|n| (n / 9, n / 3 % 3, n % 3)) {
+            let mut below = [a, b, c];
+            if below[axis] == 0 {
+                continue;
+            }
+            below[axis] -= 1;
+            let [i, j, k] = below;
+            let difference = (beside[1][i][j][k] - beside[0][i][j][k]) / (2.0 * step);
+            let size = 1.0 + here[a][b][c].abs();
+            assert!(
+                (difference - here[a][b][c]).abs() < 1e-3 * size,
+                "{a}{b}{c}: {difference} {}",
+                here[a][b][c]
+            );
+        }
+    }
+}
+
+#[test]
+fn one_by_one_is_as_all_at_once() {
+    let jets: Vec<EnergyJet> = (1..12).map(|n| jet(spread(n, 0.05))).collect();
+    let mut whole = KernelFit::new(0.03, jet([0.0; 3]).stiffness_n_m);
+    whole.add(&[&[jet([0.0; 3])], &jets[..]].concat()).expect("apart");
+    let at = [0.02, 0.01, -0.03];
+    assert!(apart(whole.force_n(at), fit(12, 0.03).force_n(at)) < 1e-6);
+}
+
+#[test]
+fn the_same_configuration_twice_changes_nothing_or_is_refused() {
+    let mut fit = fit(5, 0.03);
+    let before = fit.force_n([0.01; 3]);
+    let twice = fit.add(&[jet(spread(3, 0.05)), jet(spread(3, 0.05))]);
+    assert!(twice.is_err() == (fit.len() == 5));
+    assert!(apart(before, fit.force_n([0.01; 3])) < 1e-3);
+}
