@@ -9,6 +9,8 @@ use palpate_precompute::fit::{
     Centre, Fold, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
 };
 use palpate_precompute::num::jet::{EnergyJet, THIRD_INDICES};
+use palpate_precompute::num::sequence::{split_mix, unit_interval};
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid};
 
 /// A stiffening potential with coupling and a saddle, and with known derivatives: a sum of c cosh(u . x).
@@ -104,10 +106,7 @@ fn points(grid: &SpaceGrid) -> Vec<GridIndex> {
 
 /// A number in 0..1 that depends only on its arguments.
 fn draw(seed: u64) -> f64 {
-    let mut x = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    unit_interval(split_mix(seed))
 }
 
 fn in_ball(n: u64, radius: f64) -> [f64; 3] {
@@ -118,10 +117,6 @@ fn in_ball(n: u64, radius: f64) -> [f64; 3] {
         }
     }
     unreachable!("half of the draws are in the ball")
-}
-
-fn norm(a: [f64; 3]) -> f64 {
-    a.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 /// Mean and largest |error|, N, and the share of covered queries.

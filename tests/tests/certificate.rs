@@ -5,12 +5,13 @@ use std::sync::atomic::AtomicBool;
 
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::certificate::{Certificate, MethodCertificate, NOT_FELT_N, certify, clear_positions};
+use palpate_precompute::certificate::{Certificate, MethodCertificate, certify, clear_positions};
 use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::fem::solve::Problem;
 use palpate_precompute::held_out::{Draw, HeldOut};
 use palpate_precompute::pack::{PackOptions, pack};
 use palpate_precompute::space::{Store, with_threads};
+use palpate_precompute::spec::Tolerance;
 use palpate_tests::soft_beam;
 use palpate_tests::space_bench::SpaceBench;
 
@@ -78,7 +79,12 @@ fn the_certificate_separates_good_tables_from_bad_ones() {
     let bad = certify(&store, &organ).expect("intact");
     for m in &bad.spaces[0].methods {
         assert!((m.uniform.relative_mean - 0.1).abs() < 0.02, "{}: {:?}", m.method, m.uniform);
-        assert!(m.uniform.mean_n > NOT_FELT_N && m.uniform.not_felt < 10, "{}: {:?}", m.method, m.uniform);
+        assert!(
+            m.uniform.mean_n > Tolerance::CANNOT_BE_FELT.absolute_n && m.uniform.not_felt < 10,
+            "{}: {:?}",
+            m.method,
+            m.uniform
+        );
         assert!(m.not_felt_certified < 0.5, "{}", m.method);
     }
 }

@@ -3,6 +3,7 @@
 
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
+use crate::num::sequence::{on_sphere, r2};
 use crate::num::vector::{difference, norm};
 use crate::spec::{UNIT_M, Wanted};
 
@@ -111,11 +112,8 @@ impl Known<'_> {
 /// Direction `n` of a sequence that is evenly distributed for any number of terms (R2 sequence: Roberts
 /// 2018).
 fn direction(n: u32) -> [f64; 3] {
-    const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
-    let [z, turn] = STEPS.map(|step| (0.5 + f64::from(n) * step).fract());
-    let (z, (s, c)) = (2.0 * z - 1.0, libm::sincos(std::f64::consts::TAU * turn));
-    let across = (1.0 - z * z).sqrt();
-    [across * c, across * s, z]
+    let [z, turn] = r2(n, 0.5);
+    on_sphere(2.0 * z - 1.0, libm::sincos(std::f64::consts::TAU * turn))
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use super::fitted::AdaptiveFit;
 use super::prediction::Verdict;
 use crate::fit::{Derivatives, KernelFit, Sample, hermite_nodes_known};
 use crate::num::vector::{difference, norm};
-use crate::spec::{Domain, GridIndex, RADII_M, SpaceGrid};
+use crate::spec::{Domain, GridIndex, RADII_M, SpaceGrid, corners};
 
 /// Numbers of cells along the radius, in the order of the attempts.
 const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
@@ -109,10 +109,7 @@ fn corners_round(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
     let reach = grid.lattice.reach();
     let low = |at: &[f64; 3]| at.map(|x| ((x / grid.spacing_m).floor() as i32).clamp(-reach, reach - 1));
     let cells: HashSet<GridIndex> = places.iter().map(low).collect();
-    let corner = |low: GridIndex, code: i32| -> GridIndex {
-        std::array::from_fn(|axis| low[axis] + (code >> axis & 1))
-    };
-    cells.into_iter().flat_map(|low| (0..8).map(move |code| corner(low, code))).collect()
+    cells.into_iter().flat_map(corners).collect()
 }
 
 /// Evaluates the fit at the points where it is valid, and at all corners of reachable cells. A corner beyond

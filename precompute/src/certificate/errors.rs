@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::num::vector::distance;
 use crate::spec::Tolerance;
 
 /// Force of a method at one position, with the reference solution.
@@ -18,21 +19,15 @@ pub struct Compared {
 /// Components below this are excluded from relative errors (paper, 6.3), N.
 pub const RELATIVE_FROM_N: f64 = 0.5;
 
-/// An error up to this share of |h| is imperceptible: half of the just noticeable difference (JND) of 7 %.
-pub const NOT_FELT_SHARE: f64 = 0.035;
-/// An error up to this is imperceptible for any |h|, N.
-pub const NOT_FELT_N: f64 = 0.02;
-
 impl Compared {
     /// |error vector|, N.
     pub fn error_n(&self) -> f64 {
-        self.truth_n.iter().zip(self.found_n).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+        distance(self.truth_n, self.found_n)
     }
 
-    /// Whether the error is imperceptible: at most [`NOT_FELT_SHARE`] |h| or at most [`NOT_FELT_N`].
+    /// Whether the error is within [`Tolerance::CANNOT_BE_FELT`].
     pub fn is_not_felt(&self) -> bool {
-        let size = self.truth_n.iter().map(|h| h * h).sum::<f64>().sqrt();
-        self.error_n() <= (NOT_FELT_SHARE * size).max(NOT_FELT_N)
+        self.error_n() <= Tolerance::CANNOT_BE_FELT.at(self.truth_n)
     }
 }
 

@@ -6,10 +6,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::errors::NOT_FELT_N;
 use super::{Cost, MethodCertificate, TwoSolutions};
 use crate::adaptive::{AdaptiveFit, Verdict as LoopVerdict};
 use crate::space::{Equilibrium, Record};
+use crate::spec::Tolerance;
 
 /// Verdict on a space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
@@ -102,14 +102,15 @@ const INVERTED: Limits = Limits { yellow: 0.0, red: 0.25 };
 /// Share of points that could not be solved.
 const FAILED: Limits = Limits { yellow: 0.01, red: 0.05 };
 /// Residual, N. A converged residual is rounding error. The red limit is a twentieth of the imperceptible
-/// error [`NOT_FELT_N`].
-const RESIDUAL_N: Limits = Limits { yellow: 1e-6, red: NOT_FELT_N / 20.0 };
+/// error.
+const RESIDUAL_N: Limits = Limits { yellow: 1e-6, red: Tolerance::CANNOT_BE_FELT.absolute_n / 20.0 };
 /// Share of independent positions with a perceptible error, for the best method.
 const FELT: Limits = Limits { yellow: 0.01, red: 0.05 };
 /// Share of these positions with an error beyond the scene's own tolerance.
 const TOLERATED: Limits = Limits { yellow: 0.01, red: 0.05 };
 /// Difference of the core's f32 arithmetic from f64, N.
-const ROUNDING_N: Limits = Limits { yellow: NOT_FELT_N / 10.0, red: NOT_FELT_N };
+const ROUNDING_N: Limits =
+    Limits { yellow: Tolerance::CANNOT_BE_FELT.absolute_n / 10.0, red: Tolerance::CANNOT_BE_FELT.absolute_n };
 /// Condition number of the fit's matrix. The nuggets keep it below 1e12 unless data contradict each other.
 const CONDITION: Limits = Limits { yellow: 1e13, red: 1e16 };
 
@@ -312,7 +313,6 @@ mod tests {
     use super::*;
     use crate::num::jet::EnergyJet;
     use crate::space::{Solution, Task};
-    use crate::spec::Tolerance;
 
     #[test]
     fn a_figure_is_judged_by_its_limits_and_no_number_is_red() {

@@ -14,7 +14,7 @@ pub mod reference;
 use std::collections::BTreeMap;
 
 pub use displacement::{Apart, DisplacementCertificate, surface_by_rbf};
-pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, Within, certified_share};
+pub use errors::{Compared, Errors, RELATIVE_FROM_N, Within, certified_share};
 pub use health::{Health, Reason, Verdict};
 pub use ledger::{Effort, Ledger, LedgerError, Line, ledger};
 pub use probes::{Probe, Work, nanoseconds};
@@ -122,7 +122,7 @@ impl TwoSolutions {
                 |a: &[f64; 3], b: &[f64; 3]| Compared { truth_n: *a, found_n: *b, covered: true }.error_n();
             let pairs = forces.iter().enumerate().flat_map(|(n, a)| forces[..n].iter().map(move |b| (a, b)));
             let apart_n = pairs.map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
-            if apart_n > NOT_FELT_N {
+            if apart_n > Tolerance::CANNOT_BE_FELT.absolute_n {
                 found.points += 1;
                 found.apart_n = found.apart_n.max(apart_n);
             }

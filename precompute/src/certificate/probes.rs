@@ -8,6 +8,8 @@ use palpate_core::{Method, Space, vec3};
 use serde::{Deserialize, Serialize};
 
 use super::{is_folded, reference};
+use crate::num::sequence::{on_sphere, r3};
+use crate::num::vector::{dot, norm};
 
 /// Results of the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -79,24 +81,15 @@ pub(super) fn share_of_part(
     hits as f64 / inside.len().max(1) as f64
 }
 
-/// Point `n` of a low-discrepancy sequence in the unit cube (powers of the generalised golden ratio in three
-/// dimensions).
-fn spread(n: u32, shift: f64) -> [f64; 3] {
-    const STEP: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5];
-    STEP.map(|step| (shift + f64::from(n + 1) * step).fract())
-}
-
 /// Point `n` of a uniform distribution in the ball.
 fn in_ball(radius_m: f32, n: u32) -> [f32; 3] {
-    let [r, z, angle] = spread(n, 0.0);
+    let [r, z, angle] = r3(n + 1, 0.0);
     let (r, z) = (f64::from(radius_m) * libm::cbrt(r) * 0.9999, 2.0 * z - 1.0);
     direction(z, angle).map(|x| (r * x) as f32)
 }
 
 fn direction(z: f64, turn: f64) -> [f64; 3] {
-    let (s, c) = libm::sincos(std::f64::consts::TAU * turn);
-    let across = (1.0 - z * z).sqrt();
-    [across * c, across * s, z]
+    on_sphere(z, libm::sincos(std::f64::consts::TAU * turn))
 }
 
 fn force_n(space: &Space<'_>, method: Method, at: [f64; 3]) -> [f64; 3] {
@@ -104,22 +97,18 @@ fn force_n(space: &Space<'_>, method: Method, at: [f64; 3]) -> [f64; 3] {
     found.map_or([0.0; 3], |sample| sample.force_n.map(f64::from))
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
 /// Work around circles inside the ball: those away from branch jumps, and those that touch one.
 fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
     let radius_m = f64::from(space.lattice().radius_m());
     let mut all = [Work::default(); 2];
     for n in 0..CIRCLES {
-        let ([share, z, angle], [az, aturn, _]) = (spread(n, 0.0), spread(n, 0.5));
+        let ([share, z, angle], [az, aturn, _]) = (r3(n + 1, 0.0), r3(n + 1, 0.5));
         let centre = direction(2.0 * z - 1.0, angle).map(|x| 0.74 * radius_m * libm::cbrt(share) * x);
         let axis = direction(2.0 * az - 1.0, aturn);
         let least = (0..3).min_by(|&a, &b| axis[a].abs().total_cmp(&axis[b].abs())).unwrap_or(0);
         let mut u: [f64; 3] =
             std::array::from_fn(|i| f64::from(u8::from(i == least)) - axis[least] * axis[i]);
-        let length = dot(u, u).sqrt();
+        let length = norm(u);
         u = u.map(|x| x / length);
         let v = [
             axis[1] * u[2] - axis[2] * u[1],
@@ -198,7 +187,7 @@ fn largest_jump_n(
         let [Some((low_n, low_change_n)), Some((high_n, high_change_n))] = sides else { continue };
         let jump: [f64; 3] =
             std::array::from_fn(|i| high_n[i] - low_n[i] - 0.5 * (low_change_n[i] + high_change_n[i]));
-        worst = worst.max(dot(jump, jump).sqrt());
+        worst = worst.max(norm(jump));
     }
     worst
 }
@@ -220,7 +209,7 @@ fn force_and_change_n(
         return Some((estimate.force_n.map(f64::from), change_n));
     }
     let found_n = space.force(method, at)?.force_n.map(f64::from);
-    let length_m = dot(moved, moved).sqrt();
+    let length_m = norm(moved);
     let step_m = 2e-3 * f64::from(space.lattice().spacing_m());
     let beside_n = |sign: f64| {
         let along = |i: usize| f64::from(at[i]) + sign * step_m * moved[i] / length_m;
@@ -235,7 +224,7 @@ fn rounding_n(space: &Space<'_>, method: Method, at: [f32; 3]) -> f64 {
     let Some(exact) = reference::force_n(space, method, at) else { return 0.0 };
     let found = force_n(space, method, at.map(f64::from));
     let apart: [f64; 3] = std::array::from_fn(|i| exact[i] - found[i]);
-    dot(apart, apart).sqrt()
+    norm(apart)
 }
 
 /// Median time of a query, ns, at `visited`, or at points of the ball if those are fewer than a hundred.

@@ -24,7 +24,8 @@ use palpate_core::displacement::DisplacementPlanes;
 
 use super::fold::Fold;
 use super::ghosts::mean_of_nearest;
-use super::modes::{Mode, PackedModes, UNITS, dot};
+use super::modes::{Mode, PackedModes, UNITS};
+use crate::num::vector::inner;
 use crate::spec::{DisplacementBound, Domain, GridIndex, SpaceGrid};
 
 impl DisplacementBound {
@@ -246,12 +247,12 @@ impl Snapshots {
         // Modes of small eigenvalues have lost their orthogonality to the square root of the rounding error.
         for _ in 0..2 {
             for other in before {
-                let along = dot(&other.shape, &mode);
+                let along = inner(&other.shape, &mode);
                 mode.iter_mut().zip(&other.shape).for_each(|(x, o)| *x -= along * o);
             }
         }
         let top = mode.iter().copied().fold(0.0, |top: f64, x| if x.abs() > top.abs() { x } else { top });
-        let size = dot(&mode, &mode).sqrt();
+        let size = inner(&mode, &mode).sqrt();
         mode.iter_mut().for_each(|x| *x *= top.signum() / size);
         (size > 0.0).then_some(mode)
     }

@@ -8,6 +8,7 @@
 use palpate_core::flags;
 
 use super::Sample;
+use crate::num::vector::norm;
 use crate::spec::{GridIndex, SpaceGrid};
 
 /// Force and flags of every slot of the box.
@@ -83,10 +84,6 @@ pub(super) fn mean_of_nearest<T>(
         count += 1;
     }
     mean.iter_mut().for_each(|sum| *sum /= f64::from(count.max(1)));
-}
-
-fn norm(v: [f64; 3]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 #[cfg(test)]

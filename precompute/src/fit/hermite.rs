@@ -20,6 +20,7 @@ use std::collections::{BTreeMap, HashSet};
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use palpate_core::flags;
+use palpate_core::grid::CORNERS;
 use palpate_core::method::hermite::Node;
 
 use derivatives::{
@@ -30,7 +31,7 @@ use super::fold::Fold;
 use super::ghosts::{GHOST_FORCE_LIMIT, mean_of_nearest};
 use super::{LatticeValues, Sample};
 use crate::num::vector::norm;
-use crate::spec::{Domain, GridIndex, SpaceGrid};
+use crate::spec::{Domain, GridIndex, SpaceGrid, corners};
 
 /// The table in the core's form.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,14 +54,10 @@ pub fn flag_folds(grid: &SpaceGrid, folds: &[Fold], values: &mut LatticeValues) 
 /// ends have the same index.
 fn folded_cells(fold: &Fold) -> impl Iterator<Item = GridIndex> {
     let (from, to) = (fold.from, fold.to);
-    corners([0; 3])
+    CORNERS
+        .into_iter()
         .filter(move |shift| (0..3).all(|axis| shift[axis] == 0 || from[axis] == to[axis]))
         .map(move |shift| std::array::from_fn(|axis| from[axis].min(to[axis]) - shift[axis]))
-}
-
-/// The corners of a cell.
-fn corners(low: GridIndex) -> impl Iterator<Item = GridIndex> {
-    (0..8).map(move |code| std::array::from_fn(|axis| low[axis] + (code >> axis & 1)))
 }
 
 /// The table of `samples`, sorted by index, including the rest point.

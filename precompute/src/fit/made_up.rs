@@ -3,6 +3,7 @@
 use nalgebra::Matrix3;
 
 use crate::num::jet::{EnergyJet, THIRD_INDICES};
+use crate::num::sequence::{on_sphere, r3};
 
 /// The jet at `p` of W = p.D p / 2 + c (exp(g.p) - 1 - g.p), an anisotropic energy with increasing stiffness.
 pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {
@@ -21,9 +22,6 @@ pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {
 
 /// Point `n` of an even distribution in a ball of `radius_m`.
 pub(crate) fn spread(n: u32, radius_m: f64) -> [f64; 3] {
-    let [r, z, turn] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5]
-        .map(|step| (f64::from(n + 1) * step).fract());
-    let (r, z, (s, c)) = (radius_m * r.cbrt(), 2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
-    let across = (1.0 - z * z).sqrt();
-    [r * across * c, r * across * s, r * z]
+    let [r, z, turn] = r3(n + 1, 0.0);
+    on_sphere(2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos()).map(|x| radius_m * r.cbrt() * x)
 }

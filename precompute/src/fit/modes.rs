@@ -1,5 +1,6 @@
 //! The leading modes of the surface displacements in the core's form: int16 numbers and a scale.
 
+use crate::num::vector::inner;
 use palpate_core::displacement::DisplacementPlanes;
 
 /// Largest packed number; a value is stored in units of 1/32767 of its range.
@@ -51,7 +52,7 @@ impl PackedModes {
             numbers.iter().map(|&n| f64::from(n) * f64::from(scale)).collect()
         };
         let unpacked: Vec<Vec<f64>> = numbers.chunks(length.max(1)).zip(&scale).map(whole).collect();
-        let squared = unpacked.iter().map(|mode| dot(mode, mode).max(f64::MIN_POSITIVE)).collect();
+        let squared = unpacked.iter().map(|mode| inner(mode, mode).max(f64::MIN_POSITIVE)).collect();
         Self { numbers, scale, unpacked, squared }
     }
 
@@ -60,7 +61,7 @@ impl PackedModes {
         let mut left: Vec<f64> = displacement_m.iter().map(|&x| f64::from(x)).collect();
         let mut packed = Vec::with_capacity(self.scale.len());
         for (mode, squared) in self.unpacked.iter().zip(&self.squared) {
-            let number = (dot(mode, &left) / squared).round().clamp(-UNITS, UNITS);
+            let number = (inner(mode, &left) / squared).round().clamp(-UNITS, UNITS);
             left.iter_mut().zip(mode).for_each(|(x, m)| *x -= number * m);
             packed.push(number as i16);
         }
@@ -78,17 +79,13 @@ impl PackedModes {
     pub(crate) fn left_and_rounded(&self, displacement_m: &[f32]) -> [Vec<f64>; 2] {
         let mut left: Vec<f64> = displacement_m.iter().map(|&x| f64::from(x)).collect();
         for (mode, squared) in self.unpacked.iter().zip(&self.squared) {
-            let along = dot(mode, &left) / squared;
+            let along = inner(mode, &left) / squared;
             left.iter_mut().zip(mode).for_each(|(x, m)| *x -= along * m);
         }
         let (_, rounded) = self.coefficients(displacement_m);
         let apart = rounded.iter().zip(&left).map(|(rounded, left)| rounded - left).collect();
         [left, apart]
     }
-}
-
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::centre::Centre;
 use crate::num::parallel::{Pool, ThreadError};
+use crate::num::vector::inner;
 
 /// Number of centres of a local fit.
 const NEAREST: usize = 48;
@@ -64,7 +65,7 @@ impl System {
         let mut system = Self { positions, local, share: 0.0, pool };
         // So large that the term weighs about as much as the local fits.
         let level = system.apply(&vec![1.0 / (n as f64).sqrt(); n]);
-        system.share = 1.0 / (n as f64 * dot(&level, &level).sqrt());
+        system.share = 1.0 / (n as f64 * inner(&level, &level).sqrt());
         system
     }
 
@@ -102,12 +103,12 @@ impl System {
     /// Restarted GMRES, preconditioned from the right: A M y = f, w = M y.
     fn solve(&self, force: &[f64]) -> Vec<f64> {
         let n = force.len();
-        let goal = TOLERANCE * dot(force, force).sqrt();
+        let goal = TOLERANCE * inner(force, force).sqrt();
         let mut weights = vec![0.0; n];
         for _ in 0..CYCLES {
             let mut residual = force.to_vec();
             add_scaled(&mut residual, &self.apply(&weights), -1.0);
-            let start = dot(&residual, &residual).sqrt();
+            let start = inner(&residual, &residual).sqrt();
             if start <= goal {
                 break;
             }
@@ -122,12 +123,12 @@ impl System {
                 // Orthogonalised twice, because rounding errors remain after one pass.
                 for pass in 0..2 {
                     for (k, vector) in basis.iter().enumerate() {
-                        let along = dot(&next, vector);
+                        let along = inner(&next, vector);
                         add_scaled(&mut next, vector, -along);
                         if pass == 0 { column.push(along) } else { column[k] += along }
                     }
                 }
-                let length = dot(&next, &next).sqrt();
+                let length = inner(&next, &next).sqrt();
                 for (k, &(c, s)) in rotations.iter().enumerate() {
                     (column[k], column[k + 1]) =
                         (c * column[k] + s * column[k + 1], c * column[k + 1] - s * column[k]);
@@ -189,10 +190,6 @@ fn local_fit(centres: &[Centre], i: usize) -> (Vec<u32>, Vec<f64>) {
     let weights =
         matrix.lu().solve(&unit).map_or_else(|| vec![0.0; count], |w| w.as_slice()[..count].to_vec());
     (near, weights)
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 fn add_scaled(to: &mut [f64], from: &[f64], share: f64) {

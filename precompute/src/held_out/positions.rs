@@ -1,5 +1,6 @@
 //! Positions of the held-out solves: pure functions of a seed, the name of the active node and a number.
 
+use crate::num::vector::{dot, norm, unit};
 use crate::space::{Kind, Store, StoreError};
 use crate::spec::SpaceGrid;
 
@@ -193,19 +194,6 @@ impl Stream {
             }
         }
     }
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn norm(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
-}
-
-fn unit(a: [f64; 3]) -> [f64; 3] {
-    let length = norm(a);
-    a.map(|x| x / length)
 }
 
 #[cfg(test)]

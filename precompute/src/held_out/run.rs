@@ -15,7 +15,7 @@ use super::{Draw, LongStep};
 use crate::adaptive::{AdaptiveFit, WithinReach};
 use crate::space::crew::Shift;
 use crate::space::{Crew, CrewError, Done, Kind, Store, StoreError, Walk, WalkJob, Work, state};
-use crate::spec::{GridIndex, Sampling};
+use crate::spec::{GridIndex, Sampling, corners};
 
 /// The held-out walks to solve.
 #[derive(Debug, Clone)]
@@ -350,10 +350,8 @@ impl Uniform {
             let nearest = || self.reachable.iter().min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
             return within.has(at).then(nearest)?.map(|(index, attempt)| (*index, *attempt));
         }
-        let corners = (0..8).map(|code| -> GridIndex {
-            std::array::from_fn(|axis| cells[axis].floor() as i32 + (code >> (2 - axis) & 1))
-        });
-        corners
+        corners(cells.map(|x| x.floor() as i32))
+            .into_iter()
             .filter_map(|corner| Some((corner, *self.reachable.get(&corner)?)))
             .min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)))
     }

@@ -8,8 +8,9 @@
 
 use super::MeshFault;
 use super::raw::RawMesh;
-use super::tetrahedral::{EDGES, distance};
+use super::tetrahedral::EDGES;
 use crate::error::InputError;
+use crate::num::vector::distance;
 
 /// Largest distance of a mid-edge node from the middle of its edge, as a share of the edge's length.
 const STRAIGHT_SHARE: f64 = 1e-6;
@@ -129,19 +130,19 @@ impl RawMesh {
 
     fn edge_length(&self, vertices: [u32; 4], edge: usize) -> f64 {
         let [a, b] = self.ends(vertices, edge);
-        distance(&a, &b)
+        distance(a, b)
     }
 
     fn off_middle(&self, vertices: [u32; 4], edge: usize, node: u32) -> f64 {
         let [a, b] = self.ends(vertices, edge);
         let middle: [f64; 3] = std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis]));
-        distance(&self.nodes[node as usize], &middle)
+        distance(self.nodes[node as usize], middle)
     }
 
     /// The tolerance: [`STRAIGHT_SHARE`] of the edge plus the rounding error of three stored points.
     fn allowed(&self, vertices: [u32; 4], edge: usize, node: u32) -> f64 {
         let [a, b] = self.ends(vertices, edge);
-        let length = distance(&a, &b);
+        let length = distance(a, b);
         let largest =
             [a, b, self.nodes[node as usize]].into_iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
         // Per axis, the rounding of the node and of the mean of the two ends; a factor of sqrt(3) for the

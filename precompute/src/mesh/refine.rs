@@ -7,7 +7,8 @@
 use std::collections::BTreeMap;
 
 use super::TetMesh;
-use super::tetrahedral::{distance, six_volume};
+use super::tetrahedral::six_volume;
+use crate::num::vector::distance;
 
 /// A refined mesh with eight times as many tets. Its nodes are the coarse nodes, followed by the midpoints of
 /// all edges.
@@ -89,7 +90,7 @@ fn children(tet: &[u32; 4], middle: [u32; 6], nodes_m: &[[f64; 3]]) -> [[u32; 4]
         }
         child
     };
-    let length = |[a, b]: [usize; 2]| distance(&nodes_m[middle[a] as usize], &nodes_m[middle[b] as usize]);
+    let length = |[a, b]: [usize; 2]| distance(nodes_m[middle[a] as usize], nodes_m[middle[b] as usize]);
     let diagonal =
         DIAGONALS.into_iter().min_by(|a, b| length(*a).total_cmp(&length(*b))).unwrap_or(DIAGONALS[0]);
     let others: Vec<[usize; 2]> = DIAGONALS.into_iter().filter(|d| *d != diagonal).collect();

@@ -3,7 +3,8 @@
 use std::collections::HashMap;
 
 use super::TetMesh;
-use super::tetrahedral::{cross, dot, norm, sorted, sub};
+use super::tetrahedral::sorted;
+use crate::num::vector::{cross, difference, dot, norm};
 
 /// The four faces of a tet of positive volume, counter-clockwise seen from outside.
 pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
@@ -92,7 +93,7 @@ impl Surface {
         let mut volumes = vec![0.0; self.triangles.len()];
         for (index, triangle) in self.triangles.iter().enumerate() {
             let [a, b, c] = triangle.map(|node| mesh.nodes_m[node as usize]);
-            volumes[walls.root(index)] += dot(&a, &cross(&b, &c));
+            volumes[walls.root(index)] += dot(a, cross(b, c));
         }
         if volumes.iter().all(|&volume| volume >= 0.0) {
             return self;
@@ -114,14 +115,14 @@ impl Surface {
 
     /// Area, m^2.
     pub fn area_m2(&self, mesh: &TetMesh) -> f64 {
-        self.triangles.iter().map(|t| 0.5 * norm(&twice_area(mesh, t))).sum()
+        self.triangles.iter().map(|t| 0.5 * norm(twice_area(mesh, t))).sum()
     }
 }
 
 /// Twice the area vector. Its length weights the vertex normals by area.
 fn twice_area(mesh: &TetMesh, triangle: &[u32; 3]) -> [f64; 3] {
     let [a, b, c] = triangle.map(|node| mesh.nodes_m[node as usize]);
-    cross(&sub(&b, &a), &sub(&c, &a))
+    cross(difference(b, a), difference(c, a))
 }
 
 fn vertex_normals(mesh: &TetMesh, triangles: &[[u32; 3]], nodes: &[u32]) -> Vec<[f64; 3]> {
@@ -138,7 +139,7 @@ fn vertex_normals(mesh: &TetMesh, triangles: &[[u32; 3]], nodes: &[u32]) -> Vec<
         .iter()
         .map(|&node| {
             let sum = sums[node as usize];
-            let length = norm(&sum);
+            let length = norm(sum);
             if length > 0.0 { sum.map(|c| c / length) } else { [0.0; 3] }
         })
         .collect()
@@ -248,13 +249,13 @@ mod tests {
         let flux: f64 = surface
             .triangles
             .iter()
-            .map(|t| dot(&mesh.nodes_m[t[0] as usize], &twice_area(&mesh, t)) / 6.0)
+            .map(|t| dot(mesh.nodes_m[t[0] as usize], twice_area(&mesh, t)) / 6.0)
             .sum();
         assert!((flux - mesh.volume_m3()).abs() < 1e-14, "{flux}");
         let centre = [0.25; 3];
         for triangle in &surface.triangles {
-            let outward = sub(&mesh.nodes_m[triangle[0] as usize], &centre);
-            assert!(dot(&outward, &twice_area(&mesh, triangle)) > 0.0);
+            let outward = difference(mesh.nodes_m[triangle[0] as usize], centre);
+            assert!(dot(outward, twice_area(&mesh, triangle)) > 0.0);
         }
         assert!((surface.area_m2(&mesh) - 6.0 * 0.25).abs() < 1e-14);
     }

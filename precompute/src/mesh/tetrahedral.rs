@@ -7,6 +7,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
+use crate::num::vector::{cross, difference, distance, dot};
 use serde::{Deserialize, Serialize};
 
 /// A tetrahedral mesh in metres. Node i is the i-th node of the file, independent of its tag there.
@@ -162,7 +163,7 @@ impl TetMesh {
     /// Length of the bounding box's diagonal, m: a measure of the body's size.
     pub fn diagonal_m(&self) -> f64 {
         let (low, high) = self.bounding_box_m();
-        distance(&low, &high)
+        distance(low, high)
     }
 
     /// BLAKE3 hash of coordinates (bit patterns) and connectivity. Groups are excluded, because they affect
@@ -247,38 +248,18 @@ pub(crate) fn sorted<const N: usize>(mut nodes: [u32; N]) -> [u32; N] {
 
 /// Six times the signed volume: det[x1-x0, x2-x0, x3-x0].
 pub(crate) fn six_volume(x: &[[f64; 3]; 4]) -> f64 {
-    let a = sub(&x[1], &x[0]);
-    let b = sub(&x[2], &x[0]);
-    let c = sub(&x[3], &x[0]);
-    dot(&a, &cross(&b, &c))
+    let a = difference(x[1], x[0]);
+    let b = difference(x[2], x[0]);
+    let c = difference(x[3], x[0]);
+    dot(a, cross(b, c))
 }
 
 fn longest_edge(x: &[[f64; 3]; 4]) -> f64 {
-    EDGES.iter().map(|&(i, j)| distance(&x[i], &x[j])).fold(0.0, f64::max)
+    EDGES.iter().map(|&(i, j)| distance(x[i], x[j])).fold(0.0, f64::max)
 }
 
 /// The six edges of a tet as pairs of local vertices.
 pub(crate) const EDGES: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
-
-pub(crate) fn sub(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-pub(crate) fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-pub(crate) fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-pub(crate) fn norm(a: &[f64; 3]) -> f64 {
-    dot(a, a).sqrt()
-}
-
-pub(crate) fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    norm(&sub(a, b))
-}
 
 #[cfg(test)]
 mod tests {

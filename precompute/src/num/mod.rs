@@ -5,5 +5,6 @@ pub mod branch;
 pub mod jet;
 pub mod lanes;
 pub mod parallel;
+pub mod sequence;
 pub mod tensor;
 pub mod vector;

@@ -1,11 +1,37 @@
-//! Operations on vectors stored as arrays of three numbers.
+//! Operations on vectors stored as arrays of three numbers or as slices.
 
 /// |a|
 pub fn norm(a: [f64; 3]) -> f64 {
-    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+    dot(a, a).sqrt()
 }
 
 /// a - b
 pub fn difference(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| a[i] - b[i])
+}
+
+/// |a - b|
+pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    norm(difference(a, b))
+}
+
+/// a . b
+pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    inner(&a, &b)
+}
+
+/// a x b
+pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// a / |a|
+pub fn unit(a: [f64; 3]) -> [f64; 3] {
+    let length = norm(a);
+    a.map(|x| x / length)
+}
+
+/// Inner product of two vectors of any length.
+pub fn inner(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -12,7 +12,7 @@ use super::reach::is_hidden;
 use super::resolve::Lookup;
 use super::{ActiveNode, Scene, Unreachable};
 use crate::error::{InputError, count};
-use crate::mesh::tetrahedral::distance;
+use crate::num::vector::distance;
 use crate::spec::{Workspace, is_within};
 
 /// Name of the group of all surface nodes, unless the mesh has a group of this name.
@@ -284,7 +284,7 @@ impl Lookup<'_> {
             (None, Some(radius)) => {
                 let radius_m = positive(self.place, "patch_radius_m", radius)?;
                 let centre = self.mesh.nodes_m[node as usize];
-                let near = |n: &&u32| distance(&self.mesh.nodes_m[**n as usize], &centre) <= radius_m;
+                let near = |n: &&u32| distance(self.mesh.nodes_m[**n as usize], centre) <= radius_m;
                 (radius.span(), self.skin.nodes.iter().filter(near).copied().collect())
             }
         };
@@ -300,7 +300,7 @@ impl Lookup<'_> {
     /// The surface node nearest to a point in metres; of equally near nodes, the one with the lowest index.
     fn nearest(&self, point: &Spanned<[f64; 3]>) -> Result<u32, InputError> {
         let target = finite(self.place, "nearest", point)?;
-        let away = |node: u32| distance(&self.mesh.nodes_m[node as usize], &target);
+        let away = |node: u32| distance(self.mesh.nodes_m[node as usize], target);
         let nearest = self.seen.nodes.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)));
         let node = nearest.expect("a mesh with a tet has a surface");
         let size = self.mesh.diagonal_m();

@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::file::GridTable;
 use super::place::{Place, finite};
 use crate::error::InputError;
-use crate::mesh::tetrahedral::{cross, dot, sub};
 use crate::mesh::{Surface, TetMesh};
+use crate::num::sequence::on_sphere;
+use crate::num::vector::{cross, difference, dot};
 use crate::spec::Workspace;
 
 /// Numbers of excluded nodes of groups.
@@ -64,39 +65,37 @@ const DIRECTIONS: u32 = 400;
 /// in a crevice narrower than the distance between the directions.
 pub(super) fn is_hidden(mesh: &TetMesh, skin: &Surface, node: u32) -> bool {
     let along_normal = skin.normal(node).unwrap_or_default();
-    let is_free = |direction: &[f64; 3]| {
+    let is_free = |direction: [f64; 3]| {
         let away = skin.triangles.iter().filter(|triangle| !triangle.contains(&node));
-        let from = &mesh.nodes_m[node as usize];
-        away.map(|triangle| triangle.map(|n| sub(&mesh.nodes_m[n as usize], from)))
-            .all(|[a, b, c]| !is_hit(direction, &a, &b, &c))
+        let from = mesh.nodes_m[node as usize];
+        away.map(|triangle| triangle.map(|n| difference(mesh.nodes_m[n as usize], from)))
+            .all(|[a, b, c]| !is_hit(direction, a, b, c))
     };
     // Most nodes are visible along their normal, so that one ray per node usually suffices.
-    !std::iter::once(along_normal).chain((0..DIRECTIONS).map(direction)).any(|d| is_free(&d))
+    !std::iter::once(along_normal).chain((0..DIRECTIONS).map(direction)).any(is_free)
 }
 
 /// Whether a ray from the origin intersects a triangle, edges included (Moller and Trumbore 1997).
-fn is_hit(direction: &[f64; 3], a: &[f64; 3], b: &[f64; 3], c: &[f64; 3]) -> bool {
+fn is_hit(direction: [f64; 3], a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> bool {
     const RIM: f64 = 1e-9;
-    let (ab, ac) = (sub(b, a), sub(c, a));
-    let across = cross(direction, &ac);
-    let determinant = dot(&ab, &across);
+    let (ab, ac) = (difference(b, a), difference(c, a));
+    let across = cross(direction, ac);
+    let determinant = dot(ab, across);
     if determinant == 0.0 {
         return false;
     }
     let from = a.map(|x| -x);
-    let u = dot(&from, &across) / determinant;
-    let turned = cross(&from, &ab);
-    let v = dot(direction, &turned) / determinant;
-    u >= -RIM && v >= -RIM && u + v <= 1.0 + RIM && dot(&ac, &turned) / determinant > 0.0
+    let u = dot(from, across) / determinant;
+    let turned = cross(from, ab);
+    let v = dot(direction, turned) / determinant;
+    u >= -RIM && v >= -RIM && u + v <= 1.0 + RIM && dot(ac, turned) / determinant > 0.0
 }
 
 /// Direction `n` of an even distribution on the sphere (Fibonacci lattice).
 fn direction(n: u32) -> [f64; 3] {
     const TURN: f64 = 0.618_033_988_749_894_8;
     let z = 1.0 - (2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS);
-    let (s, c) = libm::sincos(std::f64::consts::TAU * (f64::from(n) * TURN).fract());
-    let across = (1.0 - z * z).sqrt();
-    [across * c, across * s, z]
+    on_sphere(z, libm::sincos(std::f64::consts::TAU * (f64::from(n) * TURN).fract()))
 }
 
 #[cfg(test)]

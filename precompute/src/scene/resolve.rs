@@ -12,8 +12,8 @@ use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, device, material, 
 use crate::error::{InputError, count, nearest_word};
 use crate::fem::boundary::Constraints;
 use crate::fem::pressure::PressurePair;
-use crate::mesh::tetrahedral::{cross, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
+use crate::num::vector::{cross, difference, norm};
 use crate::spec::DisplacementBound;
 
 /// Resolves a scene; `kept` contains its mesh and fixed nodes if they are already known.
@@ -363,7 +363,7 @@ impl Lookup<'_> {
 /// Whether all points lie on one line; a body that is fixed there can rotate.
 fn on_a_line(points: &[[f64; 3]]) -> bool {
     let [first, rest @ ..] = points else { return true };
-    let far = rest.iter().map(|x| sub(x, first)).max_by(|a, b| norm(a).total_cmp(&norm(b)));
-    let Some(axis) = far else { return true };
-    rest.iter().all(|x| norm(&cross(&axis, &sub(x, first))) <= 1e-9 * norm(&axis).powi(2))
+    let steps = || rest.iter().map(|x| difference(*x, *first));
+    let Some(axis) = steps().max_by(|a, b| norm(*a).total_cmp(&norm(*b))) else { return true };
+    steps().all(|step| norm(cross(axis, step)) <= 1e-9 * norm(axis).powi(2))
 }

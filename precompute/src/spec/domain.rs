@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use palpate_core::grid::CORNERS;
+
 use super::{GridIndex, SpaceGrid};
 
 /// Points to solve and the transitions between them, shared by all active nodes of a scene.
@@ -135,10 +137,9 @@ fn share_a_cell(a: GridIndex, b: GridIndex, cells: &std::collections::HashSet<Gr
     })
 }
 
-fn corners(cell: GridIndex) -> [GridIndex; 8] {
-    std::array::from_fn(|c| {
-        [cell[0] + (c as i32 >> 2 & 1), cell[1] + (c as i32 >> 1 & 1), cell[2] + (c as i32 & 1)]
-    })
+/// The corners of a cell, in the order of [`CORNERS`].
+pub(crate) fn corners(cell: GridIndex) -> [GridIndex; 8] {
+    CORNERS.map(|corner| plus(cell, corner))
 }
 
 /// Offsets to the 26 neighbours of a lattice point.

@@ -10,6 +10,7 @@ mod workspace;
 
 pub use bounds::DisplacementBound;
 pub(crate) use domain::REST;
+pub(crate) use domain::corners;
 #[cfg(test)]
 pub(crate) use domain::squared;
 pub use domain::{Domain, neighbours, plus};

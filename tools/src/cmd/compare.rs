@@ -10,6 +10,7 @@ use palpate_host::viewer::frames::still;
 use palpate_precompute::fem::material::LAWS;
 use palpate_precompute::fem::solve::{Configuration, Solver};
 use palpate_precompute::mesh::Surface;
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::pipeline::Analysis;
 use serde::Serialize;
 
@@ -278,10 +279,6 @@ impl Pull {
         };
         Ok(Outcome { row, rest_m: positions(bench, &rest), position_m: positions(bench, &here) })
     }
-}
-
-fn norm(v: [f64; 3]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 /// Positions of the mesh vertices.

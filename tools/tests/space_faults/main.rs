@@ -13,6 +13,7 @@ mod signals;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use palpate_precompute::num::sequence::{SPLIT_MIX_STEP, split_mix, unit_interval};
 use palpate_tests::write_beam_scene;
 
 const LAW: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
@@ -128,15 +129,13 @@ struct Draws(u64);
 
 impl Draws {
     fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        let random = split_mix(self.0);
+        self.0 = self.0.wrapping_add(SPLIT_MIX_STEP);
+        random
     }
 
     /// Uniform in [0, 1).
     fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+        unit_interval(self.next())
     }
 }

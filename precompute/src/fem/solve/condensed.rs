@@ -7,6 +7,7 @@ use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::fem::assembly::third_derivatives;
 use crate::fem::boundary::Pose;
 use crate::num::jet::EnergyJet;
+use crate::num::vector::inner;
 
 impl Solver {
     /// Prescribes the pose: in the state with elimination, otherwise as targets of the multipliers.
@@ -151,7 +152,7 @@ impl Solver {
         let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());
         let own = if problem.dofs.multipliers().is_empty() { self.coupling.own } else { Matrix3::zeros() };
         own - Matrix3::from_fn(|i, j| {
-            dot(&right[column(i)], &x[column(j)]) + dot(&x[column(i)], &residuals[column(j)])
+            inner(&right[column(i)], &x[column(j)]) + inner(&x[column(i)], &residuals[column(j)])
         })
     }
 
@@ -176,8 +177,4 @@ impl Solver {
         }
         (force.into(), torque.into())
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }

@@ -8,6 +8,8 @@
 //! z = -K_0^-1 r;   for j < k: z += s_{j+1} (s_j . z) / (s_j . s_j);
 //! s_{k+1} = z / (1 - (s_k . z) / (s_k . s_k)).
 
+use crate::num::vector::inner;
+
 /// Maximum number of stored steps; a longer sequence would not pay.
 pub(super) const LONGEST: usize = 10;
 
@@ -37,7 +39,7 @@ impl StepHistory {
     pub(super) fn push(&mut self, step: &[f64]) {
         if self.len < LONGEST {
             self.steps[self.len].copy_from_slice(step);
-            self.squares[self.len] = dot(step, step);
+            self.squares[self.len] = inner(step, step);
             self.len += 1;
         }
     }
@@ -46,12 +48,12 @@ impl StepHistory {
     pub(super) fn accelerate(&self, z: &mut [f64]) -> bool {
         let Some(last) = self.len.checked_sub(1) else { return true };
         for j in 0..last {
-            let share = dot(&self.steps[j], z) / self.squares[j];
+            let share = inner(&self.steps[j], z) / self.squares[j];
             for (z, s) in z.iter_mut().zip(&self.steps[j + 1]) {
                 *z += share * s;
             }
         }
-        let denominator = 1.0 - dot(&self.steps[last], z) / self.squares[last];
+        let denominator = 1.0 - inner(&self.steps[last], z) / self.squares[last];
         if denominator.is_nan() || denominator.abs() <= 1e-3 {
             return false;
         }
@@ -60,10 +62,6 @@ impl StepHistory {
         }
         true
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 #[cfg(test)]

@@ -291,7 +291,7 @@ fn a_curved_edge_is_refused_beyond_a_millionth_of_its_length() {
             let sound = Body::new();
             let node = sound.middle(a, b);
             let ends = [a, b].map(|v| sound.nodes[sound.vertices[v]]);
-            let length = crate::mesh::tetrahedral::distance(&ends[0], &ends[1]);
+            let length = crate::num::vector::distance(ends[0], ends[1]);
             let moved = |share: f64| {
                 let mut body = sound.clone();
                 body.nodes[node][2] += share * length;

@@ -4,7 +4,8 @@ use std::collections::HashSet;
 
 use crate::mesh::TetMesh;
 use crate::mesh::surface::FACES;
-use crate::mesh::tetrahedral::{EDGES, cross, distance, dot, norm, six_volume, sorted, sub};
+use crate::mesh::tetrahedral::{EDGES, six_volume, sorted};
+use crate::num::vector::{cross, difference, distance, dot, norm};
 
 /// The dihedral angles at the six edges, in the order of [`EDGES`], degrees.
 ///
@@ -15,10 +16,10 @@ pub(super) fn dihedral_angles_deg(x: &[[f64; 3]; 4]) -> [f64; 6] {
     // EDGES[5 - e] is the edge opposite to EDGES[e].
     std::array::from_fn(|e| {
         let ((a, b), (c, d)) = (EDGES[e], EDGES[5 - e]);
-        let edge = sub(&x[b], &x[a]);
-        let first = cross(&edge, &sub(&x[c], &x[a]));
-        let second = cross(&edge, &sub(&x[d], &x[a]));
-        libm::atan2(norm(&cross(&first, &second)), dot(&first, &second)).to_degrees()
+        let edge = difference(x[b], x[a]);
+        let first = cross(edge, difference(x[c], x[a]));
+        let second = cross(edge, difference(x[d], x[a]));
+        libm::atan2(norm(cross(first, second)), dot(first, second)).to_degrees()
     })
 }
 
@@ -29,7 +30,7 @@ pub(super) fn edge_lengths(mesh: &TetMesh) -> Vec<f64> {
     for tet in &mesh.tets {
         for (a, b) in EDGES {
             if seen.insert(sorted([tet[a], tet[b]])) {
-                lengths.push(distance(&mesh.nodes_m[tet[a] as usize], &mesh.nodes_m[tet[b] as usize]));
+                lengths.push(distance(mesh.nodes_m[tet[a] as usize], mesh.nodes_m[tet[b] as usize]));
             }
         }
     }
@@ -45,9 +46,11 @@ pub(super) fn smallest_dihedral_deg(x: &[[f64; 3]; 4]) -> f64 {
 ///
 /// The inscribed sphere's radius is 3 V / A; in a regular tet of edge l it is l / (2 sqrt 6).
 pub(super) fn aspect(x: &[[f64; 3]; 4]) -> f64 {
-    let longest = EDGES.iter().map(|&(a, b)| distance(&x[a], &x[b])).fold(0.0, f64::max);
-    let area: f64 =
-        FACES.iter().map(|&[a, b, c]| 0.5 * norm(&cross(&sub(&x[b], &x[a]), &sub(&x[c], &x[a])))).sum();
+    let longest = EDGES.iter().map(|&(a, b)| distance(x[a], x[b])).fold(0.0, f64::max);
+    let area: f64 = FACES
+        .iter()
+        .map(|&[a, b, c]| 0.5 * norm(cross(difference(x[b], x[a]), difference(x[c], x[a]))))
+        .sum();
     let radius = 0.5 * six_volume(x).abs() / area;
     longest / (2.0 * 6f64.sqrt() * radius)
 }

@@ -12,18 +12,20 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_core::Method;
+use palpate_core::grid::CORNERS;
 use palpate_precompute::adaptive::{Alone, alone, resample};
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::fit::{Centre, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::num::parallel::in_parallel;
+use palpate_precompute::num::sequence::{on_sphere, r3};
+use palpate_precompute::num::vector::{distance, norm};
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::spec::{Domain, GridIndex, Lattice, SpaceGrid, Tolerance, Wanted};
 use serde::Serialize;
 
 use crate::analysis::{self, threads};
-use crate::cmd::plan::norm;
 use crate::cmd::plan::surrogate::{Surrogate, sample};
 use crate::cmd::plan::tables::{Place, Tables};
 use crate::failure::Failure;
@@ -151,8 +153,9 @@ impl Case<'_> {
                 self.searched(Wanted { tolerance, max_force_n, radius_m, push: None, ..wanted })?;
             let places = self.truths(&reference, &wanted, args.uniform);
             let fit = reference.search.fit();
-            let error =
-                |place: &Place| apart(fit.force_n(place.at), place.exact) / wanted.tolerance.at(place.exact);
+            let error = |place: &Place| {
+                distance(fit.force_n(place.at), place.exact) / wanted.tolerance.at(place.exact)
+            };
             let mut errors: Vec<f64> = places.iter().map(error).collect();
             errors.sort_by(f64::total_cmp);
             let p99 = errors.get(errors.len() * 99 / 100).copied().unwrap_or(f64::INFINITY);
@@ -287,10 +290,7 @@ impl Baselines<'_> {
         for i in range() {
             for j in range() {
                 for k in range() {
-                    let all: [GridIndex; 8] = std::array::from_fn(|code| {
-                        let bit = |axis: usize| (code >> axis & 1) as i32;
-                        [i + bit(0), j + bit(1), k + bit(2)]
-                    });
+                    let all = CORNERS.map(|[x, y, z]| [i + x, j + y, k + z]);
                     let middle = [i, j, k].map(|n| (f64::from(n) + 0.5) * grid.spacing_m);
                     let mut at_corner =
                         |n: GridIndex| *known.entry(n).or_insert_with(|| is_there(grid.displacement_m(n)));
@@ -329,7 +329,7 @@ impl Baselines<'_> {
         while chosen.len() < MOST_CENTRES.min(candidates.len()) {
             let taken = chosen[chosen.len() - 1];
             for (gap, &at) in gaps.iter_mut().zip(&candidates) {
-                *gap = gap.min(apart(at, taken));
+                *gap = gap.min(distance(at, taken));
             }
             let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b])).unwrap_or(0);
             chosen.push(candidates[farthest]);
@@ -362,10 +362,10 @@ impl Baselines<'_> {
             let x = place.at.map(|p| p / unit_m);
             let mut found = [0.0; 3];
             for n in 0..centres[0].len() {
-                let r = apart(x, [centres[0][n], centres[1][n], centres[2][n]]);
+                let r = distance(x, [centres[0][n], centres[1][n], centres[2][n]]);
                 (0..3).for_each(|i| found[i] += weights[i][n] * r * r * r);
             }
-            apart(found, place.exact) <= self.wanted.tolerance.at(place.exact)
+            distance(found, place.exact) <= self.wanted.tolerance.at(place.exact)
         };
         Some(self.places.iter().filter(is_within).count() as f64 / self.places.len().max(1) as f64)
     }
@@ -402,17 +402,10 @@ fn is_reached(wanted: &Wanted, force_n: [f64; 3]) -> bool {
     norm(force_n) <= wanted.max_force_n && wanted.push.is_none_or(|normal| along(normal) <= 0.0)
 }
 
-fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
-    norm(std::array::from_fn(|i| a[i] - b[i]))
-}
-
 /// Point `n` of a uniform low-discrepancy sequence in a ball (R3 sequence: Roberts 2018).
 fn in_ball(n: u32, radius_m: f64) -> [f64; 3] {
-    const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5];
-    let [r, z, turn] = STEPS.map(|step| (0.5 + f64::from(n) * step).fract());
-    let (z, (s, c)) = (2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
-    let (r, across) = (radius_m * r.cbrt(), (1.0 - z * z).sqrt());
-    [r * across * c, r * across * s, r * z]
+    let [r, z, turn] = r3(n, 0.5);
+    on_sphere(2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos()).map(|x| radius_m * r.cbrt() * x)
 }
 
 impl Row {

@@ -7,6 +7,7 @@ use std::time::Duration;
 use palpate_precompute::fem::boundary::Pose;
 use palpate_precompute::fem::solve::Seed;
 use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::num::sequence::split_mix;
 use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, Solution, StoredSeed, Task, Work};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
@@ -111,7 +112,7 @@ impl<'a> Simulated<'a> {
         match self.solves {
             Solves::Drawn(pool) => {
                 let [i, j, k] = task.target.map(|n| n as u32 as u64);
-                let number = scramble(i ^ scramble(j ^ scramble(k ^ scramble(u64::from(task.attempt)))));
+                let number = split_mix(i ^ split_mix(j ^ split_mix(k ^ split_mix(u64::from(task.attempt)))));
                 let duration = pool[(number % pool.len() as u64) as usize];
                 Ok((duration, harmonic(task, &self.grid)))
             }
@@ -123,14 +124,6 @@ impl<'a> Simulated<'a> {
             }
         }
     }
-}
-
-/// A mixing function (the finaliser of splitmix64).
-fn scramble(mut x: u64) -> u64 {
-    x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }
 
 /// A point of a spring of 1 N/m: solved, and consistent with its neighbours.

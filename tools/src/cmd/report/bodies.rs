@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use palpate_precompute::fem::solve::{Problem, Solver};
 use palpate_precompute::num::parallel::Pool;
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};
@@ -136,10 +137,6 @@ pub(super) fn measured(plan: &Plan, steps: &mut Steps) -> Result<Vec<BodyRow>, F
         }
     }
     Ok(rows)
-}
-
-fn norm(v: [f64; 3]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 fn compare(one: &Solved, finest: &BTreeMap<usize, ([f64; 3], f64)>) -> BodyRow {

@@ -4,6 +4,7 @@
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::held_out::positions::regular_directions;
 use palpate_precompute::mesh::Surface;
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::scene::ActiveNode;
 use palpate_precompute::space::solver_version;
@@ -55,10 +56,6 @@ pub(super) fn measured(plan: &Plan, family: &Family, steps: &mut Steps) -> Resul
         }
     }
     Ok(rows)
-}
-
-fn norm(v: [f64; 3]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 /// Along the regular direction that is nearest to the outward normal, up to r_G or the first failure of the

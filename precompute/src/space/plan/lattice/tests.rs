@@ -5,16 +5,9 @@ use std::collections::{HashMap, HashSet};
 use super::super::supersedes;
 use super::*;
 use crate::num::jet::EnergyJet;
+use crate::num::sequence::{split_mix, unit_interval};
 use crate::space::record::Solution;
 use crate::spec::{GridIndex, neighbours, plus, squared};
-
-/// SplitMix64 (Steele, Lea and Flood 2014).
-fn hash(mut z: u64) -> u64 {
-    z = z.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
 
 /// Synthetic outcomes, which depend on the task alone, as those of a solver do.
 struct World {
@@ -35,12 +28,12 @@ impl Default for World {
 
 impl World {
     fn draw(&self, task: &Task, what: u64) -> f64 {
-        let mut z = hash(self.seed ^ what);
+        let mut z = split_mix(self.seed ^ what);
         let parent = task.parent.filter(|_| !self.stubborn).map_or([0; 3], |(index, _)| index);
         for n in task.target.into_iter().chain(parent) {
-            z = hash(z ^ n as u64);
+            z = split_mix(z ^ n as u64);
         }
-        (z >> 11) as f64 / (1u64 << 53) as f64
+        unit_interval(z)
     }
 
     fn solve(&self, task: &Task) -> Record {
@@ -85,7 +78,7 @@ fn run(world: &World, hands: usize, order: u64) -> (Log, TagCounts) {
             assert!(plan.is_done());
             return (log, plan.counts());
         }
-        draw = hash(draw);
+        draw = split_mix(draw);
         let task = out.swap_remove(draw as usize % out.len());
         plan.decide(&world.solve(&task));
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use palpate_precompute::certificate::NOT_FELT_N;
+use palpate_precompute::spec::Tolerance;
 
 use super::super::measure::{Measured, MethodRow};
 use super::super::plot::{Axis, Chart, Point, Series, Style};
@@ -117,7 +117,10 @@ fn chart(report: &Report, family: usize, price: &Price, what: &str, error: fn(&M
             .collect(),
     });
     let level = if what == "p99" {
-        vec![(1e3 * NOT_FELT_N, format!("{} mN: always below JND", milli(NOT_FELT_N)))]
+        vec![(
+            1e3 * Tolerance::CANNOT_BE_FELT.absolute_n,
+            format!("{} mN: always below JND", milli(Tolerance::CANNOT_BE_FELT.absolute_n)),
+        )]
     } else {
         vec![]
     };
@@ -184,11 +187,11 @@ fn query_words(cases: &[Measured]) -> Vec<String> {
     lines
 }
 
-/// The lowest cost of a p99 of at most `NOT_FELT_N`, an imperceptible force difference.
+/// The lowest cost of a p99 of at most the absolute part of `Tolerance::CANNOT_BE_FELT`, an imperceptible force difference.
 fn first_below(cases: &[Measured], price: &Price, word: &str) -> String {
     let rows = || cases.iter().flat_map(|case| &case.methods);
-    let limit = milli(NOT_FELT_N);
-    match least(rows().filter(|row| row.p99_n <= NOT_FELT_N), price.of) {
+    let limit = milli(Tolerance::CANNOT_BE_FELT.absolute_n);
+    match least(rows().filter(|row| row.p99_n <= Tolerance::CANNOT_BE_FELT.absolute_n), price.of) {
         Some(row) => format!(
             "{word} with a p99 of at most {limit} mN: {} on {} points, {} ({} mN).",
             row.method,

@@ -5,7 +5,7 @@ use super::super::plot::{Axis, Chart, Point, Series, Style};
 use super::super::results::Report;
 use super::super::words::{figure, milli, percent, times};
 use super::html::{Cell, Key, figure as plots, files, paragraph, says, section as whole, table};
-use palpate_precompute::certificate::NOT_FELT_N;
+use palpate_precompute::spec::Tolerance;
 
 /// An effect of an omission.
 struct Change {
@@ -110,7 +110,10 @@ fn chart(rows: &[LedgerRow], change: &Change, styles: [Style; 2]) -> Option<Stri
         Axis::log(change.label, points().map(|p| p.y)),
     );
     let levels = match change.title {
-        "force" => vec![(1e3 * NOT_FELT_N, format!("{} mN: always below JND", milli(NOT_FELT_N)))],
+        "force" => vec![(
+            1e3 * Tolerance::CANNOT_BE_FELT.absolute_n,
+            format!("{} mN: always below JND", milli(Tolerance::CANNOT_BE_FELT.absolute_n)),
+        )],
         _ => Vec::new(),
     };
     let series = styles.into_iter().zip(all);

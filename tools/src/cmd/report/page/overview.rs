@@ -6,7 +6,7 @@ use super::super::results::Report;
 use super::super::words::{bytes, count, figure, law, milli, percent};
 use super::html::{Cell, files, heading, paragraph, section as whole, table};
 use super::{least, method_words, row, title};
-use palpate_precompute::certificate::{NOT_FELT_N, NOT_FELT_SHARE};
+use palpate_precompute::spec::Tolerance;
 use palpate_precompute::spec::{Lattice, Sampling};
 
 const PARTS: [(&str, &str); 11] = [
@@ -41,8 +41,8 @@ pub(super) fn section(report: &Report) -> String {
              finite elements and never used for a fit; all methods use the same positions. Positions at branch jumps, where neighbouring \
              points lie on different branches, are excluded from the means and reported separately. \u{201c}Below JND\u{201d}: an error up to the larger of {} of |h| \
              and {} mN.",
-            percent(NOT_FELT_SHARE),
-            milli(NOT_FELT_N)
+            percent(Tolerance::CANNOT_BE_FELT.relative),
+            milli(Tolerance::CANNOT_BE_FELT.absolute_n)
         ),
     );
     if report.machine.is_shared() {
