@@ -1,7 +1,7 @@
 //! Circles between the files of a crate: files that import one another, directly or through others.
 //!
-//! An import of a name that a facade declares (`pub use`) counts as an import of the file that the facade names.
-//! A module and its own submodules may import one another: they are one module in several files.
+//! An import of a name that a facade declares (`pub use`) counts as an import of the file that the facade
+//! names. A module and its own submodules may import one another: they are one module in several files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

@@ -9,8 +9,8 @@ use syn::{Block, ImplItemFn, Item, ItemFn, TraitItemFn};
 
 use crate::strata::{attributes, is_test};
 
-/// The files of a folder with more than `file_lines` lines, and its functions with more than `fn_lines`, tests
-/// excepted, one line each.
+/// The files of a folder with more than `file_lines` lines, and its functions with more than `fn_lines`,
+/// except tests; one line each.
 ///
 /// # Panics
 ///

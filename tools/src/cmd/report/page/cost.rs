@@ -187,7 +187,7 @@ fn query_words(cases: &[Measured]) -> Vec<String> {
     lines
 }
 
-/// The lowest cost of a p99 of at most the absolute part of `Tolerance::CANNOT_BE_FELT`, an imperceptible force difference.
+/// The lowest cost of a p99 that is at most the absolute part of `Tolerance::CANNOT_BE_FELT`.
 fn first_below(cases: &[Measured], price: &Price, word: &str) -> String {
     let rows = || cases.iter().flat_map(|case| &case.methods);
     let limit = milli(Tolerance::CANNOT_BE_FELT.absolute_n);
