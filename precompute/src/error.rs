@@ -25,17 +25,17 @@ pub struct InputError {
 
 impl InputError {
     /// An error of a whole file, without a line.
-    pub fn new(file: &Path, what: impl Into<String>, fix: impl Into<String>) -> Self {
+    pub(crate) fn new(file: &Path, what: impl Into<String>, fix: impl Into<String>) -> Self {
         Self { file: file.to_path_buf(), line: None, what: what.into(), fix: fix.into() }
     }
 
     /// An error at a 1-based line of a file.
-    pub fn at(file: &Path, line: usize, what: impl Into<String>, fix: impl Into<String>) -> Self {
+    pub(crate) fn at(file: &Path, line: usize, what: impl Into<String>, fix: impl Into<String>) -> Self {
         Self { line: Some(line), ..Self::new(file, what, fix) }
     }
 
     /// A file that cannot be opened or read; contains the operating system's message.
-    pub fn unreadable(file: &Path, error: &std::io::Error) -> Self {
+    pub(crate) fn unreadable(file: &Path, error: &std::io::Error) -> Self {
         let fix = match error.kind() {
             std::io::ErrorKind::NotFound => "check the path (it is relative to the scene file)",
             std::io::ErrorKind::PermissionDenied => "make the file readable for this user",

@@ -33,7 +33,7 @@ use place::Place;
 pub use reach::Unreachable;
 
 /// The grids of the paper: number of points, and number of cells along the radius.
-pub const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
+pub(crate) const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
 
 /// A parsed scene file; the files that it names are not read yet.
 #[derive(Debug)]
@@ -126,13 +126,13 @@ impl Scene {
     }
 
     /// Name of the scene: the key `name`, or the file's stem.
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         let stem = || self.place.path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
         self.file.name.as_ref().map(|name| name.get_ref().clone()).or_else(stem).unwrap_or_default()
     }
 
     /// Path of the mesh file.
-    pub fn mesh_path(&self) -> PathBuf {
+    pub(crate) fn mesh_path(&self) -> PathBuf {
         self.place.relative(self.file.mesh.get_ref().file.get_ref())
     }
 
@@ -214,7 +214,7 @@ impl ResolvedScene {
     /// The same scene on a mesh with eight times as many tets ([`Refined`]). Active nodes are the same;
     /// patches and fixed parts have the same size.
     #[must_use]
-    pub fn refined(&self) -> Self {
+    pub(crate) fn refined(&self) -> Self {
         let finer = Refined::of(&self.mesh);
         let mut scene = self.clone();
         scene.fixed = finer.nodes(&self.fixed);

@@ -20,7 +20,7 @@ pub struct Alone {
 }
 
 /// The configuration at rest, with zero force by definition.
-pub fn at_rest(solver: &mut Solver) -> Result<(EnergyJet, Seed), SolveFailure> {
+pub(crate) fn at_rest(solver: &mut Solver) -> Result<(EnergyJet, Seed), SolveFailure> {
     let rest = solver.rest()?;
     Ok((rest.jet().as_rest(), rest.seed))
 }

@@ -49,7 +49,7 @@ impl AdaptiveFit {
 
     /// Whether the fit is valid at a displacement, m: it lies within the kernel length of a configuration,
     /// and the predicted force is not far beyond the limit.
-    pub fn knows(&self, at: [f64; 3]) -> bool {
+    pub(crate) fn knows(&self, at: [f64; 3]) -> bool {
         self.known().is_near(at) && norm(self.fit.force_n(at)) <= REACH_MARGIN * self.wanted.max_force_n
     }
 
@@ -59,7 +59,7 @@ impl AdaptiveFit {
     }
 
     /// The reachable set.
-    pub fn within_reach(&self) -> WithinReach {
+    pub(crate) fn within_reach(&self) -> WithinReach {
         let Wanted { max_force_n, push, workspace_m, .. } = self.wanted;
         WithinReach { fit: self.fit.clone(), limit_n: REACH_MARGIN * max_force_n, push, workspace_m }
     }
@@ -107,7 +107,7 @@ impl LeftOut {
 /// The reachable set: displacements in the workspace with a force not far beyond the limit; without pull if
 /// the tool only pushes.
 #[derive(Debug, Clone)]
-pub struct WithinReach {
+pub(crate) struct WithinReach {
     fit: KernelFit,
     limit_n: f64,
     push: Option<[f64; 3]>,
@@ -116,7 +116,7 @@ pub struct WithinReach {
 
 impl WithinReach {
     /// Whether a displacement, m, is reachable.
-    pub fn has(&self, at: [f64; 3]) -> bool {
+    pub(crate) fn has(&self, at: [f64; 3]) -> bool {
         if !self.workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) {
             return false;
         }

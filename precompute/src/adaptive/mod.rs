@@ -13,9 +13,11 @@ mod resample;
 mod search;
 mod stagnation;
 
-pub use alone::{Alone, alone, at_rest};
-pub use fitted::{AdaptiveFit, LeftOut, WithinReach};
+pub use alone::{Alone, alone};
+pub(crate) use fitted::WithinReach;
+pub use fitted::{AdaptiveFit, LeftOut};
 pub use linear::LinearSuits;
 pub use prediction::{PASSES, Test, Verdict};
 pub use resample::{Resampled, resample};
-pub use search::{Found, Search, Step, Target};
+pub use search::Target;
+pub use search::{Found, Search, Step};

@@ -176,11 +176,6 @@ impl Search {
         &self.jets
     }
 
-    /// The requirements.
-    pub fn wanted(&self) -> &Wanted {
-        &self.wanted
-    }
-
     /// The fit with its error estimates: after the search with its `verdict`, during the search with `None`.
     pub fn fitted(&self, verdict: Option<Verdict>) -> AdaptiveFit {
         let Candidate { fit, left_out } = &self.fits[self.chosen];
@@ -202,7 +197,7 @@ impl Search {
     }
 
     /// Length of the validation streak, among the predictions that count.
-    pub fn passes(&self) -> usize {
+    pub(crate) fn passes(&self) -> usize {
         passes(&self.tests)
     }
 

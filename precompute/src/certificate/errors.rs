@@ -17,7 +17,7 @@ pub struct Compared {
 }
 
 /// Components below this are excluded from relative errors (paper, 6.3), N.
-pub const RELATIVE_FROM_N: f64 = 0.5;
+pub(crate) const RELATIVE_FROM_N: f64 = 0.5;
 
 impl Compared {
     /// |error vector|, N.
@@ -26,7 +26,7 @@ impl Compared {
     }
 
     /// Whether the error is within [`Tolerance::CANNOT_BE_FELT`].
-    pub fn is_not_felt(&self) -> bool {
+    pub(crate) fn is_not_felt(&self) -> bool {
         self.error_n() <= Tolerance::CANNOT_BE_FELT.at(self.truth_n)
     }
 }
@@ -111,7 +111,7 @@ pub struct Within {
 
 impl Within {
     /// Result for these positions.
-    pub fn of<'c>(tolerance: Tolerance, compared: impl IntoIterator<Item = &'c Compared>) -> Self {
+    pub(crate) fn of<'c>(tolerance: Tolerance, compared: impl IntoIterator<Item = &'c Compared>) -> Self {
         let (mut tests, mut count) = (0, 0);
         for c in compared {
             tests += 1;

@@ -14,10 +14,11 @@ pub mod reference;
 use std::collections::BTreeMap;
 
 pub use displacement::{Apart, DisplacementCertificate, surface_by_rbf};
-pub use errors::{Compared, Errors, RELATIVE_FROM_N, Within, certified_share};
+pub use errors::{Compared, Errors, Within, certified_share};
 pub use health::{Health, Reason, Verdict};
 pub use ledger::{Effort, Ledger, LedgerError, Line, ledger};
-pub use probes::{Probe, Work, nanoseconds};
+pub(crate) use probes::Probe;
+pub use probes::nanoseconds;
 pub use reference::force_n as reference_force_n;
 
 use palpate_core::flags::SMOOTH;
@@ -109,7 +110,7 @@ pub struct TwoSolutions {
 
 impl TwoSolutions {
     /// Result over all attempts of a space.
-    pub fn of(attempts: &[Record]) -> Self {
+    pub(crate) fn of(attempts: &[Record]) -> Self {
         let mut points: BTreeMap<GridIndex, Vec<[f64; 3]>> = BTreeMap::new();
         for (index, at) in attempts.iter().filter_map(|r| Some((r.index, r.equilibrium()?))) {
             if at.unstable_modes.unwrap_or(0) == 0 {

@@ -12,7 +12,7 @@ use crate::fem::pressure::{PressurePair, pressure_block};
 use crate::mesh::TetMesh;
 
 /// Index of a value that is prescribed to zero or does not exist.
-pub const ABSENT: u32 = u32::MAX;
+pub(crate) const ABSENT: u32 = u32::MAX;
 
 /// Material of a part of the body.
 #[derive(Debug, Clone, PartialEq)]
@@ -226,7 +226,7 @@ impl Body {
     }
 
     /// Whether the body has a body force.
-    pub fn is_loaded(&self) -> bool {
+    pub(crate) fn is_loaded(&self) -> bool {
         self.external_force_n.iter().any(|&f| f != 0.0)
     }
 
@@ -243,7 +243,7 @@ impl Body {
     }
 
     /// Nodes of every element, in file order.
-    pub fn element_nodes(&self) -> std::slice::Chunks<'_, u32> {
+    pub(crate) fn element_nodes(&self) -> std::slice::Chunks<'_, u32> {
         self.connectivity.chunks(self.order.nodes())
     }
 
@@ -269,24 +269,24 @@ impl Body {
     }
 
     /// Scale of the residual: mu l^2, N.
-    pub fn force_scale_n(&self) -> f64 {
+    pub(crate) fn force_scale_n(&self) -> f64 {
         self.mean_shear_pa * self.edge_m * self.edge_m
     }
 
     /// Factor s between pressures in Pa and the scaled unknowns q / s in m: s = mu / l. With it both blocks
     /// of the saddle-point matrix have the same magnitude, so that one residual norm measures both.
-    pub fn pressure_scale(&self) -> f64 {
+    pub(crate) fn pressure_scale(&self) -> f64 {
         self.mean_shear_pa / self.edge_m
     }
 
     /// Stiffness of a typical element, mu l, N/m: the scale of the multiplier equations.
-    pub fn stiffness_scale_n_m(&self) -> f64 {
+    pub(crate) fn stiffness_scale_n_m(&self) -> f64 {
         self.mean_shear_pa * self.edge_m
     }
 
     /// Nodes with a free displacement component or a pressure, in elimination order. The order is independent
     /// of the handle and is therefore computed once for all active nodes of a scene.
-    pub fn elimination_order(&self) -> &[usize] {
+    pub(crate) fn elimination_order(&self) -> &[usize] {
         self.elimination_order.get_or_init(|| {
             let mut has_pressure = vec![false; self.node_count()];
             for &(vertex, _) in &self.pressure_sites {

@@ -86,7 +86,7 @@ impl Pose {
     }
 
     /// Interpolation from this pose (share 0) to `target` (share 1).
-    pub fn towards(&self, target: &Self, share: f64) -> Self {
+    pub(crate) fn towards(&self, target: &Self, share: f64) -> Self {
         let mix = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + share * (b[i] - a[i]));
         Self {
             displacement_m: mix(self.displacement_m, target.displacement_m),
@@ -95,7 +95,7 @@ impl Pose {
     }
 
     /// Displacement from rest of a point at `arm_m` from the centre, m: t + (R - I) arm.
-    pub fn displacement_of(&self, arm_m: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn displacement_of(&self, arm_m: &Vector3<f64>) -> Vector3<f64> {
         let turn = Rotation3::from_scaled_axis(Vector3::from(self.rotation_rad));
         Vector3::from(self.displacement_m) + (turn.matrix() - Matrix3::identity()) * arm_m
     }
@@ -103,7 +103,7 @@ impl Pose {
 
 /// A Lagrange multiplier that prescribes one component of one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Multiplier {
+pub(crate) struct Multiplier {
     /// The node.
     pub node: u32,
     /// The component.
@@ -194,31 +194,31 @@ impl DofMap {
 
 impl DofMap {
     /// Number of equations.
-    pub fn unknowns(&self) -> usize {
+    pub(crate) fn unknowns(&self) -> usize {
         self.unknowns
     }
 
     /// Equation of each displacement component of `node`: `>= unknowns()` if the handle prescribes it,
     /// [`ABSENT`] if it is fixed.
     #[inline]
-    pub fn displacement(&self, node: u32) -> [u32; 3] {
+    pub(crate) fn displacement(&self, node: u32) -> [u32; 3] {
         self.displacement[node as usize]
     }
 
     /// Equation of a pressure unknown, or [`ABSENT`].
     #[inline]
-    pub fn pressure(&self, pressure: u32) -> u32 {
+    pub(crate) fn pressure(&self, pressure: u32) -> u32 {
         if pressure == ABSENT { ABSENT } else { self.pressure[pressure as usize] }
     }
 
     /// Multipliers of the prescribed components; empty with elimination.
-    pub fn multipliers(&self) -> &[Multiplier] {
+    pub(crate) fn multipliers(&self) -> &[Multiplier] {
         &self.multipliers
     }
 
     /// Pairs (equation, position in the state vector) of all unknowns of the state; see [`Body`] for the
     /// state.
-    pub fn state_positions(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+    pub(crate) fn state_positions(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         let displacements = self.displacement.iter().enumerate().flat_map(|(node, dofs)| {
             dofs.iter().enumerate().map(move |(axis, &dof)| (dof as usize, 3 * node + axis))
         });

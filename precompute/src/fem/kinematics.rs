@@ -37,7 +37,7 @@ impl Kinematics {
 impl<R: Real> Kinematics<R> {
     /// Kinematics of the displacement gradient `h` = du/dX, lane by lane.
     #[inline(always)]
-    pub fn new(h: Mat3<R>) -> Self {
+    pub(crate) fn new(h: Mat3<R>) -> Self {
         let cofactor_of_h = cofactor(h);
         let (trace, cofactor_trace) = (h.trace(), cofactor_of_h.trace());
         // cof(I + H) - I = tr(H) I - H^T + cof H.
@@ -61,13 +61,13 @@ impl<R: Real> Kinematics<R> {
 
     /// Jacobian J = det F.
     #[inline(always)]
-    pub fn jacobian(&self) -> R {
+    pub(crate) fn jacobian(&self) -> R {
         self.volume_change + 1.0
     }
 
     /// Green-St. Venant strain gamma = (H + H^T + H^T H) / 2 (paper, Eq. 1).
-    #[inline(always)]
-    pub fn green_strain(&self) -> Mat3<R> {
+    #[cfg(test)]
+    fn green_strain(&self) -> Mat3<R> {
         let h = self.displacement_gradient;
         (h + h.transpose() + h.transpose() * h) * self.volume_change.constant(0.5)
     }
@@ -75,7 +75,7 @@ impl<R: Real> Kinematics<R> {
 
 /// Cofactor matrix: its columns are the cross products of the columns of `f`.
 #[inline(always)]
-pub fn cofactor<R: Real>(f: Mat3<R>) -> Mat3<R> {
+pub(crate) fn cofactor<R: Real>(f: Mat3<R>) -> Mat3<R> {
     let [a, b, c] = f.0;
     Mat3([b.cross(c), c.cross(a), a.cross(b)])
 }
@@ -83,7 +83,7 @@ pub fn cofactor<R: Real>(f: Mat3<R>) -> Mat3<R> {
 /// Bilinear form of the cofactor: cof(A + B) = cof A + `mixed_cofactor`(A, B) + cof B. It is the derivative
 /// of cof at A along B, and `mixed_cofactor`(A, B) : C is the second derivative of det at C along A and B.
 #[inline(always)]
-pub fn mixed_cofactor<R: Real>(a: Mat3<R>, b: Mat3<R>) -> Mat3<R> {
+pub(crate) fn mixed_cofactor<R: Real>(a: Mat3<R>, b: Mat3<R>) -> Mat3<R> {
     let ([a0, a1, a2], [b0, b1, b2]) = (a.0, b.0);
     Mat3([a1.cross(b2) + b1.cross(a2), a2.cross(b0) + b2.cross(a0), a0.cross(b1) + b0.cross(a1)])
 }

@@ -4,7 +4,7 @@
 pub mod assembly;
 pub mod body;
 pub mod boundary;
-pub mod counterpart;
+pub(crate) mod counterpart;
 pub mod element;
 pub mod kinematics;
 pub mod material;

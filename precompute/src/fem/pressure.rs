@@ -34,7 +34,7 @@ pub enum PressurePair {
 /// Matrix of the pressure's quadratic form in one element of volume `volume_m3`, m^3/Pa; `None` if it is
 /// zero.
 #[inline]
-pub fn pressure_block(
+pub(crate) fn pressure_block(
     volume_m3: f64,
     shear_modulus_pa: f64,
     bulk_modulus_pa: Option<f64>,

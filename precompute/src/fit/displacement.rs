@@ -20,6 +20,7 @@
 use std::collections::HashSet;
 
 use faer::{Mat, Side};
+#[cfg(test)]
 use palpate_core::displacement::DisplacementPlanes;
 
 use super::fold::Fold;
@@ -30,7 +31,7 @@ use crate::spec::{DisplacementBound, Domain, GridIndex, SpaceGrid};
 
 impl DisplacementBound {
     /// Whether the difference of two surfaces is within the bound.
-    pub fn allows(&self, found: &Moved, truth: &Moved) -> bool {
+    pub(crate) fn allows(&self, found: &Moved, truth: &Moved) -> bool {
         let pairs = found.displacement_m.iter().zip(&truth.displacement_m);
         self.holds(Misfit::of(&pairs.map(|(a, b)| a - b).collect::<Vec<f32>>()))
     }
@@ -51,7 +52,7 @@ pub struct Misfit {
 
 impl Misfit {
     /// Norms of the differences, given as x, y, z of each node, m.
-    pub fn of<T: Copy + Into<f64>>(differences: &[T]) -> Self {
+    pub(crate) fn of<T: Copy + Into<f64>>(differences: &[T]) -> Self {
         let (mut sum, mut largest) = (0.0, 0.0f64);
         let nodes = differences.as_chunks::<3>().0;
         for node in nodes {
@@ -64,7 +65,7 @@ impl Misfit {
 
     /// The larger value of each norm.
     #[must_use]
-    pub fn max(self, other: Self) -> Self {
+    pub(crate) fn max(self, other: Self) -> Self {
         Self { rms_m: self.rms_m.max(other.rms_m), max_m: self.max_m.max(other.max_m) }
     }
 }
@@ -103,7 +104,8 @@ pub struct DisplacementFit {
 
 impl DisplacementFit {
     /// The planes as a view for the core's table.
-    pub fn planes(&self) -> DisplacementPlanes<'_> {
+    #[cfg(test)]
+    fn planes(&self) -> DisplacementPlanes<'_> {
         DisplacementPlanes {
             slopes: self.slopes,
             row: &self.row,

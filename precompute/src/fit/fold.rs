@@ -19,7 +19,7 @@ pub struct Fold {
 
 /// Flagged pairs among the solved neighbours of a space, each pair once. `at` returns the solution used at a
 /// point.
-pub fn flagged_pairs(
+pub(crate) fn flagged_pairs(
     points: impl Iterator<Item = (GridIndex, EnergyJet)>,
     at: impl Fn(GridIndex) -> Option<EnergyJet>,
 ) -> Vec<Fold> {
@@ -41,7 +41,7 @@ pub fn flagged_pairs(
 
 /// The branch jumps at which tables must not be smooth: [`flagged_pairs`] of one space, without the pairs
 /// whose third derivatives show a strongly curved but continuous branch.
-pub fn folds(solved: &[(GridIndex, EnergyJet)]) -> Vec<Fold> {
+pub(crate) fn folds(solved: &[(GridIndex, EnergyJet)]) -> Vec<Fold> {
     let by_index: std::collections::HashMap<GridIndex, EnergyJet> = solved.iter().copied().collect();
     let at = |index| by_index.get(&index).copied();
     let mut folds = flagged_pairs(solved.iter().copied(), at);

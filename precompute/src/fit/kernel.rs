@@ -126,7 +126,7 @@ impl KernelFit {
 
     /// Restores a read-only fit from the kernel length l, m, the stiffness at rest, N/m, and for each
     /// configuration its displacement, m, and its weights, J ([`Self::weights`]).
-    pub fn of_weights(
+    pub(crate) fn of_weights(
         length_m: f64,
         rest_stiffness_n_m: Matrix3<f64>,
         configurations: impl IntoIterator<Item = ([f64; 3], [f64; 20])>,
@@ -142,7 +142,7 @@ impl KernelFit {
     }
 
     /// The stiffness at rest, N/m.
-    pub fn base_n_m(&self) -> &Matrix3<f64> {
+    pub(crate) fn base_n_m(&self) -> &Matrix3<f64> {
         &self.base
     }
 
@@ -153,7 +153,7 @@ impl KernelFit {
     }
 
     /// The weights of each configuration, in the order W, h, S and W_ijk, J.
-    pub fn weights(&self) -> &[[f64; 20]] {
+    pub(crate) fn weights(&self) -> &[[f64; 20]] {
         &self.weights
     }
 
@@ -163,13 +163,13 @@ impl KernelFit {
     }
 
     /// Whether the fit has no configuration.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.centres.is_empty()
     }
 
     /// Lower bound of the condition number of the scaled matrix: the squared ratio of the factor's diagonal
     /// entries.
-    pub fn condition(&self) -> f64 {
+    pub(crate) fn condition(&self) -> f64 {
         let diagonal = (0..self.factor.nrows()).map(|i| self.factor[(i, i)]);
         let (low, high) = diagonal.fold((f64::INFINITY, 0.0f64), |(low, high), d| (low.min(d), high.max(d)));
         (high / low).powi(2)
@@ -321,7 +321,7 @@ impl KernelFit {
     }
 
     /// All derivatives of W up to the second order along each axis.
-    pub fn derivatives(&self, displacement_m: [f64; 3]) -> Derivatives {
+    pub(crate) fn derivatives(&self, displacement_m: [f64; 3]) -> Derivatives {
         let x = displacement_m.map(|p| p / self.length_m);
         let mut sum = Derivatives::default();
         for (&centre, weights) in self.centres.iter().zip(&self.weights) {

@@ -20,7 +20,7 @@ const HERMITE_AT_0: [[f64; 4]; 4] =
 
 /// The planes of a kernel fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct KernelPlanes {
+pub(crate) struct KernelPlanes {
     /// Kernel length l in metres, then B in newtons.
     pub scalars: [f64; SCALARS],
     /// The configurations in blocks of four.
@@ -33,7 +33,7 @@ impl KernelPlanes {
     /// The planes of a fit in a ball of `radius_m`; `knows` returns whether the fit is valid at a
     /// displacement. `None` if the core does not accept the fit: more than [`MAX_CENTRES`] configurations, or
     /// a configuration at more than [`MAX_DISTANCE`] kernel lengths from rest.
-    pub fn new(fit: &KernelFit, radius_m: f64, knows: impl Fn([f64; 3]) -> bool) -> Option<Self> {
+    pub(crate) fn new(fit: &KernelFit, radius_m: f64, knows: impl Fn([f64; 3]) -> bool) -> Option<Self> {
         let far = |x: &[f64; 3]| x.iter().map(|x| x * x).sum::<f64>() > MAX_DISTANCE * MAX_DISTANCE;
         if fit.is_empty() || fit.len() > MAX_CENTRES || fit.centres().any(|(x, _)| far(x)) {
             return None;
@@ -53,7 +53,7 @@ impl KernelPlanes {
     }
 
     /// The planes as a view for the core's check and evaluation.
-    pub fn view(&self) -> kernel::KernelPlanes<'_> {
+    pub(crate) fn view(&self) -> kernel::KernelPlanes<'_> {
         kernel::KernelPlanes { scalars: &self.scalars, blocks: &self.blocks, reach: &self.reach }
     }
 }

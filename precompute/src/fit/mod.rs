@@ -15,16 +15,19 @@ mod rbf_iterative;
 mod rbf_weights;
 
 pub use centre::Centre;
-pub use displacement::{DisplacementFault, DisplacementFit, Misfit, Moved, fit_displacement};
-pub use fold::{Fold, flagged_pairs, folds};
+pub(crate) use displacement::{DisplacementFault, DisplacementFit, Misfit};
+pub use displacement::{Moved, fit_displacement};
+pub use fold::Fold;
+pub(crate) use fold::{flagged_pairs, folds};
 pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, flag_folds, hermite_nodes, hermite_nodes_known};
 pub(crate) use kernel::DATA;
-pub use kernel::{Derivatives, Indistinct, KernelFit};
-pub use kernel_planes::KernelPlanes;
+pub use kernel::{Derivatives, KernelFit};
+pub(crate) use kernel_planes::KernelPlanes;
 pub(crate) use modes::PackedModes;
 pub use motion::ScatteredMotion;
-pub use rbf_weights::{FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
+pub(crate) use rbf_weights::{FitError, SurfaceRbf};
+pub use rbf_weights::{Kernel, RbfFit, fit_rbf};
 
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;

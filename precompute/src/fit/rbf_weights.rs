@@ -25,7 +25,7 @@ impl Kernel {
 
     /// phi(r).
     #[inline]
-    pub fn value(self, r: f64) -> f64 {
+    pub(crate) fn value(self, r: f64) -> f64 {
         match self {
             Self::Linear => r,
             Self::Cubic => r * r * r,
@@ -155,7 +155,7 @@ fn solve(kernel: Kernel, positions: &[[f64; 3]], values: &Mat<f64>) -> (Mat<f64>
 /// Interpolation of the whole surface by radial basis functions, which the paper proposes for displacements
 /// too. For comparison only: no blob contains it, because every vertex would sum over all configurations.
 #[derive(Debug, Clone)]
-pub struct SurfaceRbf {
+pub(crate) struct SurfaceRbf {
     kernel: Kernel,
     positions: Vec<[f64; 3]>,
     /// One row per centre, one column per component.
@@ -164,7 +164,7 @@ pub struct SurfaceRbf {
 
 impl SurfaceRbf {
     /// Fits these configurations, each with its position in cells.
-    pub fn fit(kernel: Kernel, configurations: &[([f64; 3], Vec<f32>)]) -> Result<Self, FitError> {
+    pub(crate) fn fit(kernel: Kernel, configurations: &[([f64; 3], Vec<f32>)]) -> Result<Self, FitError> {
         let positions: Vec<[f64; 3]> = configurations.iter().map(|(at, _)| *at).collect();
         let components = configurations.first().map_or(0, |(_, moved)| moved.len());
         let values = Mat::from_fn(positions.len(), components, |i, k| f64::from(configurations[i].1[k]));
@@ -176,7 +176,7 @@ impl SurfaceRbf {
     }
 
     /// x, y, z of every node at a position in cells, m.
-    pub fn at(&self, position: [f64; 3]) -> Vec<f64> {
+    pub(crate) fn at(&self, position: [f64; 3]) -> Vec<f64> {
         let values: Vec<f64> = self.positions.iter().map(|&c| self.kernel.between(c, position)).collect();
         let component = |column: faer::ColRef<'_, f64>| column.iter().zip(&values).map(|(w, v)| w * v).sum();
         self.weights.col_iter().map(component).collect()

@@ -7,8 +7,8 @@
 //! executor and stores the outcomes in the store of the space. [`summary`] counts them.
 
 pub mod positions;
-pub mod run;
-pub mod summary;
+pub(crate) mod run;
+pub(crate) mod summary;
 
 pub use positions::{Draw, LongStep, is_on_training_lattice};
 pub use run::{HeldOut, HeldOutError, HeldOutProgress};

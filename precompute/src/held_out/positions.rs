@@ -54,7 +54,7 @@ impl Draw {
     }
 
     /// The draw of a store with all numbers of walks zero; `None` if nothing is drawn yet.
-    pub fn of(store: &Store) -> Result<Option<Self>, StoreError> {
+    pub(crate) fn of(store: &Store) -> Result<Option<Self>, StoreError> {
         let Some(stored) = store.draw_identity()? else { return Ok(None) };
         let unreadable = || store.corrupt(format!("its draw of held-out truth is `{stored}`"));
         Self::of_identity(&stored).map(Some).ok_or_else(unreadable)
@@ -114,7 +114,7 @@ pub fn regular_directions() -> impl Iterator<Item = [f64; 3]> {
 }
 
 /// Positions of a regular path, without rest.
-pub fn regular_path(direction: [f64; 3], length_m: f64, step_m: f64) -> Vec<[f64; 3]> {
+pub(crate) fn regular_path(direction: [f64; 3], length_m: f64, step_m: f64) -> Vec<[f64; 3]> {
     let steps = (length_m / step_m).round().max(1.0) as u32;
     (1..=steps).map(|n| direction.map(|x| x * f64::from(n) * step_m)).collect()
 }
@@ -131,7 +131,7 @@ const LONGEST_STEP: f64 = 0.1;
 /// Positions of random path `number`, without rest. It starts in a random direction and turns slowly. The
 /// correlation length of the direction is 4 r_G, so that nearly every path of length 2 r_G reaches the
 /// reflecting sphere at 0.9 r_G.
-pub fn random_path(draw: &Draw, active: &str, number: u32, radius_m: f64) -> Vec<[f64; 3]> {
+pub(crate) fn random_path(draw: &Draw, active: &str, number: u32, radius_m: f64) -> Vec<[f64; 3]> {
     let mut stream = Stream::new(draw.seed, active, Kind::Random, number);
     // One step adds a vector uniform in a ball of radius s: <1 - cos> = s^2 / 5 to leading order.
     let turn = (5.0 * draw.step_m / (PERSISTENCE * radius_m)).sqrt();
@@ -153,7 +153,7 @@ pub fn random_path(draw: &Draw, active: &str, number: u32, radius_m: f64) -> Vec
 }
 
 /// Uniform position `number` in the ball of the grid.
-pub fn uniform_position(draw: &Draw, active: &str, number: u32, radius_m: f64) -> [f64; 3] {
+pub(crate) fn uniform_position(draw: &Draw, active: &str, number: u32, radius_m: f64) -> [f64; 3] {
     Stream::new(draw.seed, active, Kind::Uniform, number).in_unit_ball().map(|x| x * radius_m)
 }
 

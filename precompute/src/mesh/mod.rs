@@ -7,10 +7,10 @@
 //! Files of straight-sided ten-node tets are accepted. The mid-edge nodes are checked and dropped: a
 //! [`TetMesh`] has vertices only, and node indices (also in scenes) count the vertices in file order.
 
-pub mod quality;
-pub mod refine;
+pub(crate) mod quality;
+pub(crate) mod refine;
 pub mod surface;
-pub mod tetrahedral;
+pub(crate) mod tetrahedral;
 pub mod write;
 
 mod gmsh;
@@ -26,10 +26,11 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
-pub use quality::{MeshReport, PressureDoubts, doubtful_for_pressure};
-pub use refine::Refined;
+pub use quality::{MeshReport, doubtful_for_pressure};
+pub(crate) use refine::Refined;
 pub use surface::Surface;
-pub use tetrahedral::{MeshFault, TetMesh};
+pub(crate) use tetrahedral::MeshFault;
+pub use tetrahedral::TetMesh;
 
 /// Unit of length of a mesh file. Internally all lengths are in metres.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -45,10 +46,10 @@ pub enum LengthUnit {
 
 impl LengthUnit {
     /// Every unit.
-    pub const ALL: [Self; 3] = [Self::Metre, Self::Centimetre, Self::Millimetre];
+    pub(crate) const ALL: [Self; 3] = [Self::Metre, Self::Centimetre, Self::Millimetre];
 
     /// The unit's symbol in the scene file: `m`, `cm` or `mm`.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Metre => "m",
             Self::Centimetre => "cm",
@@ -65,7 +66,7 @@ impl LengthUnit {
     ///
     /// A reader divides lengths by this integer. A multiplication by its inverse would round twice, because
     /// 1e-3 is not exact.
-    pub fn per_metre(self) -> f64 {
+    pub(crate) fn per_metre(self) -> f64 {
         match self {
             Self::Metre => 1.0,
             Self::Centimetre => 100.0,

@@ -9,23 +9,23 @@ use super::tetrahedral::sorted;
 use super::{Surface, TetMesh, surface};
 use shape::{aspect, dihedral_angles_deg, edge_lengths};
 
-pub use pressure::{PressureDoubts, doubtful_for_pressure};
+pub use pressure::doubtful_for_pressure;
 
 mod display;
 mod pressure;
 mod shape;
 
 /// Width of a bin of [`MeshReport::dihedral_histogram`], degrees.
-pub const BIN_DEG: f64 = 10.0;
+pub(crate) const BIN_DEG: f64 = 10.0;
 const BINS: usize = 18;
 /// Width of a bin of [`MeshReport::min_dihedral_histogram`], degrees.
-pub const MIN_BIN_DEG: f64 = 5.0;
+pub(crate) const MIN_BIN_DEG: f64 = 5.0;
 /// The smallest dihedral angle of a tet is at most 70.53 degrees, the angle of the regular tet.
 const MIN_BINS: usize = 15;
 /// A tet with a dihedral angle below this is a sliver.
-pub const SLIVER_DEG: f64 = 5.0;
+pub(crate) const SLIVER_DEG: f64 = 5.0;
 /// Neighbouring tets with a larger volume ratio form a size jump.
-pub const SIZE_JUMP: f64 = 100.0;
+pub(crate) const SIZE_JUMP: f64 = 100.0;
 
 /// Size, shape and topology of a mesh. `Display` is a table for users, `Serialize` gives JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -13,7 +13,7 @@ use crate::num::vector::distance;
 /// A refined mesh with eight times as many tets. Its nodes are the coarse nodes, followed by the midpoints of
 /// all edges.
 #[derive(Debug, Clone)]
-pub struct Refined {
+pub(crate) struct Refined {
     /// The fine mesh. The children of tet `t` are `8 t .. 8 t + 8`. A midpoint belongs to a node group if
     /// both ends of its edge do.
     pub mesh: TetMesh,
@@ -29,7 +29,7 @@ const DIAGONALS: [[usize; 2]; 3] = [[0, 5], [1, 4], [2, 3]];
 
 impl Refined {
     /// Refines a mesh once.
-    pub fn of(coarse: &TetMesh) -> Self {
+    pub(crate) fn of(coarse: &TetMesh) -> Self {
         let coarse_nodes = coarse.nodes_m.len() as u32;
         let mut numbers: BTreeMap<[u32; 2], u32> = BTreeMap::new();
         let mut edges = Vec::new();
@@ -54,7 +54,7 @@ impl Refined {
     }
 
     /// These nodes and the midpoints of the edges between them, in ascending order.
-    pub fn nodes(&self, coarse: &[u32]) -> Vec<u32> {
+    pub(crate) fn nodes(&self, coarse: &[u32]) -> Vec<u32> {
         let mut nodes = coarse.to_vec();
         nodes.sort_unstable();
         let is_in = |end: &u32| nodes.binary_search(end).is_ok();
@@ -68,7 +68,7 @@ impl Refined {
     }
 
     /// The children of these tets.
-    pub fn tets(coarse: &[u32]) -> Vec<u32> {
+    pub(crate) fn tets(coarse: &[u32]) -> Vec<u32> {
         coarse.iter().flat_map(|tet| 8 * tet..8 * tet + 8).collect()
     }
 }

@@ -46,7 +46,7 @@ pub struct Topology {
 
 impl Topology {
     /// Whether every edge has two triangles, every node one fan of triangles, and no face more than two tets.
-    pub fn is_manifold(&self) -> bool {
+    pub(crate) fn is_manifold(&self) -> bool {
         self.non_manifold_edges == 0 && self.non_manifold_nodes == 0 && self.overlapping_faces == 0
     }
 }
@@ -114,7 +114,7 @@ impl Surface {
     }
 
     /// Area, m^2.
-    pub fn area_m2(&self, mesh: &TetMesh) -> f64 {
+    pub(crate) fn area_m2(&self, mesh: &TetMesh) -> f64 {
         self.triangles.iter().map(|t| 0.5 * norm(twice_area(mesh, t))).sum()
     }
 }
@@ -186,7 +186,7 @@ fn topology(triangles: &[[u32; 3]], nodes: &[u32], overlapping_faces: usize) -> 
 /// Connected pieces of the body: the piece index of each node. Pieces are numbered by their lowest node.
 ///
 /// Tets with a shared node belong to one piece, because the node transmits force in the finite-element model.
-pub fn pieces(mesh: &TetMesh) -> Vec<u32> {
+pub(crate) fn pieces(mesh: &TetMesh) -> Vec<u32> {
     let mut sets = UnionFind::new(mesh.nodes_m.len());
     for tet in &mesh.tets {
         for &node in &tet[1..] {

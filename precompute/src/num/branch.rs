@@ -23,10 +23,10 @@ use nalgebra::Vector3;
 use super::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 
 /// Lower bound of the limit max(`LEAST_N`, `SHARE` |h|), N.
-pub const LEAST_N: f64 = 0.1;
+pub(crate) const LEAST_N: f64 = 0.1;
 /// Limit as a share of the larger |h|. A jump below the just noticeable difference of force (about 7 %) is
 /// hardly perceptible.
-pub const SHARE: f64 = 0.1;
+pub(crate) const SHARE: f64 = 0.1;
 
 /// Residuals of two solutions against one smooth branch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,7 +53,7 @@ impl Excess {
     }
 
     /// Residuals with the third derivatives of both solutions, one order finer.
-    pub fn with_thirds(a: &EnergyJet, b: &EnergyJet) -> Self {
+    pub(crate) fn with_thirds(a: &EnergyJet, b: &EnergyJet) -> Self {
         let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
         let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
         let (ta, tb) = (twice_along(&a.third_n_m2, d), twice_along(&b.third_n_m2, d));
@@ -67,7 +67,7 @@ impl Excess {
     }
 
     /// Whether a residual exceeds the limit or is NaN.
-    pub fn is_jump(&self) -> bool {
+    pub(crate) fn is_jump(&self) -> bool {
         // The negated comparison is also true for NaN.
         !(self.rho_n <= self.limit_n && self.rho_h_n <= self.limit_n)
     }

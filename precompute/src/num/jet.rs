@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub const SECOND_INDICES: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
 
 /// Components of a symmetric third-order tensor in three directions, in the order of [`THIRD_INDICES`].
-pub type SymmetricThird = [f64; 10];
+pub(crate) type SymmetricThird = [f64; 10];
 
 /// Index triples (i <= j <= k) of [`SymmetricThird`].
 pub const THIRD_INDICES: [[usize; 3]; 10] = [
@@ -43,7 +43,7 @@ pub struct EnergyJet {
 
 impl EnergyJet {
     /// W, h, S (order of [`SECOND_INDICES`]) and W_ijk (order of [`THIRD_INDICES`]), as in files and fits.
-    pub fn numbers(&self) -> [f64; 20] {
+    pub(crate) fn numbers(&self) -> [f64; 20] {
         let mut numbers = [0.0; 20];
         numbers[0] = self.energy_j;
         numbers[1..4].copy_from_slice(&self.force_n);
@@ -67,17 +67,17 @@ impl EnergyJet {
     /// The same jet with zero energy and force. Both vanish at rest by definition; the solver's values there
     /// are rounding errors.
     #[must_use]
-    pub fn as_rest(self) -> Self {
+    pub(crate) fn as_rest(self) -> Self {
         Self { energy_j: 0.0, force_n: [0.0; 3], ..self }
     }
 
     /// Whether every number is finite.
-    pub fn is_finite(&self) -> bool {
+    pub(crate) fn is_finite(&self) -> bool {
         self.numbers().iter().chain(self.stiffness_n_m.iter()).all(|x| x.is_finite())
     }
 
     /// Force at another control by the third-order Taylor series, N.
-    pub fn taylor_force_n(&self, control_m: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn taylor_force_n(&self, control_m: [f64; 3]) -> [f64; 3] {
         let d = Vector3::from(control_m) - Vector3::from(self.control_m);
         let mut force = Vector3::from(self.force_n) + self.stiffness_n_m * d;
         for (triple, value) in THIRD_INDICES.iter().zip(self.third_n_m2) {

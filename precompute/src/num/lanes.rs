@@ -19,7 +19,7 @@ use pulp::{Simd, WithSimd};
 /// AVX-512 is excluded, although the real-time host enables it in pulp for the whole program: the loops were
 /// measured and verified with AVX2.
 #[inline(always)]
-pub fn dispatch<W: WithSimd>(work: W) -> W::Output {
+pub(crate) fn dispatch<W: WithSimd>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
     return match pulp::x86::V3::try_new() {
         Some(simd) => Simd::vectorize(simd, work),
@@ -30,7 +30,7 @@ pub fn dispatch<W: WithSimd>(work: W) -> W::Output {
 }
 
 /// Largest number of lanes of any machine.
-pub const MAX_LANES: usize = 8;
+pub(crate) const MAX_LANES: usize = 8;
 
 /// A real number, or several in parallel.
 ///
@@ -129,7 +129,7 @@ impl Real for f64 {
 
 /// The numbers of one vector register.
 #[derive(Debug, Clone, Copy)]
-pub struct Lanes<S: Simd> {
+pub(crate) struct Lanes<S: Simd> {
     values: S::f64s,
     machine: S,
 }

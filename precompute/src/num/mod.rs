@@ -3,8 +3,8 @@
 
 pub mod branch;
 pub mod jet;
-pub mod lanes;
+pub(crate) mod lanes;
 pub mod parallel;
 pub mod sequence;
-pub mod tensor;
+pub(crate) mod tensor;
 pub mod vector;

@@ -37,7 +37,7 @@ impl Pool {
     }
 
     /// Results of `work` for all numbers below `n`, in order.
-    pub fn numbers<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    pub(crate) fn numbers<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
         self.0.install(|| (0..n).into_par_iter().map(work).collect())
     }
 

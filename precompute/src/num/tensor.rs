@@ -21,27 +21,27 @@ pub struct Mat3<R>(pub [Vec3<R>; 3]);
 impl<R: Real> Vec3<R> {
     /// A vector with the same value in each lane; `like` is any number.
     #[inline(always)]
-    pub fn constant(like: R, [x, y, z]: [f64; 3]) -> Self {
+    pub(crate) fn constant(like: R, [x, y, z]: [f64; 3]) -> Self {
         Self([like.constant(x), like.constant(y), like.constant(z)])
     }
 
     /// Scalar product.
     #[inline(always)]
-    pub fn dot(self, other: Self) -> R {
+    pub(crate) fn dot(self, other: Self) -> R {
         let ([a, b, c], [x, y, z]) = (self.0, other.0);
         a * x + b * y + c * z
     }
 
     /// Vector product.
     #[inline(always)]
-    pub fn cross(self, other: Self) -> Self {
+    pub(crate) fn cross(self, other: Self) -> Self {
         let ([a, b, c], [x, y, z]) = (self.0, other.0);
         Self([b * z - c * y, c * x - a * z, a * y - b * x])
     }
 
     /// Dyadic product, with the entries self_i other_j.
     #[inline(always)]
-    pub fn outer(self, other: Self) -> Mat3<R> {
+    pub(crate) fn outer(self, other: Self) -> Mat3<R> {
         let [x, y, z] = other.0;
         Mat3([self * x, self * y, self * z])
     }
@@ -50,32 +50,32 @@ impl<R: Real> Vec3<R> {
 impl<R: Real> Mat3<R> {
     /// Zero; `like` is any number.
     #[inline(always)]
-    pub fn zeros(like: R) -> Self {
+    pub(crate) fn zeros(like: R) -> Self {
         Self([Vec3::constant(like, [0.0; 3]); 3])
     }
 
     /// The identity; `like` is any number.
     #[inline(always)]
-    pub fn identity(like: R) -> Self {
+    pub(crate) fn identity(like: R) -> Self {
         Self::zeros(like).plus_diagonal(like.constant(1.0))
     }
 
     /// The matrix of one lane.
     #[inline(always)]
-    pub fn lane(&self, lane: usize) -> Mat3<f64> {
+    pub(crate) fn lane(&self, lane: usize) -> Mat3<f64> {
         Mat3(self.0.map(|column| Vec3(column.0.map(|entry| entry.lane(lane)))))
     }
 
     /// The matrix that `value` gives for each lane; `like` is any number.
     #[inline(always)]
-    pub fn from_lanes<'m>(like: R, value: impl Fn(usize) -> &'m Mat3<f64>) -> Self {
+    pub(crate) fn from_lanes<'m>(like: R, value: impl Fn(usize) -> &'m Mat3<f64>) -> Self {
         let entry = |i: usize, j: usize| like.with_lanes(|lane| value(lane).at(i, j));
         Self([0, 1, 2].map(|j| Vec3([0, 1, 2].map(|i| entry(i, j)))))
     }
 
     /// Entry of row `i` and column `j`.
     #[inline(always)]
-    pub fn at(&self, i: usize, j: usize) -> R {
+    pub(crate) fn at(&self, i: usize, j: usize) -> R {
         self.0[j].0[i]
     }
 
@@ -105,7 +105,7 @@ impl<R: Real> Mat3<R> {
 
     /// A : A, summed column by column.
     #[inline(always)]
-    pub fn norm_squared(self) -> R {
+    pub(crate) fn norm_squared(self) -> R {
         let [a, b, c] = self.0;
         a.dot(a) + b.dot(b) + c.dot(c)
     }

@@ -12,7 +12,8 @@ mod blob;
 mod error;
 
 pub use blob::{add_ledgers, certified, certified_blob, solve_truth, unfinished};
-pub use error::{PipelineError, Unfinished};
+pub use error::PipelineError;
+pub(crate) use error::Unfinished;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -73,7 +74,7 @@ impl Analysis {
     }
 
     /// Restores the scene of a space from the space alone.
-    pub fn of_store(store: &Store) -> Result<Self, PipelineError> {
+    pub(crate) fn of_store(store: &Store) -> Result<Self, PipelineError> {
         let (mesh, fixed) = store.body()?;
         let identity = store.identity()?;
         let scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;

@@ -4,8 +4,8 @@
 //! [`crew`] of threads or processes. [`expansion`] connects them, and [`store`] keeps every attempt in
 //! SQLite.
 
-pub mod crew;
-pub mod expansion;
+pub(crate) mod crew;
+pub(crate) mod expansion;
 mod fallback;
 mod job;
 #[cfg(test)]
@@ -19,7 +19,7 @@ mod record;
 mod salvage;
 mod samples;
 mod state;
-pub mod store;
+pub(crate) mod store;
 mod task;
 mod walk;
 mod worker;
@@ -28,14 +28,15 @@ pub use crew::{Crew, CrewError, Threads, with_threads};
 pub use expansion::{Expansion, ExpansionError, Progress};
 pub use fallback::FallbackLattice;
 pub use job::{Done, Job, Outcome, Work};
-pub use motion::SurfaceMotion;
-pub use plan::{Phase, Plan, ScatteredPlan, SolvesLeft, SpacePlan};
+pub(crate) use motion::SurfaceMotion;
+pub use plan::{Phase, Plan, SolvesLeft};
 pub use plans::{Plans, replays, state};
 pub use record::{Equilibrium, Record, Solution, StoredSeed};
-pub use salvage::Salvaged;
-pub use samples::{folds, samples};
+pub(crate) use salvage::Salvaged;
+pub use samples::folds;
+pub(crate) use samples::samples;
 pub use state::SpaceState;
 pub use store::{Store, StoreError, StoreIdentity, solver_version};
 pub use task::{TagCounts, Task};
 pub use walk::{Kind, Truth, Walk, WalkJob, WalkOutcome};
-pub use worker::{Worker, Workshop};
+pub use worker::Workshop;

@@ -6,7 +6,7 @@ use crate::spec::GridIndex;
 
 /// Surface nodes of the body with one active node, and their rest positions.
 #[derive(Debug)]
-pub struct SurfaceMotion<'s> {
+pub(crate) struct SurfaceMotion<'s> {
     store: &'s Store,
     active: usize,
     nodes: &'s [u32],
@@ -15,7 +15,7 @@ pub struct SurfaceMotion<'s> {
 
 impl<'s> SurfaceMotion<'s> {
     /// The motion of `nodes` for this active node.
-    pub fn new(store: &'s Store, active: usize, nodes: &'s [u32]) -> Result<Self, StoreError> {
+    pub(crate) fn new(store: &'s Store, active: usize, nodes: &'s [u32]) -> Result<Self, StoreError> {
         let rest = store.displacements(active, [0; 3], 0)?;
         if nodes.iter().any(|&n| n as usize >= rest.len()) {
             return Err(store.corrupt("a surface node is not in its mesh"));
@@ -24,7 +24,7 @@ impl<'s> SurfaceMotion<'s> {
     }
 
     /// Displacement from rest and its derivatives at a configuration.
-    pub fn at(&self, index: GridIndex, attempt: u32) -> Result<Moved, StoreError> {
+    pub(crate) fn at(&self, index: GridIndex, attempt: u32) -> Result<Moved, StoreError> {
         let [displacement, slopes @ ..] = self.store.displacements_and_slopes(self.active, index, attempt)?;
         let of_surface = |all: &Vec<[f32; 3]>| self.nodes.iter().flat_map(|&n| all[n as usize]).collect();
         Ok(Moved {
@@ -34,7 +34,7 @@ impl<'s> SurfaceMotion<'s> {
     }
 
     /// Displacements from rest of a held-out position from its bytes; `None` if they were not stored.
-    pub fn of_truth(&self, bytes: &[u8]) -> Option<Vec<f32>> {
+    pub(crate) fn of_truth(&self, bytes: &[u8]) -> Option<Vec<f32>> {
         let numbers: Vec<f32> = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
         let all = numbers.as_chunks::<3>().0;
         (all.len() >= self.rest.len()).then(|| self.since_rest(all))

@@ -57,7 +57,7 @@ impl Plans {
     /// # Panics
     ///
     /// If the store has no such active node.
-    pub fn plan(&self, active: usize) -> SpacePlan {
+    pub(crate) fn plan(&self, active: usize) -> SpacePlan {
         match &self.0 {
             Kind::Lattice { domain, grid } => SpacePlan::Lattice(Box::new(Plan::new(domain.clone(), *grid))),
             Kind::Scattered(wanted) => SpacePlan::Scattered(Box::new(ScatteredPlan::new(wanted[active]))),

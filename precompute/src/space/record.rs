@@ -208,13 +208,13 @@ impl Record {
     }
 
     /// W, h, S and W_ijk of the solution at this displacement, m.
-    pub fn jet(&self, displacement_m: [f64; 3]) -> Option<EnergyJet> {
+    pub(crate) fn jet(&self, displacement_m: [f64; 3]) -> Option<EnergyJet> {
         self.solution().map(|solution| solution.jet(displacement_m))
     }
 
     /// [`Self::jet`] for fits. At rest W and h are zero by definition, S is exactly symmetric, and no zero
     /// has a sign. So a new record and the same record from a store give identical fits.
-    pub fn jet_for_fit(&self, displacement_m: [f64; 3]) -> Option<EnergyJet> {
+    pub(crate) fn jet_for_fit(&self, displacement_m: [f64; 3]) -> Option<EnergyJet> {
         let jet = self.jet(displacement_m)?;
         let jet = EnergyJet::from_numbers(displacement_m, &jet.numbers().map(|x| x + 0.0));
         Some(if self.index == [0; 3] { jet.as_rest() } else { jet })
@@ -248,7 +248,7 @@ impl StoredSeed {
     }
 
     /// The seed at `displacement_m`; `None` if the bytes are invalid.
-    pub fn unpack(&self, displacement_m: [f64; 3]) -> Option<crate::fem::solve::Seed> {
+    pub(crate) fn unpack(&self, displacement_m: [f64; 3]) -> Option<crate::fem::solve::Seed> {
         let numbers = |bytes: &[u8]| -> Vec<f64> {
             bytes.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect()
         };

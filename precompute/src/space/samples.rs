@@ -5,7 +5,7 @@ use crate::fit::{self, Fold, Sample};
 use crate::spec::SpaceGrid;
 
 /// The solved points among `records`, sorted by grid index.
-pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
+pub(crate) fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
     let mut samples: Vec<Sample> = records
         .iter()
         .filter(|r| grid.lattice.slot(r.index).is_some())

@@ -23,7 +23,7 @@ pub enum Kind {
 
 impl Kind {
     /// All kinds, in their order.
-    pub const ALL: [Self; 3] = [Self::Regular, Self::Random, Self::Uniform];
+    pub(crate) const ALL: [Self; 3] = [Self::Regular, Self::Random, Self::Uniform];
 
     /// Name in files.
     pub fn name(self) -> &'static str {
@@ -35,7 +35,7 @@ impl Kind {
     }
 
     /// The kind of this name.
-    pub fn from_name(name: &str) -> Option<Self> {
+    pub(crate) fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
@@ -138,7 +138,7 @@ impl WalkJob {
     /// Walks from `start` (rest if `None`) until the positions end, a step fails, or |h| reaches
     /// `max_force_n`. `None` if `stop` is set meanwhile, because a partial walk would look like a complete
     /// one.
-    pub fn solve(
+    pub(crate) fn solve(
         &self,
         solver: &mut Solver,
         start: Option<Seed>,

@@ -60,7 +60,7 @@ impl std::fmt::Debug for Workshop {
 
 /// One worker with the solver of its current active node.
 #[derive(Debug)]
-pub struct Worker {
+pub(crate) struct Worker {
     workshop: Arc<Workshop>,
     stop: Arc<AtomicBool>,
     solver: Option<(u32, Solver)>,
@@ -75,16 +75,16 @@ const AGAIN: LoadingOptions = LoadingOptions { max_halvings: 1, perturbations: 0
 
 /// The start state of a job does not fit this body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct UnusableSeed;
+pub(crate) struct UnusableSeed;
 
 impl Worker {
     /// A worker without a solver, which stops working once `stop` is set.
-    pub fn new(workshop: Arc<Workshop>, stop: Arc<AtomicBool>) -> Self {
+    pub(crate) fn new(workshop: Arc<Workshop>, stop: Arc<AtomicBool>) -> Self {
         Self { workshop, stop, solver: None }
     }
 
     /// Executes a piece of work.
-    pub fn work(&mut self, work: &Work) -> Result<Done, UnusableSeed> {
+    pub(crate) fn work(&mut self, work: &Work) -> Result<Done, UnusableSeed> {
         if self.stop.load(Ordering::Relaxed) {
             return Ok(Done::Abandoned);
         }

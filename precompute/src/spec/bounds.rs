@@ -19,7 +19,7 @@ impl Default for DisplacementBound {
 
 impl DisplacementBound {
     /// The smallest bound, m. The int16 of an outlier has a step of 3 um if the node moves by 0.1 m.
-    pub const LEAST_M: f64 = 1e-5;
+    pub(crate) const LEAST_M: f64 = 1e-5;
 
     /// Part of the bound for the points of a fit's table, shared by the modes and the slopes. The rest covers
     /// the interpolation error between the points, because the cells are as large as the energy allows.

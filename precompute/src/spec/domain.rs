@@ -80,11 +80,6 @@ impl Domain {
         self.points.iter().copied()
     }
 
-    /// Always false, because the point at rest exists.
-    pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
-    }
-
     /// Whether a point is in the ball, that is, whether transitions may start from it.
     pub(crate) fn in_ball(&self, point: u32) -> bool {
         (point as usize) < self.ball
@@ -143,7 +138,7 @@ pub(crate) fn corners(cell: GridIndex) -> [GridIndex; 8] {
 }
 
 /// Offsets to the 26 neighbours of a lattice point.
-pub fn neighbours() -> impl Iterator<Item = GridIndex> {
+pub(crate) fn neighbours() -> impl Iterator<Item = GridIndex> {
     (0..27).filter(|&code| code != 13).map(|code| [code / 9 - 1, code / 3 % 3 - 1, code % 3 - 1])
 }
 
@@ -152,7 +147,7 @@ pub(crate) fn squared(index: GridIndex) -> i32 {
 }
 
 /// a + b
-pub fn plus(a: GridIndex, b: GridIndex) -> GridIndex {
+pub(crate) fn plus(a: GridIndex, b: GridIndex) -> GridIndex {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 

@@ -29,18 +29,18 @@ impl SpaceGrid {
 }
 
 /// Unit of the indices of scattered positions, m; far below the resolution of any device.
-pub const UNIT_M: f64 = 1e-6;
+pub(crate) const UNIT_M: f64 = 1e-6;
 
 /// Smallest and largest radius r_G of a space, m. A radius below ten units contains too few positions. The
 /// lattices of the core end at a kilometre.
 pub const RADII_M: [f64; 2] = [1e-5, 1e3];
 
 /// Displacement of a scattered point, m.
-pub fn displacement_m(index: GridIndex) -> [f64; 3] {
+pub(crate) fn displacement_m(index: GridIndex) -> [f64; 3] {
     index.map(|n| f64::from(n) * UNIT_M)
 }
 
 /// The scattered point nearest to a displacement in m.
-pub fn nearest_index(displacement_m: [f64; 3]) -> GridIndex {
+pub(crate) fn nearest_index(displacement_m: [f64; 3]) -> GridIndex {
     displacement_m.map(|x| (x / UNIT_M).round() as i32)
 }

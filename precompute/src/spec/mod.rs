@@ -9,13 +9,14 @@ mod wanted;
 mod workspace;
 
 pub use bounds::DisplacementBound;
-pub(crate) use domain::REST;
+pub use domain::Domain;
 pub(crate) use domain::corners;
 #[cfg(test)]
 pub(crate) use domain::squared;
-pub use domain::{Domain, neighbours, plus};
-pub use grid::{GridIndex, RADII_M, SpaceGrid, UNIT_M, displacement_m, nearest_index};
+pub(crate) use domain::{REST, neighbours, plus};
+pub use grid::{GridIndex, RADII_M, SpaceGrid};
+pub(crate) use grid::{UNIT_M, displacement_m, nearest_index};
 pub use sampling::{Lattice, Sampling, Scattered};
 pub use tolerance::Tolerance;
 pub use wanted::Wanted;
-pub use workspace::{Workspace, is_within};
+pub(crate) use workspace::{Workspace, is_within};

@@ -59,7 +59,7 @@ impl Scattered {
     }
 
     /// The workspace as displacements of the node at rest position `rest_m`, m.
-    pub fn workspace_of(&self, rest_m: [f64; 3]) -> Option<Workspace> {
+    pub(crate) fn workspace_of(&self, rest_m: [f64; 3]) -> Option<Workspace> {
         let from_rest = |corner: [f64; 3]| std::array::from_fn(|axis| corner[axis] - rest_m[axis]);
         self.workspace_m.map(|corners| corners.map(from_rest))
     }
@@ -88,7 +88,7 @@ impl Sampling {
     }
 
     /// Number of equal increments of each transition whose states are stored.
-    pub fn increments(&self) -> Option<u32> {
+    pub(crate) fn increments(&self) -> Option<u32> {
         match self {
             Self::Lattice(lattice) => lattice.increments,
             Self::Scattered(_) => None,

@@ -28,7 +28,7 @@ pub struct Wanted {
 
 impl Wanted {
     /// Whether pushing or the workspace limits the tool in addition to radius and force.
-    pub fn is_kept_in(&self) -> bool {
+    pub(crate) fn is_kept_in(&self) -> bool {
         self.push.is_some() || self.workspace_m.is_some()
     }
 

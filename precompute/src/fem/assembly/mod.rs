@@ -71,7 +71,7 @@ impl Assembled {
     }
 
     /// Computes forces, constraints and energy at `state`, without the tangent.
-    pub fn assemble_residual(&mut self, body: &Body, state: &[f64]) {
+    pub(crate) fn assemble_residual(&mut self, body: &Body, state: &[f64]) {
         lanes::dispatch(Pass::<false> { to: self, body, pattern: None, state });
     }
 
@@ -179,7 +179,7 @@ impl Assembled {
 
     /// Residual of the state's equations, N; constraints are scaled like forces. Multiplier equations are not
     /// changed.
-    pub fn residual_into(&self, body: &Body, positions: &[(usize, usize)], residual: &mut [f64]) {
+    pub(crate) fn residual_into(&self, body: &Body, positions: &[(usize, usize)], residual: &mut [f64]) {
         let scale = body.pressure_scale();
         let forces = self.nodal_force_n.len();
         for &(dof, position) in positions {
@@ -195,7 +195,7 @@ impl Assembled {
 /// Rows of the tangent that elimination removed: the coupling of a translation of the handle with the
 /// unknowns and with itself.
 #[derive(Debug, Clone)]
-pub struct HandleCoupling {
+pub(crate) struct HandleCoupling {
     /// K_fA, one column of length `unknowns` per axis, column after column, N/m.
     pub free: Vec<f64>,
     /// K_AA, N/m.
@@ -204,12 +204,12 @@ pub struct HandleCoupling {
 
 impl HandleCoupling {
     /// Zero blocks for `unknowns` equations.
-    pub fn new(unknowns: usize) -> Self {
+    pub(crate) fn new(unknowns: usize) -> Self {
         Self { free: vec![0.0; 3 * unknowns], own: Matrix3::zeros() }
     }
 
     /// Computes the blocks at `state` from the elements of the handle's nodes.
-    pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
+    pub(crate) fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.free.fill(0.0);
         self.own = Matrix3::zeros();
         match body.order {
@@ -258,7 +258,7 @@ impl HandleCoupling {
 /// the condensed potential W(d). By the 2n + 1 theorem the first derivatives of the state suffice: in D3 L
 /// [X, X, X] + 3 D2 L [X, X'] the second term vanishes, because D2 L X is non-zero only in the handle's
 /// equations, where X' = 0. The body force and the pressure's quadratic form have no third derivative.
-pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3]) -> SymmetricThird {
+pub(crate) fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3]) -> SymmetricThird {
     struct Work<'a> {
         body: &'a Body,
         state: &'a [f64],

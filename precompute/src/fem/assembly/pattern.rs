@@ -117,7 +117,7 @@ impl Pattern {
     }
 
     /// Number of stored entries.
-    pub fn entries(&self) -> usize {
+    pub(crate) fn entries(&self) -> usize {
         self.rows.len()
     }
 
@@ -133,7 +133,7 @@ impl Pattern {
     }
 
     /// The same entries as columns of the upper triangle: (column starts, sorted rows).
-    pub fn upper_triangle(&self) -> (Vec<usize>, Vec<usize>) {
+    pub(crate) fn upper_triangle(&self) -> (Vec<usize>, Vec<usize>) {
         let n = self.unknowns();
         let mut columns = vec![Vec::new(); n];
         for column in 0..n {
@@ -151,7 +151,7 @@ impl Pattern {
     }
 
     /// y = A x for the symmetric matrix whose lower triangle has the `values`.
-    pub fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
+    pub(crate) fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
         y.fill(0.0);
         for column in 0..self.unknowns() {
             let (start, end) = (self.column_starts[column], self.column_starts[column + 1]);

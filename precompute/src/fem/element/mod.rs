@@ -28,7 +28,7 @@ pub enum Order {
 
 impl Order {
     /// The order with number 1 or 2.
-    pub fn from_number(order: u8) -> Option<Self> {
+    pub(crate) fn from_number(order: u8) -> Option<Self> {
         match order {
             1 => Some(Self::Linear),
             2 => Some(Self::Quadratic),
@@ -37,7 +37,7 @@ impl Order {
     }
 
     /// Number of nodes of an element.
-    pub const fn nodes(self) -> usize {
+    pub(crate) const fn nodes(self) -> usize {
         match self {
             Self::Linear => 4,
             Self::Quadratic => 10,
@@ -62,7 +62,7 @@ impl Tetrahedron {
     ///
     /// With the edge matrix D = [X1-X0, X2-X0, X3-X0], the rows of D^-1 are G_1..3, and the volume is det D /
     /// 6.
-    pub fn new(corners_m: [[f64; 3]; 4]) -> Option<Self> {
+    pub(crate) fn new(corners_m: [[f64; 3]; 4]) -> Option<Self> {
         let x = corners_m.map(Vector3::from);
         let edges = Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]);
         let volume_m3 = edges.determinant() / 6.0;

@@ -18,7 +18,7 @@ pub enum Value {
 
 impl Value {
     /// The numbers of the value.
-    pub fn numbers(&self) -> &[f64] {
+    pub(crate) fn numbers(&self) -> &[f64] {
         match self {
             Self::Number(number) => std::slice::from_ref(number),
             Self::Vector(vector) => vector,

@@ -47,22 +47,21 @@ mod tests;
 
 pub use crate::fem::kinematics::Kinematics;
 pub use crate::num::lanes::Real;
-pub use crate::num::tensor::{Mat3, Vec3};
+pub use crate::num::tensor::Mat3;
 pub use check::{LawCheck, check};
-pub use holzapfel_gasser_ogden::HolzapfelGasserOgden;
+pub(crate) use holzapfel_gasser_ogden::HolzapfelGasserOgden;
 pub use lame::Lame;
 pub use law::{Describe, Law, Value};
 pub use linear_elastic::LinearElastic;
 pub use mooney_rivlin::{MooneyRivlin, ReducedMooneyRivlin};
 pub use neo_hookean::NeoHookean;
-pub use own::OwnLaw;
-pub use parameters::ParameterError;
+pub(crate) use own::OwnLaw;
+pub(crate) use parameters::ParameterError;
 pub use st_venant_kirchhoff::{ModifiedStVenantKirchhoff, StVenantKirchhoff};
-pub use tangent::{Tangent, TangentNode};
+pub use tangent::Tangent;
 
 use nalgebra::Matrix3;
 
-use crate::num::jet::SymmetricThird;
 use list::laws;
 pub(crate) use parameters::{Key, SmallStrain};
 
@@ -128,21 +127,9 @@ impl Material {
     }
 
     /// [`Material::stress`] with the tangent dP/dF at fixed pressure.
-    pub fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent) {
+    #[cfg(test)]
+    fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent) {
         let (energy, stress, tangent) = with_law!(self, law => law.response(k, q_pa));
         (energy, stress.into(), tangent)
-    }
-
-    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of
-    /// [`crate::num::jet::THIRD_INDICES`], J/m^3.
-    pub fn third_along(
-        &self,
-        k: &Kinematics,
-        q_pa: f64,
-        gradients: &[Matrix3<f64>; 3],
-        dq_pa: &[f64; 3],
-    ) -> SymmetricThird {
-        let gradients = gradients.map(|g| Mat3::from(&g));
-        with_law!(self, law => law.third_along(k, q_pa, &gradients, dq_pa))
     }
 }

@@ -42,7 +42,7 @@ pub struct Tangent<R = f64> {
 
 /// The data of one shape function for the blocks of a [`Tangent`].
 #[derive(Debug, Clone, Copy)]
-pub struct TangentNode<R = f64> {
+pub(crate) struct TangentNode<R = f64> {
     gradient: Vec3<R>,
     mapped: Vec3<R>,
     along: R,
@@ -93,7 +93,7 @@ impl<R: Real> Tangent<R> {
 
     /// Prepares the gradient of one shape function.
     #[inline(always)]
-    pub fn node(&self, gradient: Vec3<R>) -> TangentNode<R> {
+    pub(crate) fn node(&self, gradient: Vec3<R>) -> TangentNode<R> {
         let zero = Vec3::constant(self.forward, [0.0; 3]);
         let mut node = TangentNode {
             gradient,
@@ -140,7 +140,7 @@ impl<R: Real> Tangent<R> {
 
     /// The block g_a . A . g_b, row-major.
     #[inline(always)]
-    pub fn block(&self, a: &TangentNode<R>, b: &TangentNode<R>) -> [R; 9] {
+    pub(crate) fn block(&self, a: &TangentNode<R>, b: &TangentNode<R>) -> [R; 9] {
         let (x, y) = (a.mapped.0, b.mapped.0);
         let gradients = a.gradient.dot(b.gradient);
         let m = (self.map * a.gradient.cross(b.gradient) * self.determinant).0;

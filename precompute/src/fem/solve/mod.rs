@@ -14,7 +14,7 @@ mod settle;
 
 use std::sync::Arc;
 
-pub use incremental_loading::{Effort, LoadingOptions};
+pub(crate) use incremental_loading::LoadingOptions;
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;
 pub use settle::settle;

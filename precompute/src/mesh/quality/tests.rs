@@ -166,7 +166,9 @@ fn doubts_about_pressures_follow_surface_shape_and_fixed_nodes() {
     let mesh = cube(2, 0.1);
     let none = doubtful_for_pressure(&mesh, &[]);
     let without = MeshReport::of(&mesh).tets_without_interior_vertex;
-    let counted = |d: PressureDoubts| (d.without_interior_vertex, d.all_fixed, d.undetermined_pressures);
+    let counted = |d: super::pressure::PressureDoubts| {
+        (d.without_interior_vertex, d.all_fixed, d.undetermined_pressures)
+    };
     assert_eq!((none.tets, counted(none), none.slivers_below_5_deg), (48, (without, 0, 0), 0));
     // The eight corners of the low cell: its six tets are rigid, and the low corner belongs to no other tet.
     let cell = [0, 1, 3, 4, 9, 10, 12, 13];
@@ -185,6 +187,6 @@ fn doubts_about_pressures_follow_surface_shape_and_fixed_nodes() {
     let without = fine.tets.iter().filter(|tet| !tet.iter().any(inside)).count();
     assert!(without > 0);
     assert_eq!(doubtful_for_pressure(&fine, &[]).without_interior_vertex, without);
-    let sound = PressureDoubts { without_interior_vertex: 0, ..none };
+    let sound = super::pressure::PressureDoubts { without_interior_vertex: 0, ..none };
     assert_eq!(sound.warning(), None);
 }

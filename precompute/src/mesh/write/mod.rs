@@ -3,7 +3,7 @@
 //!
 //! Each file is written under a temporary name and renamed, so that a reader never sees a partial file.
 
-pub mod series;
+pub(crate) mod series;
 pub mod vtu;
 
 pub use series::Series;

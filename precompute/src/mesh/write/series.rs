@@ -34,7 +34,7 @@ impl Series {
     }
 
     /// Folder of the steps.
-    pub fn folder(&self) -> PathBuf {
+    pub(crate) fn folder(&self) -> PathBuf {
         self.path.with_extension("")
     }
 

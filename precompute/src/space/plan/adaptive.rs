@@ -15,7 +15,7 @@ const REST: GridIndex = [0; 3];
 
 /// The plan of one adaptive space: the counterpart of [`super::Plan`].
 #[derive(Debug)]
-pub struct ScatteredPlan {
+pub(crate) struct ScatteredPlan {
     wanted: Wanted,
     /// `None` before rest is solved.
     search: Option<Search>,
@@ -36,7 +36,7 @@ pub struct ScatteredPlan {
 
 impl ScatteredPlan {
     /// Plan with nothing solved.
-    pub fn new(wanted: Wanted) -> Self {
+    pub(crate) fn new(wanted: Wanted) -> Self {
         Self {
             wanted,
             search: None,
@@ -53,39 +53,39 @@ impl ScatteredPlan {
     }
 
     /// The current fit; `None` before rest is solved.
-    pub fn fit(&self) -> Option<AdaptiveFit> {
+    pub(crate) fn fit(&self) -> Option<AdaptiveFit> {
         self.search.as_ref().map(|search| search.fitted(self.verdict))
     }
 
     /// Length of the validation streak: successive predictions within tolerance.
-    pub fn passes(&self) -> usize {
+    pub(crate) fn passes(&self) -> usize {
         self.search.as_ref().map_or(0, Search::passes)
     }
 
     /// Points by tag of the search and of the fallback lattice, without the rest point.
-    pub fn counts(&self) -> TagCounts {
+    pub(crate) fn counts(&self) -> TagCounts {
         let mut counts = self.counts;
         counts += self.switched.as_ref().map(Switched::counts).unwrap_or_default();
         counts
     }
 
     /// Number of batches so far, or level of the lattice.
-    pub fn round(&self) -> u32 {
+    pub(crate) fn round(&self) -> u32 {
         self.round.max(self.switched.as_ref().map_or(0, Switched::round))
     }
 
     /// Whether failed points or those at branch jumps are being solved again.
-    pub fn is_solving_again(&self) -> bool {
+    pub(crate) fn is_solving_again(&self) -> bool {
         self.switched.as_ref().is_some_and(Switched::is_solving_again)
     }
 
     /// Whether the fallback lattice has replaced the search.
-    pub fn is_taken_over(&self) -> bool {
+    pub(crate) fn is_taken_over(&self) -> bool {
         self.switched.is_some()
     }
 
     /// Estimate of the solves that are still needed.
-    pub fn left(&self) -> SolvesLeft {
+    pub(crate) fn left(&self) -> SolvesLeft {
         match (&self.switched, &self.search) {
             (Some(lattice), _) => SolvesLeft::About(lattice.left()),
             _ if self.verdict.is_some() => SolvesLeft::About(0),
@@ -95,12 +95,12 @@ impl ScatteredPlan {
     }
 
     /// Whether nothing is left to do.
-    pub fn is_done(&self) -> bool {
+    pub(crate) fn is_done(&self) -> bool {
         self.verdict.is_some() && self.switched.as_ref().is_none_or(Switched::is_done)
     }
 
     /// The next task. `None` while results of the batch are outstanding, or when all is done.
-    pub fn next_task(&mut self) -> Option<Task> {
+    pub(crate) fn next_task(&mut self) -> Option<Task> {
         if self.ready.is_empty() && self.batch.is_empty() && self.verdict.is_none() {
             self.begin_batch();
         }
@@ -134,7 +134,7 @@ impl ScatteredPlan {
     }
 
     /// Records the outcome of a task.
-    pub fn decide(&mut self, record: &Record) {
+    pub(crate) fn decide(&mut self, record: &Record) {
         if let Some(lattice) = &mut self.switched {
             return lattice.decide(record);
         }

@@ -123,17 +123,17 @@ impl Plan {
     }
 
     /// Points by tag, without the rest point.
-    pub fn counts(&self) -> TagCounts {
+    pub(crate) fn counts(&self) -> TagCounts {
         self.counts
     }
 
     /// Highest level or round so far.
-    pub fn round(&self) -> u32 {
+    pub(crate) fn round(&self) -> u32 {
         self.round
     }
 
     /// Whether failed points or those at branch jumps are being solved again.
-    pub fn is_solving_again(&self) -> bool {
+    pub(crate) fn is_solving_again(&self) -> bool {
         matches!(self.phase, Phase::Retry | Phase::Fold)
     }
 
@@ -150,7 +150,7 @@ impl Plan {
     }
 
     /// Whether nothing is left to do.
-    pub fn is_done(&self) -> bool {
+    pub(crate) fn is_done(&self) -> bool {
         self.phase == Phase::Done
     }
 

@@ -4,7 +4,7 @@ mod adaptive;
 mod lattice;
 mod switched;
 
-pub use adaptive::ScatteredPlan;
+pub(crate) use adaptive::ScatteredPlan;
 pub use lattice::Plan;
 
 use super::record::Record;
@@ -45,7 +45,7 @@ impl std::ops::Add for SolvesLeft {
 
 /// The plan of one space.
 #[derive(Debug)]
-pub enum SpacePlan {
+pub(crate) enum SpacePlan {
     /// Of a lattice.
     Lattice(Box<Plan>),
     /// Of adaptive sampling.
@@ -56,7 +56,7 @@ pub enum SpacePlan {
 
 impl SpacePlan {
     /// The next certain task. `None` while outstanding results decide what is next, or when all is done.
-    pub fn next_task(&mut self) -> Option<Task> {
+    pub(crate) fn next_task(&mut self) -> Option<Task> {
         match self {
             Self::Lattice(plan) => plan.next_task(),
             Self::Scattered(plan) => plan.next_task(),
@@ -65,7 +65,7 @@ impl SpacePlan {
     }
 
     /// Records the outcome of a task.
-    pub fn decide(&mut self, record: &Record) {
+    pub(crate) fn decide(&mut self, record: &Record) {
         match self {
             Self::Lattice(plan) => plan.decide(record),
             Self::Scattered(plan) => plan.decide(record),
@@ -74,7 +74,7 @@ impl SpacePlan {
     }
 
     /// Points by tag, without the rest point.
-    pub fn counts(&self) -> TagCounts {
+    pub(crate) fn counts(&self) -> TagCounts {
         match self {
             Self::Lattice(plan) => plan.counts(),
             Self::Scattered(plan) => plan.counts(),
@@ -83,7 +83,7 @@ impl SpacePlan {
     }
 
     /// Highest level, round or batch so far.
-    pub fn round(&self) -> u32 {
+    pub(crate) fn round(&self) -> u32 {
         match self {
             Self::Lattice(plan) => plan.round(),
             Self::Scattered(plan) => plan.round(),
@@ -92,7 +92,7 @@ impl SpacePlan {
     }
 
     /// Whether failed points or those at branch jumps are being solved again.
-    pub fn is_solving_again(&self) -> bool {
+    pub(crate) fn is_solving_again(&self) -> bool {
         match self {
             Self::Lattice(plan) => plan.is_solving_again(),
             Self::Scattered(plan) => plan.is_solving_again(),
@@ -101,7 +101,7 @@ impl SpacePlan {
     }
 
     /// What is being solved.
-    pub fn phase(&self) -> Phase {
+    pub(crate) fn phase(&self) -> Phase {
         match self {
             Self::Lattice(_) => Phase::Lattice,
             Self::Scattered(plan) if plan.is_taken_over() => Phase::FallbackLattice,
@@ -112,7 +112,7 @@ impl SpacePlan {
     }
 
     /// Estimate of the solves that are still needed.
-    pub fn left(&self) -> SolvesLeft {
+    pub(crate) fn left(&self) -> SolvesLeft {
         match self {
             Self::Lattice(plan) => SolvesLeft::About(plan.left()),
             Self::Scattered(plan) => plan.left(),
@@ -121,7 +121,7 @@ impl SpacePlan {
     }
 
     /// Whether nothing is left to do.
-    pub fn is_done(&self) -> bool {
+    pub(crate) fn is_done(&self) -> bool {
         match self {
             Self::Lattice(plan) => plan.is_done(),
             Self::Scattered(plan) => plan.is_done(),
@@ -130,7 +130,7 @@ impl SpacePlan {
     }
 
     /// Length of the validation streak of adaptive sampling; `None` on a lattice.
-    pub fn passes(&self) -> Option<usize> {
+    pub(crate) fn passes(&self) -> Option<usize> {
         match self {
             Self::Lattice(_) => None,
             Self::Scattered(plan) => Some(plan.passes().min(PASSES)),

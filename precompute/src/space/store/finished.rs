@@ -57,7 +57,7 @@ impl StoredFit {
 
 impl Store {
     /// The state of a finished space; `None` if it is not finished.
-    pub fn finished(&self, active: usize) -> Result<Option<SpaceState>, StoreError> {
+    pub(crate) fn finished(&self, active: usize) -> Result<Option<SpaceState>, StoreError> {
         let sql = "SELECT expandable, terminating, failed, unknown, attempts, fit, checksum, \
                    (SELECT count(*) FROM configuration AS c WHERE c.active = f.active) FROM finished AS f \
                    WHERE active = ?1";
@@ -95,7 +95,7 @@ impl Store {
     }
 
     /// Stores the state of a finished space.
-    pub fn finish(&self, active: usize, state: &SpaceState) -> Result<(), StoreError> {
+    pub(crate) fn finish(&self, active: usize, state: &SpaceState) -> Result<(), StoreError> {
         self.write(|connection| insert(connection, active, state))
     }
 }

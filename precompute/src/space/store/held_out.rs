@@ -27,7 +27,7 @@ impl Store {
     }
 
     /// The rule of the stored draw; `None` if nothing is drawn yet.
-    pub fn draw_identity(&self) -> Result<Option<String>, StoreError> {
+    pub(crate) fn draw_identity(&self) -> Result<Option<String>, StoreError> {
         let sql = "SELECT value FROM meta WHERE key = 'held_out'";
         self.wrap(self.connection.query_row(sql, [], |row| row.get(0)).optional())
     }

@@ -271,7 +271,7 @@ impl Store {
 
     /// Adds an outcome, and with the last outcome of a space the state of the space. Outcomes in quick
     /// succession share a commit; slow ones are committed at once. A number that is not finite is refused.
-    pub fn add(&self, outcome: &Outcome, finished: Option<&SpaceState>) -> Result<(), StoreError> {
+    pub(crate) fn add(&self, outcome: &Outcome, finished: Option<&SpaceState>) -> Result<(), StoreError> {
         let solution = outcome.record.jet([0.0; 3]);
         let numbers =
             solution.iter().chain(&outcome.intermediate).map(EnergyJet::numbers).collect::<Vec<_>>();
@@ -381,7 +381,7 @@ impl Store {
     }
 
     /// Displacement of every node, and its derivatives along x, y and z of the active node's displacement.
-    pub fn displacements_and_slopes(
+    pub(crate) fn displacements_and_slopes(
         &self,
         active: usize,
         index: GridIndex,
