@@ -143,13 +143,17 @@ fn a_buffer_at_an_odd_address() {
 #[test]
 fn other_versions_are_refused() {
     let newer = BlobError::NewerVersion { found: format::VERSION + 1, supported: format::VERSION };
-    assert_eq!(spoiled(|draft| draft.version = format::VERSION + 1), newer);
-    assert_eq!(spoiled(|draft| draft.version = 0), BlobError::UnknownVersion { found: 0 });
-    // A newer layout may have its length and its checksum elsewhere: the version is named nevertheless.
     let mut blob = small().blob();
-    blob[8..12].copy_from_slice(&(format::VERSION + 1).to_le_bytes());
-    assert_eq!(refusal(&blob), newer);
-    assert_eq!(refusal(&AlignedBytes::from(&blob[..1000])), newer);
+    for (found, refused) in [
+        (format::VERSION + 1, newer),
+        (format::VERSION - 1, BlobError::UnknownVersion { found: format::VERSION - 1 }),
+        (0, BlobError::UnknownVersion { found: 0 }),
+    ] {
+        blob[8..12].copy_from_slice(&found.to_le_bytes());
+        // Another layout may have its length and its checksum elsewhere: its version is named nevertheless.
+        assert_eq!(refusal(&blob), refused);
+        assert_eq!(refusal(&AlignedBytes::from(&blob[..1000])), refused);
+    }
 }
 
 #[test]
@@ -222,11 +226,13 @@ fn messages_name_the_fix() {
     let blob = small().blob();
     let mut damaged = blob.clone();
     damaged[200] ^= 1;
+    let mut newer = blob.clone();
+    newer[8] += 1;
     let message = refusal(&damaged).to_string();
     assert!(message.starts_with("checksum mismatch: the file is damaged (stored "), "{message}");
     assert!(message.ends_with("make it again with `palpate pack`"), "{message}");
     for error in [
-        spoiled(|draft| draft.version = 9),
+        refusal(&newer),
         spoiled(|draft| draft.spaces[0].spacing_m = 0.0),
         spoiled(|draft| draft.spaces[0].flags.offset += 8),
         refusal(&AlignedBytes::from(&blob[..100])),
@@ -239,12 +245,12 @@ fn messages_name_the_fix() {
 
 /// The documented layout, byte by byte, as a reader in another language uses it.
 #[test]
-fn layout_version_3_byte_by_byte() {
+fn the_layout_byte_by_byte() {
     let blob = Recipe { rbf: false, hermite: false, displacement: false, ..small() }.blob();
     let bytes = blob;
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
     assert_eq!(&bytes[..8], b"PALPATE\0");
-    assert_eq!(u32_at(8), 3);
+    assert_eq!(u32_at(8), 5);
     let header_len = u32_at(12) as usize;
     assert_eq!(u64::from_le_bytes(bytes[16..24].try_into().expect("eight bytes")), bytes.len() as u64);
     // A string is its length and its bytes; a float has four bytes.

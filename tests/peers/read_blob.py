@@ -18,7 +18,7 @@ import zlib
 import numpy as np
 
 MAGIC = b"PALPATE\0"
-VERSIONS = (3, 4)
+VERSION = 5
 ALIGNMENT = 64
 SOLVED, TERMINATING, INVERTED, CELL, SUPERCELL, INTERIOR, FOLD, SMOOTH = (1 << n for n in range(8))
 
@@ -83,8 +83,8 @@ class Blob:
             raise Refused(f"the file has {len(data)} bytes, its header states {total_len}")
         if struct.unpack("<I", data[-4:])[0] != zlib.crc32(data[:-4]):
             raise Refused("checksum mismatch: the file is damaged")
-        if version not in VERSIONS:
-            raise Refused(f"layout version {version} is not supported; supported: {VERSIONS}")
+        if version != VERSION:
+            raise Refused(f"layout version {version} is not supported; supported: {VERSION}")
         start = -(-(24 + header_len) // ALIGNMENT) * ALIGNMENT
         self.area = data[start:-4]
         self.bytes = len(data)
@@ -101,8 +101,6 @@ class Blob:
         certificate = header.optional(header.plane)
         self.certificate = certificate and json.loads(self.plane(certificate, "u1").tobytes())
         self.spaces = [Space(self, header) for _ in range(header.varint())]
-        for space in self.spaces if version > 3 else []:
-            space.kernel = header.optional(lambda: Kernel(self, header, space.radius_m))
         if header.at != len(header.data):
             raise Refused("the header has data after its last space")
 
@@ -136,7 +134,7 @@ class Space:
             # [slot][a][b][c]; every fourth number is padding.
             self.hermite = nodes.reshape(-1, 3, 3, 4)[row, :, :, :3].astype(float)
         self.displacement = header.optional(lambda: Displacement(blob, header))
-        self.kernel = None
+        self.kernel = header.optional(lambda: Kernel(blob, header, self.radius_m))
 
         # Slots: the integer points of the box -E..E, z fastest. R is the radius in cells, rounded up with a
         # tolerance.

@@ -143,7 +143,7 @@ fn the_reader_refuses_a_damaged_file() {
     }
 }
 
-/// A fit of scattered positions, which only version 4 of the format can store.
+/// A fit of scattered positions.
 #[test]
 #[ignore = "needs numpy: tests/peers/numpy runs it"]
 fn the_reader_gives_the_cores_forces_of_a_kernel() {

@@ -131,7 +131,7 @@ impl fmt::Display for BlobError {
             ),
             Self::NewerVersion { found, supported } => write!(
                 f,
-                "the blob has layout version {found}, this program reads up to {supported}: update the program, or {AGAIN}"
+                "the blob has layout version {found}, this program reads version {supported}: update the program, or {AGAIN}"
             ),
             Self::UnknownVersion { found } => {
                 write!(f, "the blob has the unknown layout version {found}; {AGAIN}")

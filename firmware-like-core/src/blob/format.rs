@@ -1,13 +1,12 @@
-//! Layout of a blob, versions 3 and 4. Little-endian throughout.
+//! Layout of a blob, version 5. Little-endian throughout.
 //!
 //! ```text
 //! offset          size         content
 //! 0               8            magic "PALPATE\0"
-//! 8               4            u32 version = 3, or 4 where a space has a kernel
+//! 8               4            u32 version = 5
 //! 12              4            u32 header_len
 //! 16              8            u64 total_len: the whole file, checksum included
-//! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard);
-//!                              in version 4 as many Option<KernelHeader> after them
+//! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard)
 //! ..              ..           zero padding to the next multiple of 64: here the plane area starts
 //! plane area      ..           planes, each at a multiple of 64 bytes, zero padding between them
 //! total_len - 4   4            u32 CRC-32 (ISO-HDLC) of all bytes before it
@@ -33,10 +32,8 @@ compile_error!(
 
 /// The first eight bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"PALPATE\0";
-/// The newest supported layout. It differs from [`VERSION_WITHOUT_KERNELS`] in the end of the header.
-pub const VERSION: u32 = 4;
-/// The layout of a blob without kernels, which older readers support.
-pub const VERSION_WITHOUT_KERNELS: u32 = 3;
+/// The layout that is written and read.
+pub const VERSION: u32 = 5;
 /// Length of magic, version, header length and total length.
 pub(crate) const PREFIX_LEN: usize = 24;
 /// Length of the checksum at the end.
@@ -65,14 +62,14 @@ pub(crate) const fn plane_area_start(header_len: usize) -> Option<usize> {
 /// Emits a blob in pieces: prefix, serialised header, padding, plane area and checksum.
 ///
 /// Returns `None` if the header is longer than its length field can state; then nothing is emitted.
-pub fn write(version: u32, header: &[u8], planes: &[u8], mut emit: impl FnMut(&[u8])) -> Option<()> {
+pub fn write(header: &[u8], planes: &[u8], mut emit: impl FnMut(&[u8])) -> Option<()> {
     let header_len = u32::try_from(header.len()).ok()?;
     let start = plane_area_start(header.len())?;
     let total_len = start.checked_add(planes.len())?.checked_add(CHECKSUM_LEN)? as u64;
     let padding = start.saturating_sub(PREFIX_LEN).saturating_sub(header.len());
     let padding = [0; ALIGNMENT].get(..padding)?;
     let mut digest = CHECKSUM.digest();
-    let (version, header_len) = (version.to_le_bytes(), header_len.to_le_bytes());
+    let (version, header_len) = (VERSION.to_le_bytes(), header_len.to_le_bytes());
     for piece in [&MAGIC[..], &version, &header_len, &total_len.to_le_bytes(), header, padding, planes] {
         digest.update(piece);
         emit(piece);
@@ -152,6 +149,8 @@ pub struct SpaceHeader {
     pub hermite: Option<HermiteHeader>,
     /// Surface displacements.
     pub displacement: Option<DisplacementHeader>,
+    /// Kernel through scattered configurations.
+    pub kernel: Option<KernelHeader>,
 }
 
 /// Planes of the energy and its derivatives at the grid points.

@@ -9,9 +9,9 @@ use heapless::{String, Vec};
 
 use super::error::BlobError;
 use super::format::{
-    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, KernelHeader, LAW_NAME_LEN,
+    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, LAW_NAME_LEN,
     MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION,
-    VERSION_WITHOUT_KERNELS, plane_area_start,
+    plane_area_start,
 };
 use super::profile::{Limits, PC_SPACES};
 use crate::displacement::DisplacementPlanes;
@@ -103,7 +103,7 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
     ///
     /// Errors: as [`Organ::read_within`]. The organ must not be used after an error.
     pub fn load(&mut self, bytes: &'a [u8], limits: &Limits) -> Result<(), BlobError> {
-        let (version, header, planes) = open(bytes)?;
+        let (header, planes) = open(bytes)?;
         let (preamble, mut rest) = decode::<Preamble>(header)?;
         let need = preamble.space_count as usize;
         // A command refers to its space by a u16.
@@ -117,25 +117,15 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         }
         let surface =
             read_surface(&planes, &preamble.surface, limits).map_err(|refusal| refusal.of_space(None))?;
-        let with_kernels = version > VERSION_WITHOUT_KERNELS;
-        // The headers of the kernels follow those of all spaces.
-        let mut kernels = rest;
-        for _ in 0..need {
-            kernels = decode::<SpaceHeader>(kernels)?.1;
-        }
         self.spaces.clear();
         for index in 0..need {
             let (header, after) = decode::<SpaceHeader>(rest)?;
             rest = after;
-            let mut kernel = None;
-            if with_kernels {
-                (kernel, kernels) = decode::<Option<KernelHeader>>(kernels)?;
-            }
-            let space = read_space(&planes, (header, kernel), surface.node.len(), limits)
+            let space = read_space(&planes, header, surface.node.len(), limits)
                 .map_err(|refusal| refusal.of_space(Some(index as u16)))?;
             self.spaces.push(space).map_err(|_| capacity)?;
         }
-        if !kernels.is_empty() {
+        if !rest.is_empty() {
             return Err(BlobError::Header);
         }
         let certificate = preamble.certificate.map(|plane| planes.get("certificate", plane)).transpose();
@@ -147,8 +137,8 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
     }
 }
 
-/// Checks the envelope; returns the version, the header and the plane area.
-fn open(bytes: &[u8]) -> Result<(u32, &[u8], Planes<'_>), BlobError> {
+/// Checks the envelope; returns the header and the plane area.
+fn open(bytes: &[u8]) -> Result<(&[u8], Planes<'_>), BlobError> {
     const NEED: usize = PREFIX_LEN + CHECKSUM_LEN;
     let too_short = BlobError::TooShort { have: bytes.len(), need: NEED };
     if bytes.len() < NEED {
@@ -164,7 +154,7 @@ fn open(bytes: &[u8]) -> Result<(u32, &[u8], Planes<'_>), BlobError> {
     // The version is checked before lengths and checksum, because another version may have those elsewhere.
     let version = u32::from_le_bytes(*version);
     match version {
-        VERSION_WITHOUT_KERNELS..=VERSION => {}
+        VERSION => {}
         found if found > VERSION => return Err(BlobError::NewerVersion { found, supported: VERSION }),
         found => return Err(BlobError::UnknownVersion { found }),
     }
@@ -186,7 +176,7 @@ fn open(bytes: &[u8]) -> Result<(u32, &[u8], Planes<'_>), BlobError> {
     let header_len = u32::from_le_bytes(*header_len) as usize;
     let header = body.get(PREFIX_LEN..PREFIX_LEN.saturating_add(header_len)).ok_or(BlobError::Header)?;
     let area = plane_area_start(header_len).and_then(|start| body.get(start..)).unwrap_or_default();
-    Ok((version, header, Planes { area }))
+    Ok((header, Planes { area }))
 }
 
 fn decode<'b, T: serde::Deserialize<'b>>(bytes: &'b [u8]) -> Result<(T, &'b [u8]), BlobError> {
@@ -298,7 +288,7 @@ fn read_surface<'a>(
 
 fn read_space<'a>(
     planes: &Planes<'a>,
-    (header, kernel): (SpaceHeader, Option<KernelHeader>),
+    header: SpaceHeader,
     vertices: usize,
     limits: &Limits,
 ) -> Result<Space<'a>, Refusal> {
@@ -315,7 +305,7 @@ fn read_space<'a>(
         let [centres, ..] = rbf.centres;
         check_capacity("RBF centres", centres.len as usize, limits.centres)?;
     }
-    if let Some(kernel) = &kernel {
+    if let Some(kernel) = &header.kernel {
         let centres = (kernel.blocks.len as usize).saturating_mul(LANES);
         check_capacity("kernel centres", centres, limits.centres.min(MAX_CENTRES))?;
     }
@@ -327,7 +317,7 @@ fn read_space<'a>(
         let row = planes.get("hermite row", header.row)?;
         Ok::<_, PlaneError>(HermitePlanes { row, nodes: planes.get("hermite nodes", header.nodes)? })
     });
-    let kernel = kernel.map(|header| {
+    let kernel = header.kernel.map(|header| {
         let (scalars, blocks) =
             (planes.get("kernel scalars", header.scalars)?, planes.get("kernel blocks", header.blocks)?);
         Ok::<_, PlaneError>(KernelPlanes {

@@ -2,7 +2,7 @@
 
 use super::{Draft, Random, Recipe};
 use palpate_core::AlignedBytes;
-use palpate_core::blob::format::{self, KernelHeader};
+use palpate_core::blob::format::KernelHeader;
 use palpate_core::method::kernel::{Block, LANES, NUMBERS, REACH_POINTS, SCALARS};
 
 pub const RADIUS_M: f32 = 0.03;
@@ -50,8 +50,7 @@ pub fn add(draft: &mut Draft) {
         blocks: draft.area.push(&blocks()),
         reach: draft.area.push(&reach()),
     };
-    draft.version = format::VERSION;
-    draft.kernels = vec![Some(header)];
+    draft.spaces[0].kernel = Some(header);
 }
 
 pub fn blob() -> AlignedBytes {

@@ -270,8 +270,7 @@ impl Recipe {
             certificate: None,
             space_count: spaces.len() as u32,
         };
-        let version = format::VERSION_WITHOUT_KERNELS;
-        let mut draft = Draft { version, preamble, spaces, kernels: Vec::new(), area };
+        let mut draft = Draft { preamble, spaces, area };
         spoil(&mut draft);
         draft.write()
     }
@@ -309,6 +308,7 @@ impl Recipe {
             rbf_cubic,
             hermite,
             displacement,
+            kernel: None,
         }
     }
 }

@@ -1,15 +1,12 @@
 //! A small writer of blobs. The real one is in `palpate-precompute`.
 
 use palpate_core::AlignedBytes;
-use palpate_core::blob::format::{self, KernelHeader, PlaneRef, Preamble, SpaceHeader};
+use palpate_core::blob::format::{self, PlaneRef, Preamble, SpaceHeader};
 
 /// A blob before it is written.
 pub struct Draft {
-    pub version: u32,
     pub preamble: Preamble,
     pub spaces: Vec<SpaceHeader>,
-    /// The end of the header from version 4 on.
-    pub kernels: Vec<Option<KernelHeader>>,
     pub area: Area,
 }
 
@@ -19,11 +16,8 @@ impl Draft {
         for space in &self.spaces {
             header.extend(postcard::to_allocvec(space).expect("serialised"));
         }
-        for kernel in &self.kernels {
-            header.extend(postcard::to_allocvec(kernel).expect("serialised"));
-        }
         let mut bytes = Vec::new();
-        format::write(self.version, &header, &self.area.bytes, |piece| bytes.extend_from_slice(piece))
+        format::write(&header, &self.area.bytes, |piece| bytes.extend_from_slice(piece))
             .expect("a short header");
         AlignedBytes::from(&bytes)
     }

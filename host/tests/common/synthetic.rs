@@ -159,6 +159,7 @@ fn space(
             outlier_scale: planes.put::<f32>(&[]),
             outliers: planes.put::<i16>(&[]),
         }),
+        kernel: None,
     }
 }
 
@@ -184,8 +185,7 @@ fn pack(preamble: &Preamble, spaces: &[SpaceHeader], planes: &[u8]) -> AlignedBy
         header.extend_from_slice(postcard::to_slice(space, &mut scratch).expect("fits"));
     }
     let mut bytes = Vec::new();
-    format::write(format::VERSION_WITHOUT_KERNELS, &header, planes, |piece| bytes.extend_from_slice(piece))
-        .expect("a short header");
+    format::write(&header, planes, |piece| bytes.extend_from_slice(piece)).expect("a short header");
     AlignedBytes::from(&bytes)
 }
 

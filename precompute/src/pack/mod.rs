@@ -9,7 +9,7 @@ use bytemuck::Pod;
 use palpate_core::blob::PC_SPACES;
 use palpate_core::blob::format::{
     self, ALIGNMENT, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader,
-    SpaceHeader, SurfaceHeader, VERSION, VERSION_WITHOUT_KERNELS,
+    SpaceHeader, SurfaceHeader,
 };
 use palpate_core::method::baseline::rbf::LANES;
 use palpate_core::{AlignedBytes, Method, Organ};
@@ -52,7 +52,6 @@ fn short_text<const N: usize>(text: &str, what: &'static str) -> Result<heapless
 pub struct Packed {
     preamble: Preamble,
     spaces: Vec<SpaceHeader>,
-    kernels: Vec<Option<KernelHeader>>,
     planes: PlaneArea,
     /// Active nodes without a kernel although [`Method::Kernel`] was requested: their space is a lattice, or
     /// the fit has more centres than the core supports.
@@ -64,7 +63,7 @@ pub struct Packed {
 impl Packed {
     /// The file's bytes.
     pub fn bytes(&self) -> Result<Vec<u8>, PackError> {
-        assemble(&self.preamble, (&self.spaces, &self.kernels), &self.planes)
+        assemble(&self.preamble, &self.spaces, &self.planes)
     }
 
     /// Refuses a blob that was requested for the kernel method and in which a node has no kernel.
@@ -147,8 +146,7 @@ pub fn pack_with(
     let mut packer = Packer { store, mesh, surface: &surface, options, planes: PlaneArea::default() };
     let surface_header = packer.surface(&fixed)?;
     let spaces = chosen.iter().zip(fitted).map(|(chosen, fitted)| packer.space(chosen, &fitted));
-    let (spaces, kernels): (Vec<SpaceHeader>, Vec<Option<KernelHeader>>) =
-        spaces.collect::<Result<Vec<_>, PackError>>()?.into_iter().unzip();
+    let spaces = spaces.collect::<Result<Vec<SpaceHeader>, PackError>>()?;
     if spaces.len() > PC_SPACES {
         return Err(PackError::TooLarge("the number of active nodes"));
     }
@@ -166,9 +164,9 @@ pub fn pack_with(
         space_count: spaces.len() as u32,
     };
     let wanted = options.methods.contains(&Method::Kernel);
-    let without = chosen.iter().zip(&kernels).filter(|(_, kernel)| wanted && kernel.is_none());
+    let without = chosen.iter().zip(&spaces).filter(|(_, space)| wanted && space.kernel.is_none());
     let without_kernel = without.map(|(chosen, _)| chosen.name.clone()).collect();
-    let packed = Packed { preamble, spaces, kernels, planes: packer.planes, without_kernel, left_out };
+    let packed = Packed { preamble, spaces, planes: packer.planes, without_kernel, left_out };
     packed.expect_readable()?;
     Ok(packed)
 }
@@ -204,11 +202,7 @@ impl Packer<'_> {
         })
     }
 
-    fn space(
-        &mut self,
-        chosen: &Chosen,
-        fitted: &Fitted,
-    ) -> Result<(SpaceHeader, Option<KernelHeader>), PackError> {
+    fn space(&mut self, chosen: &Chosen, fitted: &Fitted) -> Result<SpaceHeader, PackError> {
         let Chosen { active, name, node, .. } = chosen;
         let (active, node) = (*active, *node);
         let Fitted { known, hermite, kernel, displacement } = fitted;
@@ -253,7 +247,7 @@ impl Packer<'_> {
             None => None,
         };
         let normal = self.surface.normal(node).expect("an active node is on the surface");
-        let header = SpaceHeader {
+        Ok(SpaceHeader {
             name: short_text(name, "an active node's name")?,
             node,
             rest_position_m: self.mesh.nodes_m[node as usize].map(|x| x as f32),
@@ -266,8 +260,8 @@ impl Packer<'_> {
             rbf_cubic,
             hermite,
             displacement,
-        };
-        Ok((header, kernel))
+            kernel,
+        })
     }
 
     /// Centres of the radial basis functions: the grid points and, if requested, the intermediate states of
@@ -341,25 +335,15 @@ fn padded(plane: &[f64]) -> Vec<f64> {
     plane
 }
 
-fn assemble(
-    preamble: &Preamble,
-    (spaces, kernels): (&[SpaceHeader], &[Option<KernelHeader>]),
-    planes: &PlaneArea,
-) -> Result<Vec<u8>, PackError> {
+fn assemble(preamble: &Preamble, spaces: &[SpaceHeader], planes: &PlaneArea) -> Result<Vec<u8>, PackError> {
     let encode =
         |result: Result<Vec<u8>, postcard::Error>| result.map_err(|_| PackError::TooLarge("the header"));
     let mut header = encode(postcard::to_stdvec(preamble))?;
     for space in spaces {
         header.extend(encode(postcard::to_stdvec(space))?);
     }
-    // A blob without kernels has the format version without kernel headers.
-    let has_kernels = kernels.iter().any(Option::is_some);
-    for kernel in kernels.iter().filter(|_| has_kernels) {
-        header.extend(encode(postcard::to_stdvec(kernel))?);
-    }
-    let version = if has_kernels { VERSION } else { VERSION_WITHOUT_KERNELS };
     let mut blob = Vec::with_capacity(header.len() + planes.bytes.len() + 128);
-    format::write(version, &header, &planes.bytes, |piece| blob.extend_from_slice(piece))
+    format::write(&header, &planes.bytes, |piece| blob.extend_from_slice(piece))
         .ok_or(PackError::TooLarge("the header"))?;
     Ok(blob)
 }
