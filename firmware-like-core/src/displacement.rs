@@ -18,7 +18,7 @@
 //! The modes are sorted by size; only the first [`DisplacementPlanes::slopes`] have slopes, a number that the
 //! packer selects. The table is for pictures at 30 Hz; the tick does not evaluate it.
 
-use crate::grid::flags::{self, FOLD, SMOOTH};
+use crate::grid::flags::{self, BRANCH_JUMP, SMOOTH};
 use crate::grid::{BallLattice, corner_slots, corner_weights};
 use crate::num::vec3::{self, Vec3};
 use crate::plane::{LARGEST_VALUE, PlaneError, PlaneProblem, check_indices, check_len, check_values};
@@ -134,7 +134,7 @@ impl<'a> DisplacementTable<'a> {
         let at = lattice.locate(displacement_m);
         let strides = lattice.strides();
         let corners = corner_slots(strides, at.slot).into_iter().zip(corner_weights(at.t));
-        let folded = flags.get(at.slot).is_none_or(|bits| bits & FOLD != 0);
+        let folded = flags.get(at.slot).is_none_or(|bits| bits & BRANCH_JUMP != 0);
         let hermite =
             if self.used == 0 || folded { 0.0 } else { flags::share(flags, SMOOTH, strides, at.slot, at.t) };
         let mut parts = corners.zip(hermite_weights(at.t)).map(|((slot, share), weights)| {
@@ -143,12 +143,12 @@ impl<'a> DisplacementTable<'a> {
             self.part(slot, [value, hermite * x, hermite * y, hermite * z], share)
         });
         let parts: [Option<Part<'_>>; 8] = core::array::from_fn(|_| parts.next().flatten());
-        self.add_up(&parts, out);
+        self.sum_parts(&parts, out);
     }
 
     /// Displacement of the configuration at a slot as it was packed, metres; zero for a slot outside the box.
     pub fn configuration_into(&self, slot: usize, out: &mut [Vec3]) {
-        self.add_up(&[self.part(slot, [1.0, 0.0, 0.0, 0.0], 1.0)], out);
+        self.sum_parts(&[self.part(slot, [1.0, 0.0, 0.0, 0.0], 1.0)], out);
     }
 
     fn part(&self, slot: usize, weights: [f32; 4], share: f32) -> Option<Part<'a>> {
@@ -179,7 +179,7 @@ impl<'a> DisplacementTable<'a> {
         sum
     }
 
-    fn add_up(&self, parts: &[Option<Part<'_>>], out: &mut [Vec3]) {
+    fn sum_parts(&self, parts: &[Option<Part<'_>>], out: &mut [Vec3]) {
         out.fill(vec3::ZERO);
         let out = out.as_flattened_mut();
         let stride = self.vertices.saturating_mul(3);

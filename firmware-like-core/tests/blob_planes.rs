@@ -4,7 +4,7 @@ mod common;
 
 use common::{Draft, Recipe};
 use palpate_core::blob::format::{DisplacementHeader, PlaneRef};
-use palpate_core::flags::{CELL, FOLD, SMOOTH};
+use palpate_core::flags::{BRANCH_JUMP, CELL, SMOOTH};
 use palpate_core::plane::{PlaneError, PlaneProblem};
 use palpate_core::{BlobError, Organ};
 
@@ -183,7 +183,7 @@ fn flags_and_the_rest_point() {
     assert_eq!(error, plane("flags", PlaneProblem::RestPoint));
     let error = spoiled(|draft| {
         let flags = draft.spaces[0].flags;
-        draft.area.plane(flags, 1)[0] |= FOLD;
+        draft.area.plane(flags, 1)[0] |= BRANCH_JUMP;
     });
     assert_eq!(error, plane("flags", PlaneProblem::Flags { slot: 0 }), "its corners are not smooth");
     let error = spoiled(|draft| {

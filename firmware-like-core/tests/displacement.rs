@@ -3,7 +3,7 @@
 mod common;
 
 use common::{ODD, Random, Recipe, SHARES, bent, distance};
-use palpate_core::flags::{CELL, FOLD, SMOOTH};
+use palpate_core::flags::{BRANCH_JUMP, CELL, SMOOTH};
 use palpate_core::{AlignedBytes, Organ, Space, Vec3, vec3};
 
 fn read(blob: &AlignedBytes) -> Organ<'_, 1> {
@@ -178,7 +178,7 @@ fn slopes_are_not_used_in_a_cell_with_a_fold() {
         let mut same = [[0.0; 3]; 4];
         without.displacement_into(hermite.lattice(), hermite.flags(), d, &mut same);
         assert!(apart(&moved(linear, d), &same) < 1e-7);
-        if flags & FOLD != 0 {
+        if flags & BRANCH_JUMP != 0 {
             folded += 1;
             assert!(difference < 1e-7, "{d:?} {difference}");
         } else if flags & (CELL | SMOOTH) == CELL | SMOOTH && difference > 1e-5 {

@@ -13,8 +13,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let scene = PathBuf::from(std::env::args_os().nth(1).ok_or("usage: blob SCENE.toml")?);
     let space = std::env::temp_dir().join(format!("palpate-example-{}.space", std::process::id()));
     let analysis = Analysis::load(&scene)?;
-    analysis.solve_all(&space, Run::to_the_end())?;
-    let blob = AlignedBytes::from(&certified_blob(&space, &[Method::Energy], Some(20), Run::to_the_end())?);
+    analysis.solve_all(&space, Run::run_to_end())?;
+    let blob = AlignedBytes::from(&certified_blob(&space, &[Method::Energy], Some(20), Run::run_to_end())?);
     std::fs::remove_file(&space)?;
 
     let organ: Organ = Organ::read(&blob)?;

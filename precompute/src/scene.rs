@@ -25,7 +25,7 @@ use crate::fem::element::Order;
 use crate::fem::material::Material;
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
-use crate::fem::solve::{SolveFailure, settle};
+use crate::fem::solve::{SolveFailure, solve_body_force};
 use crate::mesh::{Refined, TetMesh};
 use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered};
 use file::SceneFile;
@@ -208,7 +208,7 @@ impl ResolvedScene {
             body.check_pressures(Some(&active.handle()))
                 .map_err(|fault| BodyError::Pressure { active: active.name.clone(), fault })?;
         }
-        settle(body).map_err(BodyError::NoRest)
+        solve_body_force(body).map_err(BodyError::NoRest)
     }
 
     /// The same scene on a mesh with eight times as many tets ([`Refined`]). Active nodes are the same;

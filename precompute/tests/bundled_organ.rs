@@ -9,7 +9,7 @@ use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::pipeline::{Analysis, Run};
 use palpate_precompute::scene::Scene;
 use palpate_precompute::space::{Store, state};
-use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid, Tolerance, Wanted};
+use palpate_precompute::spec::{Lattice, Requirements, Sampling, SpaceGrid, Tolerance};
 
 fn asset(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name)
@@ -76,7 +76,7 @@ fn a_sagged_body_is_pushed_against_its_normal_at_rest() {
     let analysis = Analysis::of_scene(&path, scene).expect("it rests");
     let folder = tempfile::tempdir().expect("a temporary folder");
     let space = folder.path().join("sagged.space");
-    analysis.solve_all(&space, Run::to_the_end()).expect("solved");
+    analysis.solve_all(&space, Run::run_to_end()).expect("solved");
     let store = Store::open(&space).expect("just made");
     let fit = state(&store, 0).expect("readable").fit.expect("adaptive");
     let push = fit.wanted.push.expect("the tool pushes");
@@ -113,8 +113,8 @@ fn more_active_nodes_than_a_blob_holds_are_refused() {
 /// platform's C library.
 #[test]
 fn a_search_looks_at_the_same_positions_on_every_platform() {
-    let wanted = Wanted {
-        tolerance: Tolerance::CANNOT_BE_FELT,
+    let wanted = Requirements {
+        tolerance: Tolerance::IMPERCEPTIBLE,
         radius_m: 0.03,
         max_force_n: 1.0,
         push: None,

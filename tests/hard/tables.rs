@@ -6,7 +6,8 @@ use palpate_core::method::baseline::rbf::{LANES, RbfPlanes};
 use palpate_core::method::hermite::{HermitePlanes, Node};
 use palpate_core::{ActiveNode, Coverage, Method, Space, SpacePlanes};
 use palpate_precompute::fit::{
-    Centre, Fold, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
+    BranchJump, Centre, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_branch_jumps, hermite_nodes,
+    lattice_values,
 };
 use palpate_precompute::num::jet::{EnergyJet, THIRD_INDICES};
 use palpate_precompute::num::sequence::{split_mix, unit_interval};
@@ -67,9 +68,9 @@ struct Tables {
 }
 
 impl Tables {
-    fn of(grid: SpaceGrid, samples: &[Sample], jumps: &[Fold]) -> Self {
+    fn of(grid: SpaceGrid, samples: &[Sample], jumps: &[BranchJump]) -> Self {
         let mut values = lattice_values(&grid, samples);
-        flag_folds(&grid, jumps, &mut values);
+        flag_branch_jumps(&grid, jumps, &mut values);
         let table = hermite_nodes(&grid, samples, jumps);
         let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
         let mut cubic = fit_rbf(Kernel::Cubic, &centres, 2).ok();
@@ -391,14 +392,16 @@ fn a_branch_jump_affects_only_its_cells() {
         |a: GridIndex, b: GridIndex| beyond(grid.displacement_m(a)[0]) != beyond(grid.displacement_m(b)[0]);
     let mut jumps = Vec::new();
     for &from in &all {
-        jumps.extend(all.iter().filter(|&&to| neighbours(from, to) && crosses(from, to)).map(|&to| Fold {
-            from,
-            to,
-            rho_n: 1.0,
-            rho_h_n: 1.0,
-        }));
+        jumps.extend(
+            all.iter().filter(|&&to| neighbours(from, to) && crosses(from, to)).map(|&to| BranchJump {
+                from,
+                to,
+                rho_n: 1.0,
+                rho_h_n: 1.0,
+            }),
+        );
     }
-    let worst = |jumps: &[Fold], near: bool| -> f64 {
+    let worst = |jumps: &[BranchJump], near: bool| -> f64 {
         let tables = Tables::of(grid, &samples, jumps);
         let space = tables.space();
         let mut worst = 0.0f64;

@@ -20,7 +20,7 @@ import numpy as np
 MAGIC = b"PALPATE\0"
 VERSION = 5
 ALIGNMENT = 64
-SOLVED, TERMINATING, INVERTED, CELL, SUPERCELL, INTERIOR, FOLD, SMOOTH = (1 << n for n in range(8))
+SOLVED, TERMINATING, INVERTED, CELL, SUPERCELL, INTERIOR, BRANCH_JUMP, SMOOTH = (1 << n for n in range(8))
 
 
 class Refused(Exception):
@@ -175,9 +175,9 @@ class Space:
         return low, cells - low, outward, beyond
 
     def smooth_share(self, low, t):
-        """1 away from branch jumps, 0 in a cell with one (flag FOLD), and a smooth step between."""
+        """1 away from branch jumps, 0 in a cell with one (flag BRANCH_JUMP), and a smooth step between."""
         slots = self.corners(low)
-        if self.flags[slots[0, 0, 0]] & FOLD:
+        if self.flags[slots[0, 0, 0]] & BRANCH_JUMP:
             return 0.0
         w = np.einsum("i,j,k,ijk", *linear(t), (self.flags[slots] & SMOOTH) != 0)
         return w * w * (3.0 - 2.0 * w)
@@ -364,7 +364,7 @@ def show(blob):
     for space in blob.spaces:
         solved = np.count_nonzero(space.flags & SOLVED)
         print(f"space {space.name} (node {space.node}): r_G {space.radius_m:g} m, spacing {space.spacing_m:g} m, ", end="")
-        print(f"{solved} solved, {np.count_nonzero(space.flags & FOLD)} cells with a branch jump; {', '.join(space.methods())}")
+        print(f"{solved} solved, {np.count_nonzero(space.flags & BRANCH_JUMP)} cells with a branch jump; {', '.join(space.methods())}")
         if space.displacement:
             d = space.displacement
             print(f"  displacements: {len(d.modes)} modes, {d.slopes} with slopes, {len(d.outliers)} outliers")

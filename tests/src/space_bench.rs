@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use palpate_precompute::fem::solve::Problem;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::space::{
-    Expansion, ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, Workshop, state,
+    Expansion, ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, WorkerContext, state,
     with_threads,
 };
 use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
@@ -63,9 +63,13 @@ impl SpaceBench {
     }
 
     /// The context of the workers.
-    pub fn workshop(&self) -> Arc<Workshop> {
+    pub fn workshop(&self) -> Arc<WorkerContext> {
         let problem = self.problem.clone();
-        Arc::new(Workshop::new(move |_| problem.clone(), self.identity.sampling, self.identity.max_force_n))
+        Arc::new(WorkerContext::new(
+            move |_| problem.clone(),
+            self.identity.sampling,
+            self.identity.max_force_n,
+        ))
     }
 
     /// Expands the space until done or stopped.

@@ -80,7 +80,7 @@ fn the_certificate_separates_good_tables_from_bad_ones() {
     for m in &bad.spaces[0].methods {
         assert!((m.uniform.relative_mean - 0.1).abs() < 0.02, "{}: {:?}", m.method, m.uniform);
         assert!(
-            m.uniform.mean_n > Tolerance::CANNOT_BE_FELT.absolute_n && m.uniform.not_felt < 10,
+            m.uniform.mean_n > Tolerance::IMPERCEPTIBLE.absolute_n && m.uniform.not_felt < 10,
             "{}: {:?}",
             m.method,
             m.uniform

@@ -12,7 +12,7 @@ use palpate_precompute::held_out::{
     Draw, HeldOut, HeldOutError, HeldOutProgress, Summary, is_on_training_lattice,
 };
 use palpate_precompute::space::{
-    Crew, CrewError, Kind, Store, StoreError, Truth, Walk, WalkJob, Work, with_threads,
+    Executor, ExecutorError, Kind, Store, StoreError, Truth, Walk, WalkJob, Work, with_threads,
 };
 use palpate_tests::space_bench::SpaceBench;
 
@@ -139,7 +139,7 @@ fn cancelled_workers_abandon_their_paths() {
             crew.take(Duration::from_millis(300)).expect("no worker failed").is_none(),
             "still on the path"
         );
-        Ok::<_, CrewError>(Instant::now())
+        Ok::<_, ExecutorError>(Instant::now())
     });
     let let_go = let_go.expect("threads start");
     assert!(let_go.elapsed() < Duration::from_secs(2), "{:?}", let_go.elapsed());

@@ -8,7 +8,7 @@ use palpate_precompute::fem::boundary::{Constraints, Handle};
 use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::Material;
 use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::{Configuration, Problem, Solver, settle};
+use palpate_precompute::fem::solve::{Configuration, Problem, Solver, solve_body_force};
 use palpate_precompute::num::jet::THIRD_INDICES;
 use palpate_tests::{beam, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
 
@@ -25,7 +25,7 @@ fn case(name: &str, change: impl FnOnce(&mut Model)) -> Case {
     let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
     let mut model = Model::uniform(mooney_rivlin(), &fixed);
     change(&mut model);
-    let body = settle(Body::new(&mesh, &model).expect("every element has volume"))
+    let body = solve_body_force(Body::new(&mesh, &model).expect("every element has volume"))
         .expect("the rest state converges");
     let handle = Handle::node(nearest_node(&mesh, [0.06, 0.02, 0.04]));
     Case { name: name.into(), body: Arc::new(body), handle, constraints: Constraints::Elimination }

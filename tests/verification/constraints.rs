@@ -7,7 +7,7 @@ use palpate_precompute::fem::body::{Body, Model};
 use palpate_precompute::fem::boundary::{Constraints, Handle, Pose};
 use palpate_precompute::fem::element::{EDGES, Order};
 use palpate_precompute::fem::material::Material;
-use palpate_precompute::fem::solve::{Configuration, Problem, Solver, settle};
+use palpate_precompute::fem::solve::{Configuration, Problem, Solver, solve_body_force};
 use palpate_tests::{beam, mooney_rivlin, nearest_node, nodes_where};
 
 fn problem(model: &Model, handle: &Handle, constraints: Constraints) -> Arc<Problem> {
@@ -109,7 +109,7 @@ fn the_moment_of_a_patch_is_the_derivative_of_the_energy_by_its_rotation() {
 
 fn moment_of_a_patch(name: &str, model: &Model) {
     let body = Body::new(&beam(), model).expect("every element has volume");
-    let body = Arc::new(settle(body).expect("the rest state converges"));
+    let body = Arc::new(solve_body_force(body).expect("the rest state converges"));
     let mut solver = Solver::new(Arc::new(Problem::with(body, Some(tip()), Constraints::Elimination)));
     let pose = Pose { displacement_m: [0.003, 0.002, -0.006], rotation_rad: [0.08, -0.12, 0.2] };
     let here = reach(&mut solver, &pose);

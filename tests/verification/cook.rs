@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use palpate_precompute::fem::body::{Body, Model, Region};
 use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::{Lame, LinearElastic, Material, MooneyRivlin};
-use palpate_precompute::fem::solve::settle;
+use palpate_precompute::fem::solve::solve_body_force;
 use palpate_precompute::mesh::TetMesh;
 
 /// Vertical displacement of the top right corner (48, 60) with `n` x `n` cells, one cell thick, under a shear
@@ -50,7 +50,7 @@ fn tip(n: usize, order: Order, region: Region, force: f64) -> f64 {
     for (node, load) in loads.iter().enumerate() {
         body.external_force_n[3 * node + 1] = *load;
     }
-    let body = settle(body).expect("the panel converges");
+    let body = solve_body_force(body).expect("the panel converges");
     let corner = (0..count).find(|&node| {
         let x = mesh.nodes_m[node as usize];
         at_right(&x) && (x[1] - 60.0).abs() < 1e-9

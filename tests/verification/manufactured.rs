@@ -12,7 +12,7 @@ use palpate_precompute::fem::element::{EDGES, Order, QUADRATIC};
 use palpate_precompute::fem::kinematics::Kinematics;
 use palpate_precompute::fem::material::{Lame, LinearElastic, Material, NeoHookean, StVenantKirchhoff};
 use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::settle;
+use palpate_precompute::fem::solve::solve_body_force;
 use palpate_precompute::mesh::TetMesh;
 use palpate_tests::{box_mesh, mooney_rivlin, nodes_where};
 use std::f64::consts::PI;
@@ -174,7 +174,7 @@ fn errors(solution: &Solution, law: Material, order: Order, pair: PressurePair, 
     if solution.loaded_faces {
         load_faces(&mut body, &mesh, solution, &law);
     }
-    let body = settle(body).expect("the manufactured body converges");
+    let body = solve_body_force(body).expect("the manufactured body converges");
     let state = &body.rest.state;
     let mut squares = [0.0; 3];
     for (index, element) in body.elements.iter().enumerate() {

@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use palpate_precompute::fem::body::{Body, Model};
 use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::settle;
+use palpate_precompute::fem::solve::solve_body_force;
 use palpate_precompute::mesh::TetMesh;
 use palpate_tests::mooney_rivlin;
 
@@ -133,7 +133,7 @@ fn error(n: usize, order: Order, pressure_pair: PressurePair) -> f64 {
             }
         }
     }
-    let body = settle(body).expect("the shell converges");
+    let body = solve_body_force(body).expect("the shell converges");
     let mut vertices: Vec<u32> = inside.concat();
     vertices.sort_unstable();
     vertices.dedup();

@@ -69,7 +69,7 @@ impl From<ExpansionError> for Failure {
         match error {
             ExpansionError::Store(error) => error.into(),
             ExpansionError::Rest(_) => Self::input(error),
-            ExpansionError::Interrupted | ExpansionError::Crew(_) => Self::work(error),
+            ExpansionError::Interrupted | ExpansionError::Executor(_) => Self::work(error),
         }
     }
 }

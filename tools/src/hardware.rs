@@ -17,7 +17,7 @@ use palpate_host::{Device, DeviceError};
 use crate::failure::Failure;
 
 /// Highest requested priority: 99 belongs to the kernel.
-const MOST_PRIORITY: i32 = 98;
+const MAX_PRIORITY: i32 = 98;
 
 /// A name that matches no device.
 const NO_DEVICE: &str = "none";
@@ -25,7 +25,7 @@ const NO_DEVICE: &str = "none";
 const LINK_BAUD: u32 = 1_000_000;
 /// Time limit for opening the device link. A controller that restarts when its port is opened takes a second
 /// or two.
-const LINK_PATIENCE: Duration = Duration::from_secs(5);
+const LINK_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A device with motors, as the command line names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,14 +86,14 @@ impl<'n> Hardware<'n> {
     pub(crate) fn open(self, profile: &Profile, fifo_priority: Option<i32>) -> Result<Opened, Failure> {
         match self {
             Self::Link { port, baud } => {
-                say_latency(port);
+                print_latency(port);
                 let device = Link::open(port, baud, link_config(profile)?);
                 device
                     .map(|device| Opened::Link(Box::new(device)))
                     .map_err(|error| Failure::input(format!("{port}: {error}")))
             }
             Self::Polhem { port } => {
-                say_latency(port);
+                print_latency(port);
                 let device = Polhem::open(port, polhem_config(profile));
                 device
                     .map(|device| Opened::Polhem(Box::new(device)))
@@ -113,7 +113,7 @@ impl<'n> Hardware<'n> {
 }
 
 /// Requests low latency from the port's USB adapter, if it has one, and reports the result.
-fn say_latency(port: &str) {
+fn print_latency(port: &str) {
     if let Some(timer) = LatencyTimer::shorten(port) {
         eprintln!("palpate: {port}: {timer}");
     }
@@ -121,7 +121,7 @@ fn say_latency(port: &str) {
 
 /// The configuration of a device link from a profile.
 fn link_config(profile: &Profile) -> Result<LinkConfig, Failure> {
-    LinkConfig::of(profile, LINK_PATIENCE).ok_or_else(|| {
+    LinkConfig::of(profile, LINK_TIMEOUT).ok_or_else(|| {
         Failure::input(format!(
             "{}: the profile states no mechanism; add [capstan] (docs/devices.md, Profiles)",
             profile.name
@@ -177,7 +177,7 @@ pub(crate) fn profile(device: &str, name: Option<&str>) -> Result<Option<Profile
 
 /// One above the priority of the loop, which spins before its deadline; `None` if the loop has none.
 pub(crate) fn above(loop_priority: Option<i32>) -> Option<i32> {
-    loop_priority.map(|priority| (priority + 1).min(MOST_PRIORITY))
+    loop_priority.map(|priority| (priority + 1).min(MAX_PRIORITY))
 }
 
 /// A device for the loop, and its supervisor.

@@ -8,7 +8,7 @@ use crate::failure::Failure;
 
 /// A second signal ends the process at once only if it arrives this long after the first. Some senders signal
 /// twice in succession, and the force on the hand must first become zero.
-const PATIENCE: Duration = Duration::from_secs(2);
+const SECOND_SIGNAL_DELAY: Duration = Duration::from_secs(2);
 
 /// One flag for the process, because a handler can be set only once.
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
@@ -23,7 +23,7 @@ pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let mut first: Option<Instant> = None;
     on_signal(move || {
         raised.store(true, Ordering::SeqCst);
-        if first.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+        if first.get_or_insert_with(Instant::now).elapsed() > SECOND_SIGNAL_DELAY {
             eprintln!("palpate: ended at once");
             std::process::exit(130);
         }

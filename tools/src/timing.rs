@@ -6,7 +6,7 @@ use palpate_host::rt::LoopConfig;
 use palpate_host::sys::{DEFAULT_FIFO_PRIORITY, MAX_LOOP_FIFO_PRIORITY, RtRequest};
 
 /// Longest period, us: after four periods a sample is a fault.
-const SLOWEST_US: u32 = 2_500;
+const MAX_PERIOD_US: u32 = 2_500;
 
 const DEFAULT: LoopConfig = LoopConfig { period_us: 1_000, spin_us: 100, arm_button: 0 };
 
@@ -28,7 +28,7 @@ pub(crate) struct Timing {
     /// Time between two ticks, us, 100 to 2500; 1000, or the period of the profile, if not given. The
     /// stiffness cap of a profile is that of this period
     #[arg(long, value_name = "US", help_heading = "Timing",
-          value_parser = clap::value_parser!(u32).range(100..=i64::from(SLOWEST_US)))]
+          value_parser = clap::value_parser!(u32).range(100..=i64::from(MAX_PERIOD_US)))]
     pub period_us: Option<u32>,
 }
 

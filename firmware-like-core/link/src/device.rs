@@ -31,7 +31,7 @@
 
 use core::fmt;
 
-use super::guard::{Lateness, SpeedWatch, clamp_torque, is_newer};
+use super::guard::{Delay, SpeedWatch, clamp_torque, is_newer};
 use super::message::{
     CLAMPED, DeviceFault, DeviceInfo, DeviceMessage, ENABLED, HOMED, HOMING, HostMessage, InfoError, REFUSED,
     VERSION,
@@ -140,7 +140,7 @@ pub struct Device {
     held: Option<Held>,
     /// Last reset of the watchdog.
     fed_us: u64,
-    lateness: Lateness,
+    lateness: Delay,
     speed: SpeedWatch,
 }
 
@@ -166,7 +166,7 @@ impl Device {
             home_asked: false,
             held: None,
             fed_us: 0,
-            lateness: Lateness::new(),
+            lateness: Delay::new(),
             speed: SpeedWatch::new(),
         })
     }
@@ -295,7 +295,7 @@ impl Device {
         if self.phase == Phase::Linked && self.inputs.homed && !self.inputs.fault {
             self.leave(Phase::Enabled);
             self.fed_us = self.now_us;
-            self.lateness = Lateness::new();
+            self.lateness = Delay::new();
         }
         self.phase == Phase::Enabled
     }

@@ -40,12 +40,12 @@ pub fn clamp_torque(torque_unm: [i32; 3], limit_unm: [u32; 3]) -> ([i32; 3], boo
 /// minimum of these values stands for a command without delay; the excess over it is the lateness, the time
 /// spent in a buffer. The lateness of the first command cannot be detected.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Lateness {
+pub(super) struct Delay {
     /// Smallest difference, and when it was observed.
     prompt: Option<(u32, u64)>,
 }
 
-impl Lateness {
+impl Delay {
     /// The clocks may drift by one part in this many, 244 us per second: a bound for any pair of quartz
     /// clocks.
     const DRIFT: u64 = 4096;
@@ -121,7 +121,7 @@ impl SpeedWatch {
 
 #[cfg(test)]
 mod tests {
-    use super::{Lateness, SpeedWatch};
+    use super::{Delay, SpeedWatch};
 
     #[test]
     fn the_speed_window_is_at_least_a_millisecond() {
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn lateness_is_measured_despite_the_drift_of_the_clocks() {
-        let mut lateness = Lateness::new();
+        let mut lateness = Delay::new();
         let (first_us, ticks) = (1_u64 << 40, 600_000_u64);
         for tick in 0..ticks {
             // Ten minutes with a host clock that is slow by 200 ppm.

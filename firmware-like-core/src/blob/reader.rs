@@ -9,9 +9,8 @@ use heapless::{String, Vec};
 
 use super::error::BlobError;
 use super::format::{
-    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, LAW_NAME_LEN,
-    MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION,
-    plane_area_start,
+    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, LAW_NAME_LEN, MAGIC, PREFIX_LEN,
+    PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
 };
 use super::profile::{Limits, PC_SPACES};
 use crate::displacement::DisplacementPlanes;

@@ -214,7 +214,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         Ok(Command {
             reaction_n: answer.force_n,
             displacement_m,
-            engaged: Some(at.heaviest()),
+            engaged: Some(at.largest_share()),
             shares: at.shares,
             coverage: Some(answer.coverage),
             ..free

@@ -1,7 +1,7 @@
 //! One byte per slot: which configurations are solved, and which cells and super-cells are therefore
 //! complete.
 //!
-//! [`CELL`], [`SUPERCELL`] and [`INTERIOR`] follow from [`SOLVED`], and [`SMOOTH`] from [`FOLD`]. The writer
+//! [`CELL`], [`SUPERCELL`] and [`INTERIOR`] follow from [`SOLVED`], and [`SMOOTH`] from [`BRANCH_JUMP`]. The writer
 //! derives them with [`derive()`], the reader verifies them with [`first_inconsistent`]; a query only looks
 //! them up.
 
@@ -22,12 +22,12 @@ pub const SUPERCELL: u8 = 16;
 pub const INTERIOR: u8 = 32;
 /// The corners of the cell whose low corner is this slot lie on different solution branches (a bifurcation,
 /// called fold here): the force jumps inside the cell.
-pub const FOLD: u8 = 64;
-/// None of the 8 cells that touch this slot is FOLD.
+pub const BRANCH_JUMP: u8 = 64;
+/// None of the 8 cells that touch this slot is BRANCH_JUMP.
 pub const SMOOTH: u8 = 128;
 
 /// The bits that the writer sets; the others are derived.
-const GIVEN: u8 = SOLVED | TERMINATING | INVERTED | FOLD;
+const GIVEN: u8 = SOLVED | TERMINATING | INVERTED | BRANCH_JUMP;
 
 /// Whether every slot of the block ijk + from ..= ijk + to has all bits of `mask`.
 fn block_has(lattice: &BallLattice, flags: &[u8], ijk: [i32; 3], from: i32, to: i32, mask: u8) -> bool {
@@ -53,7 +53,7 @@ fn cell_bits(lattice: &BallLattice, flags: &[u8], ijk: [i32; 3]) -> u8 {
 fn smooth_bit(lattice: &BallLattice, flags: &[u8], [i, j, k]: [i32; 3]) -> u8 {
     let touches_fold = CORNERS.iter().any(|[a, b, c]| {
         let cell = [i.saturating_sub(*a), j.saturating_sub(*b), k.saturating_sub(*c)];
-        lattice.slot(cell).and_then(|slot| flags.get(slot)).is_some_and(|bits| bits & FOLD != 0)
+        lattice.slot(cell).and_then(|slot| flags.get(slot)).is_some_and(|bits| bits & BRANCH_JUMP != 0)
     });
     if touches_fold { 0 } else { SMOOTH }
 }
@@ -62,7 +62,7 @@ fn interior_bit(lattice: &BallLattice, flags: &[u8], ijk: [i32; 3]) -> u8 {
     if block_has(lattice, flags, ijk, -1, 0, SUPERCELL) { INTERIOR } else { 0 }
 }
 
-/// Sets CELL, SUPERCELL, INTERIOR and SMOOTH of every slot from SOLVED and FOLD.
+/// Sets CELL, SUPERCELL, INTERIOR and SMOOTH of every slot from SOLVED and BRANCH_JUMP.
 ///
 /// Shapes: `flags` has one byte per slot of the lattice's box.
 pub fn derive(lattice: &BallLattice, flags: &mut [u8]) {

@@ -91,7 +91,7 @@ pub(crate) struct Engaged {
 
 impl Engaged {
     /// The space with the largest weight; the first one if several are equal.
-    pub(crate) fn heaviest(&self) -> u16 {
+    pub(crate) fn largest_share(&self) -> u16 {
         let [first, rest @ ..] = self.shares;
         rest.into_iter()
             .fold(first, |most, share| if share.weight > most.weight { share } else { most })

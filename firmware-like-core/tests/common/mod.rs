@@ -23,7 +23,7 @@ pub use writer::{Area, Draft, sign};
 use palpate_core::blob::format::{
     self, DisplacementHeader, HermiteHeader, Preamble, RbfHeader, SpaceHeader, SurfaceHeader,
 };
-use palpate_core::flags::{self, FOLD, SOLVED};
+use palpate_core::flags::{self, BRANCH_JUMP, SOLVED};
 use palpate_core::method::baseline::rbf::LANES;
 use palpate_core::method::hermite::Node;
 use palpate_core::vec3::{self, Vec3};
@@ -118,7 +118,7 @@ impl Recipe {
             bits[lattice.slot(ijk).expect("in the box")] = SOLVED;
         }
         for (slot, bits) in bits.iter_mut().enumerate() {
-            *bits |= if (self.fold)(lattice.ijk(slot)) { FOLD } else { 0 };
+            *bits |= if (self.fold)(lattice.ijk(slot)) { BRANCH_JUMP } else { 0 };
         }
         flags::derive(&lattice, &mut bits);
         bits

@@ -1,21 +1,21 @@
 //! The fit of an adaptive search, and the queries of it after the search.
 
-use super::linear::LinearSuits;
+use super::linear::LinearModelErrors;
 use super::prediction::{Test, Verdict, passes};
-use super::reach::Known;
+use super::reach::CurrentModel;
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::norm;
-use crate::spec::{Wanted, Workspace, is_within};
+use crate::spec::{Requirements, Workspace, is_within};
 
 /// A force predicted above this multiple of the limit counts as beyond the limit.
-const REACH_MARGIN: f64 = 1.3;
+const LIMIT_FACTOR: f64 = 1.3;
 
 /// The fit of a search with its error estimates. It is read-only.
 #[derive(Debug, Clone)]
 pub struct AdaptiveFit {
     /// Requirements of the search.
-    pub wanted: Wanted,
+    pub wanted: Requirements,
     /// Result of the search; `None` during the search.
     pub verdict: Option<Verdict>,
     /// The configurations in the fit, rest first.
@@ -25,12 +25,12 @@ pub struct AdaptiveFit {
     /// All predictions, in order of time.
     pub tests: Vec<Test>,
     /// Leave-one-out error of each configuration except rest, as a share of the tolerance.
-    pub left_out: Vec<f64>,
+    pub leave_one_out: Vec<f64>,
     /// Largest standard deviation of the fit's force, as a share of the tolerance; `None` if the search did
     /// not need it.
     pub deviation: Option<f64>,
     /// Prediction errors of the linear model.
-    pub linear: LinearSuits,
+    pub linear: LinearModelErrors,
     /// Lower bound of the condition number of the fit's matrix.
     pub condition: f64,
 }
@@ -43,14 +43,14 @@ impl AdaptiveFit {
     }
 
     /// Summary of the leave-one-out errors.
-    pub fn left_out(&self) -> LeftOut {
-        LeftOut::of(&self.left_out)
+    pub fn leave_one_out(&self) -> LeaveOneOutErrors {
+        LeaveOneOutErrors::of(&self.leave_one_out)
     }
 
     /// Whether the fit is valid at a displacement, m: it lies within the kernel length of a configuration,
     /// and the predicted force is not far beyond the limit.
-    pub(crate) fn knows(&self, at: [f64; 3]) -> bool {
-        self.known().is_near(at) && norm(self.fit.force_n(at)) <= REACH_MARGIN * self.wanted.max_force_n
+    pub(crate) fn is_valid_at(&self, at: [f64; 3]) -> bool {
+        self.known().is_near(at) && norm(self.fit.force_n(at)) <= LIMIT_FACTOR * self.wanted.max_force_n
     }
 
     /// About `count` displacements, m, distributed over the reachable set.
@@ -59,24 +59,24 @@ impl AdaptiveFit {
     }
 
     /// The reachable set.
-    pub(crate) fn within_reach(&self) -> WithinReach {
-        let Wanted { max_force_n, push, workspace_m, .. } = self.wanted;
-        WithinReach { fit: self.fit.clone(), limit_n: REACH_MARGIN * max_force_n, push, workspace_m }
+    pub(crate) fn reachable_set(&self) -> ReachableSet {
+        let Requirements { max_force_n, push, workspace_m, .. } = self.wanted;
+        ReachableSet { fit: self.fit.clone(), limit_n: LIMIT_FACTOR * max_force_n, push, workspace_m }
     }
 
     /// Displacement of the node by the largest force in its softest direction, from the stiffness at rest, m;
     /// infinite if the stiffness is not positive definite.
-    pub fn softest_reach_m(&self) -> f64 {
-        softest_reach_m(&self.wanted, &self.jets)
+    pub fn softest_displacement_m(&self) -> f64 {
+        softest_displacement_m(&self.wanted, &self.jets)
     }
 
-    fn known(&self) -> Known<'_> {
-        Known { wanted: &self.wanted, fit: &self.fit, jets: &self.jets }
+    fn known(&self) -> CurrentModel<'_> {
+        CurrentModel { wanted: &self.wanted, fit: &self.fit, jets: &self.jets }
     }
 }
 
-/// [`AdaptiveFit::softest_reach_m`] of these configurations, rest first.
-pub(super) fn softest_reach_m(wanted: &Wanted, jets: &[EnergyJet]) -> f64 {
+/// [`AdaptiveFit::softest_displacement_m`] of these configurations, rest first.
+pub(super) fn softest_displacement_m(wanted: &Requirements, jets: &[EnergyJet]) -> f64 {
     let Some(rest) = jets.first() else { return f64::INFINITY };
     let softest_n_m = rest.stiffness_n_m.symmetric_eigenvalues().min();
     if softest_n_m > 0.0 { wanted.max_force_n / softest_n_m } else { f64::INFINITY }
@@ -84,7 +84,7 @@ pub(super) fn softest_reach_m(wanted: &Wanted, jets: &[EnergyJet]) -> f64 {
 
 /// Leave-one-out errors: every configuration except rest, predicted by the fit to all others.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LeftOut {
+pub struct LeaveOneOutErrors {
     /// Number of configurations.
     pub configurations: usize,
     /// Number of errors beyond the tolerance.
@@ -93,7 +93,7 @@ pub struct LeftOut {
     pub worst: f64,
 }
 
-impl LeftOut {
+impl LeaveOneOutErrors {
     /// Summary of errors given as shares of the tolerance.
     pub(super) fn of(shares: &[f64]) -> Self {
         Self {
@@ -107,14 +107,14 @@ impl LeftOut {
 /// The reachable set: displacements in the workspace with a force not far beyond the limit; without pull if
 /// the tool only pushes.
 #[derive(Debug, Clone)]
-pub(crate) struct WithinReach {
+pub(crate) struct ReachableSet {
     fit: KernelFit,
     limit_n: f64,
     push: Option<[f64; 3]>,
     workspace_m: Option<Workspace>,
 }
 
-impl WithinReach {
+impl ReachableSet {
     /// Whether a displacement, m, is reachable.
     pub(crate) fn has(&self, at: [f64; 3]) -> bool {
         if !self.workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) {

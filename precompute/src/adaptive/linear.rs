@@ -9,21 +9,21 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::prediction::PASSES;
+use super::prediction::STREAK;
 use crate::num::vector::{difference, norm};
 
 /// The linear model and its tests so far.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
     stiffness_n_m: Matrix3<f64>,
-    suits: LinearSuits,
+    suits: LinearModelErrors,
     /// Whether a test failed, or a position was unsolved or on a different branch.
-    ruled_out: bool,
+    excluded: bool,
 }
 
 /// Prediction errors of the linear model.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct LinearSuits {
+pub struct LinearModelErrors {
     /// Number of tests that count.
     pub tests: usize,
     /// The largest error, as a share of the tolerance.
@@ -35,7 +35,7 @@ pub struct LinearSuits {
 
 impl Linear {
     pub(super) fn new(stiffness_n_m: Matrix3<f64>) -> Self {
-        Self { stiffness_n_m, suits: LinearSuits::default(), ruled_out: false }
+        Self { stiffness_n_m, suits: LinearModelErrors::default(), excluded: false }
     }
 
     /// h = S0 d, N.
@@ -46,53 +46,53 @@ impl Linear {
     /// Adds a test that counts.
     pub(super) fn score(&mut self, displacement_m: [f64; 3], truth_n: [f64; 3], tolerance_n: f64) {
         let share = norm(difference(self.force_n(displacement_m), truth_n)) / tolerance_n;
-        let LinearSuits { tests, worst, .. } = self.suits;
-        self.suits = LinearSuits { tests: tests + 1, worst: worst.max(share), ..self.suits };
-        self.ruled_out |= share.is_nan() || share > 1.0;
+        let LinearModelErrors { tests, worst, .. } = self.suits;
+        self.suits = LinearModelErrors { tests: tests + 1, worst: worst.max(share), ..self.suits };
+        self.excluded |= share.is_nan() || share > 1.0;
     }
 
     /// Excludes the model: a position was unsolved or on a different branch, which a linear body does not
     /// have.
-    pub(super) fn rule_out(&mut self) {
-        self.ruled_out = true;
+    pub(super) fn exclude(&mut self) {
+        self.excluded = true;
     }
 
     /// Number of tests still to pass; `None` if the model is excluded.
     pub(super) fn wants(&self) -> Option<usize> {
-        (!self.ruled_out).then(|| PASSES.saturating_sub(self.suits.tests))
+        (!self.excluded).then(|| STREAK.saturating_sub(self.suits.tests))
     }
 
     /// Whether the model agrees with the fit at these reachable positions, each given with the fit's force
     /// and its tolerance.
-    pub(super) fn is_enough(&mut self, fit: impl Iterator<Item = ([f64; 3], [f64; 3], f64)>) -> bool {
+    pub(super) fn agrees_with_fit(&mut self, fit: impl Iterator<Item = ([f64; 3], [f64; 3], f64)>) -> bool {
         let share = |(at, force_n, tolerance_n)| norm(difference(self.force_n(at), force_n)) / tolerance_n;
         self.suits.from_fit = fit.map(share).fold(0.0, f64::max);
-        let is_enough = self.suits.from_fit <= 1.0;
-        self.ruled_out |= !is_enough;
-        is_enough
+        let agrees_with_fit = self.suits.from_fit <= 1.0;
+        self.excluded |= !agrees_with_fit;
+        agrees_with_fit
     }
 
     /// Number of tests and the largest error.
-    pub(super) fn suits(&self) -> LinearSuits {
+    pub(super) fn suits(&self) -> LinearModelErrors {
         self.suits
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{AdaptiveFit, Found, Search, Step, Verdict, resample};
+    use super::super::{AdaptiveFit, Search, SolveResult, Step, Verdict, resample};
     use super::*;
     use crate::fit::KernelFit;
-    use crate::fit::made_up::jet;
-    use crate::spec::{Tolerance, Wanted};
+    use crate::fit::synthetic::jet;
+    use crate::spec::{Requirements, Tolerance};
     use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
 
     const RADIUS_M: f64 = 0.002;
 
-    fn searched(radius_m: f64, found: impl Fn([f64; 3]) -> Found) -> (AdaptiveFit, usize) {
-        let tolerance = Tolerance::CANNOT_BE_FELT;
+    fn searched(radius_m: f64, found: impl Fn([f64; 3]) -> SolveResult) -> (AdaptiveFit, usize) {
+        let tolerance = Tolerance::IMPERCEPTIBLE;
         let wanted =
-            Wanted { tolerance, radius_m, max_force_n: 8.0, push: None, workspace_m: None, most: 100 };
+            Requirements { tolerance, radius_m, max_force_n: 8.0, push: None, workspace_m: None, most: 100 };
         let mut search = Search::new(wanted, &jet([0.0; 3]));
         let mut solves = 1;
         loop {
@@ -100,7 +100,7 @@ mod tests {
                 Step::Done(verdict) => return (search.fitted(Some(verdict)), solves),
                 Step::Solve(targets) => {
                     solves += targets.len();
-                    let all: Vec<Found> =
+                    let all: Vec<SolveResult> =
                         targets.iter().map(|target| found(target.displacement_m())).collect();
                     search.take(&all);
                 }
@@ -108,16 +108,16 @@ mod tests {
         }
     }
 
-    fn solved(at: [f64; 3]) -> Found {
-        Found::Solved(jet(at))
+    fn solved(at: [f64; 3]) -> SolveResult {
+        SolveResult::Solved(jet(at))
     }
 
     #[test]
     fn small_displacements_are_linear_after_ten_tests_and_large_ones_never() {
         let (search, solves) = searched(RADIUS_M, solved);
         println!("{:?} of {:?} after {solves}", search.verdict, search.linear);
-        assert_eq!((search.verdict, solves), (Some(Verdict::Linear), PASSES + 1));
-        assert!(search.linear.worst <= 1.0 && search.linear.tests == PASSES);
+        assert_eq!((search.verdict, solves), (Some(Verdict::Linear), STREAK + 1));
+        assert!(search.linear.worst <= 1.0 && search.linear.tests == STREAK);
         let (search, _) = searched(0.04, solved);
         assert_eq!(search.verdict, Some(Verdict::Passed));
         // Its ten farthest positions miss the direction of the nonlinearity; the fit includes it.
@@ -132,19 +132,21 @@ mod tests {
             let quadratic = KernelFit::new(1.0, base);
             quadratic.jet(at)
         };
-        let planted = |spoil: &dyn Fn(crate::num::jet::EnergyJet) -> Found| {
+        let planted = |spoil: &dyn Fn(crate::num::jet::EnergyJet) -> SolveResult| {
             let seen = std::cell::Cell::new(0);
             searched(RADIUS_M, |at| {
                 seen.set(seen.get() + 1);
-                if seen.get() == 8 { spoil(exact(at)) } else { Found::Solved(exact(at)) }
+                if seen.get() == 8 { spoil(exact(at)) } else { SolveResult::Solved(exact(at)) }
             })
         };
-        assert_eq!(planted(&Found::Solved).0.verdict, Some(Verdict::Linear));
+        assert_eq!(planted(&SolveResult::Solved).0.verdict, Some(Verdict::Linear));
         let off = |mut jet: crate::num::jet::EnergyJet| {
-            jet.force_n[1] += 2.0 * Tolerance::CANNOT_BE_FELT.at(jet.force_n);
-            Found::Solved(jet)
+            jet.force_n[1] += 2.0 * Tolerance::IMPERCEPTIBLE.at(jet.force_n);
+            SolveResult::Solved(jet)
         };
-        for (search, _) in [planted(&off), planted(&Found::Elsewhere), planted(&|_| Found::Failed)] {
+        for (search, _) in
+            [planted(&off), planted(&SolveResult::OtherBranch), planted(&|_| SolveResult::Failed)]
+        {
             assert_ne!(search.verdict, Some(Verdict::Linear), "{:?}", search.linear);
         }
     }
@@ -159,7 +161,7 @@ mod tests {
         let planes = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
         let table = HermiteTable::new(lattice, planes).expect("a table");
         for n in 0..200 {
-            let at = crate::fit::made_up::spread(n, 0.99 * on.grid.radius_m);
+            let at = crate::fit::synthetic::spread(n, 0.99 * on.grid.radius_m);
             let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));
             let exact: [f64; 3] = (jet([0.0; 3]).stiffness_n_m * Vector3::from(at)).into();
             let apart = norm(difference(found.map(f64::from), exact));

@@ -4,20 +4,20 @@
 //! [`Search`] chooses the next positions and decides when to stop, as a pure function of the solved
 //! configurations. The error criterion is [`crate::spec::Tolerance`], the fit [`crate::fit::KernelFit`].
 
-mod alone;
 mod fitted;
 mod linear;
 mod prediction;
 mod reach;
 mod resample;
 mod search;
+mod single_solver;
 mod stagnation;
 
-pub use alone::{Alone, alone};
-pub(crate) use fitted::WithinReach;
-pub use fitted::{AdaptiveFit, LeftOut};
-pub use linear::LinearSuits;
-pub use prediction::{PASSES, Test, Verdict};
+pub(crate) use fitted::ReachableSet;
+pub use fitted::{AdaptiveFit, LeaveOneOutErrors};
+pub use linear::LinearModelErrors;
+pub use prediction::{STREAK, Test, Verdict};
 pub use resample::{Resampled, resample};
 pub use search::Target;
-pub use search::{Found, Search, Step};
+pub use search::{Search, SolveResult, Step};
+pub use single_solver::{SingleSolverSearch, search_alone};

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::spec::GridIndex;
 
 /// Length of the validation streak.
-pub const PASSES: usize = 10;
+pub const STREAK: usize = 10;
 
 /// A prediction compared with the solution.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -29,7 +29,7 @@ pub enum Verdict {
     Passed,
     /// The errors stagnate above the tolerance: the energy has a branch jump, and a lattice replaces the
     /// search.
-    Stalled,
+    Stagnated,
     /// The maximum number of configurations is reached, and the stopping criterion is not met.
     NotReached,
     /// The largest force moves the node by less than the smallest radius of a space, even in its softest
@@ -43,7 +43,7 @@ impl Verdict {
         match self {
             Self::Linear => "linear",
             Self::Passed => "passed",
-            Self::Stalled => "stalled",
+            Self::Stagnated => "stalled",
             Self::NotReached => "not reached",
             Self::TooStiff => "too stiff",
         }

@@ -5,25 +5,25 @@ use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::sequence::{on_sphere, r2};
 use crate::num::vector::{difference, norm};
-use crate::spec::{UNIT_M, Wanted};
+use crate::spec::{Requirements, UNIT_M};
 
 /// Number of ray directions.
 const RAYS: u32 = 256;
 /// Number of bisections of a ray's length; the error is below 1 / 500 of the radius.
 const HALVINGS: u32 = 9;
 /// Factor on the force limit for predictions, so that positions on both sides of the limit are chosen.
-const ALLOWANCE: f64 = 1.02;
+const LIMIT_FACTOR: f64 = 1.02;
 /// Positions on a ray, as shares of the reachable volume.
 const SHARES: [f64; 3] = [1.0, 0.6, 0.2];
 
 /// The current model of the force.
-pub(super) struct Known<'a> {
-    pub(super) wanted: &'a Wanted,
+pub(super) struct CurrentModel<'a> {
+    pub(super) wanted: &'a Requirements,
     pub(super) fit: &'a KernelFit,
     pub(super) jets: &'a [EnergyJet],
 }
 
-impl Known<'_> {
+impl CurrentModel<'_> {
     /// Whether a displacement is within the kernel's length of a configuration.
     pub(super) fn is_near(&self, at: [f64; 3]) -> bool {
         self.jets.iter().any(|jet| norm(difference(at, jet.control_m)) <= self.fit.length_m())
@@ -55,7 +55,7 @@ impl Known<'_> {
     }
 
     /// Length of a ray to the boundary of the workspace, m; r_G without a workspace.
-    fn way_out(&self, direction: [f64; 3]) -> f64 {
+    fn boundary_distance_m(&self, direction: [f64; 3]) -> f64 {
         let Some([low, high]) = self.wanted.workspace_m else { return self.wanted.radius_m };
         let ways = (0..3).map(|axis| {
             let end = if direction[axis] < 0.0 { low[axis] } else { high[axis] };
@@ -66,10 +66,10 @@ impl Known<'_> {
 
     /// Length of a ray within the reachable set, m.
     fn reach(&self, direction: [f64; 3]) -> f64 {
-        let mut way_m = self.way_out(direction);
+        let mut way_m = self.boundary_distance_m(direction);
         let within = |share: f64, way_m: f64| {
             let at = direction.map(|x| x * share * way_m);
-            self.largest_n(at) <= ALLOWANCE * self.wanted.max_force_n
+            self.largest_n(at) <= LIMIT_FACTOR * self.wanted.max_force_n
         };
         if within(1.0, way_m) {
             return way_m;
@@ -119,15 +119,15 @@ fn direction(n: u32) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::made_up::jet;
+    use crate::fit::synthetic::jet;
     use crate::spec::Tolerance;
 
     /// A fit with a short kernel length approaches the model at rest far from its data. Without the Taylor
     /// series of the configurations it would choose positions far beyond the limit.
     #[test]
     fn a_fit_that_knows_nothing_there_does_not_lead_astray() {
-        let wanted = Wanted {
-            tolerance: Tolerance::CANNOT_BE_FELT,
+        let wanted = Requirements {
+            tolerance: Tolerance::IMPERCEPTIBLE,
             radius_m: 0.1,
             max_force_n: 20.0,
             push: None,
@@ -137,10 +137,10 @@ mod tests {
         let jets = [[0.0; 3], [0.03, -0.02, 0.025]].map(jet);
         let mut fit = KernelFit::new(0.004, jets[0].stiffness_n_m);
         fit.add(&jets).expect("apart");
-        let known = Known { wanted: &wanted, fit: &fit, jets: &jets };
+        let known = CurrentModel { wanted: &wanted, fit: &fit, jets: &jets };
         let candidates = known.candidates(0);
         assert!(candidates.len() > 500);
-        let limit_n = 1.001 * ALLOWANCE * wanted.max_force_n;
+        let limit_n = 1.001 * LIMIT_FACTOR * wanted.max_force_n;
         for &at in &candidates {
             let [by_fit, by_taylor] =
                 [fit.force_n(at), known.nearest(at).expect("two").taylor_force_n(at)].map(norm);

@@ -16,11 +16,11 @@ const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
 /// Largest error of the table, as a share of the tolerance.
 const SHARE: f64 = 0.1;
 /// A finer lattice counts as better if its error is below this share of the best one.
-const GAIN: f64 = 0.7;
+const IMPROVEMENT: f64 = 0.7;
 /// Number of consecutive lattices that are not better before the search ends.
-const IN_VAIN: u32 = 2;
+const MAX_NOT_BETTER: u32 = 2;
 /// Number of positions for the comparison with the fit, and of positions that select the reachable cells.
-const PLACES: u32 = 600;
+const POSITIONS: u32 = 600;
 /// Factor of the lattice's radius on the distance of the farthest configuration.
 const MARGIN: f64 = 1.05;
 
@@ -58,14 +58,14 @@ pub fn resample(search: &AdaptiveFit) -> Result<Resampled, LatticeError> {
     };
     let grid = |cells: u32| SpaceGrid::new(radius_m / f64::from(cells), radius_m);
     let [coarsest, finer @ ..] = CELLS;
-    let (mut best, mut in_vain) = (measured(grid(coarsest)?), 0);
+    let (mut best, mut not_better) = (measured(grid(coarsest)?), 0);
     for grid in finer.into_iter().filter_map(|cells| grid(cells).ok()) {
-        if in_vain == IN_VAIN || best.added <= SHARE {
+        if not_better == MAX_NOT_BETTER || best.added <= SHARE {
             break;
         }
         let on = measured(grid);
-        let is_better = on.added < GAIN * best.added;
-        in_vain = if is_better { 0 } else { in_vain + 1 };
+        let is_better = on.added < IMPROVEMENT * best.added;
+        not_better = if is_better { 0 } else { not_better + 1 };
         if is_better {
             best = on;
         }
@@ -99,13 +99,13 @@ fn linear_table(search: &AdaptiveFit, radius_m: f64) -> Option<Resampled> {
 /// Two disjoint sets of reachable positions: one measures the table, the other selects its cells. A cell that
 /// only the second set misses thus counts as an error.
 fn places(search: &AdaptiveFit) -> [Vec<[f64; 3]>; 2] {
-    let all = search.places(2 * PLACES);
+    let all = search.places(2 * POSITIONS);
     let of = |part: usize| all.iter().copied().skip(part).step_by(2).collect();
     [of(0), of(1)]
 }
 
 /// The corners of the cells that contain a position.
-fn corners_round(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
+fn cell_corners(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
     let reach = grid.lattice.reach();
     let low = |at: &[f64; 3]| at.map(|x| ((x / grid.spacing_m).floor() as i32).clamp(-reach, reach - 1));
     let cells: HashSet<GridIndex> = places.iter().map(low).collect();
@@ -117,13 +117,13 @@ fn corners_round(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
 /// derivatives, because other values would change the interpolated force inside the set.
 fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
     let (fit, limit_n) = (&search.fit, search.wanted.max_force_n);
-    let corners = corners_round(&grid, reached);
+    let corners = cell_corners(&grid, reached);
     let (mut samples, mut derivatives) = (Vec::new(), BTreeMap::new());
     let mut points: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
     points.sort_unstable();
     for index in points {
         let at = grid.displacement_m(index);
-        if grid.lattice.slot(index).is_none() || !(corners.contains(&index) || search.knows(at)) {
+        if grid.lattice.slot(index).is_none() || !(corners.contains(&index) || search.is_valid_at(at)) {
             continue;
         }
         let jet = fit.jet(at);
@@ -167,10 +167,10 @@ fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adaptive::{Found, Search, Step};
-    use crate::fit::made_up::jet;
+    use crate::adaptive::{Search, SolveResult, Step};
+    use crate::fit::synthetic::jet;
     use crate::num::jet::EnergyJet;
-    use crate::spec::{Tolerance, Wanted};
+    use crate::spec::{Requirements, Tolerance};
 
     /// A body whose stiffness grows by e every 9 mm on one side; an extrapolating polynomial has a large
     /// error after one cell.
@@ -188,8 +188,8 @@ mod tests {
 
     /// A completed search in a ball that is far larger than the reachable set.
     fn searched() -> AdaptiveFit {
-        let wanted = Wanted {
-            tolerance: Tolerance::CANNOT_BE_FELT,
+        let wanted = Requirements {
+            tolerance: Tolerance::IMPERCEPTIBLE,
             radius_m: 0.05,
             max_force_n: 5.0,
             push: None,
@@ -201,8 +201,10 @@ mod tests {
             match search.step() {
                 Step::Done(verdict) => return search.fitted(Some(verdict)),
                 Step::Solve(targets) => {
-                    let found: Vec<Found> =
-                        targets.iter().map(|target| Found::Solved(steep(target.displacement_m()))).collect();
+                    let found: Vec<SolveResult> = targets
+                        .iter()
+                        .map(|target| SolveResult::Solved(steep(target.displacement_m())))
+                        .collect();
                     search.take(&found);
                 }
             }

@@ -5,7 +5,7 @@
 //! the solves.
 //!
 //! The error of a prediction is measured as a share of the tolerance. The basic stopping criterion is a
-//! validation streak: the last [`PASSES`] predictions are within tolerance. The predictions are independent
+//! validation streak: the last [`STREAK`] predictions are within tolerance. The predictions are independent
 //! of their true values, and they are made where the fit is least reliable. A streak of ten is evidence and
 //! not a certificate.
 //!
@@ -13,8 +13,8 @@
 //! of the true values too, and they modify the criterion:
 //!
 //! - All of at least ten are within tolerance: a streak of [`BATCH`] suffices.
-//! - More than one in [`ONE_IN`] is beyond the tolerance: no streak suffices.
-//! - Otherwise a streak of [`BATCH`] suffices if the kriging variance test passes ([`SURE`]). At the boundary
+//! - More than one in [`OUTLIER_DIVISOR`] is beyond the tolerance: no streak suffices.
+//! - Otherwise a streak of [`BATCH`] suffices if the kriging variance test passes ([`MAX_DEVIATION`]). At the boundary
 //!   of the data a leave-one-out prediction is an extrapolation and can fail although the fit is accurate.
 //!   The standard deviation of the fit, scaled by the leave-one-out errors, accounts for this.
 //!
@@ -26,34 +26,34 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::fitted::{AdaptiveFit, LeftOut, softest_reach_m};
+use super::fitted::{AdaptiveFit, LeaveOneOutErrors, softest_displacement_m};
 use super::linear::Linear;
-use super::prediction::{PASSES, Test, Verdict, passes};
-use super::reach::Known;
-use super::stagnation::is_stalled;
+use super::prediction::{STREAK, Test, Verdict, passes};
+use super::reach::CurrentModel;
+use super::stagnation::is_stagnant;
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
-use crate::spec::{GridIndex, RADII_M, UNIT_M, Wanted, displacement_m, nearest_index};
+use crate::spec::{GridIndex, RADII_M, Requirements, UNIT_M, displacement_m, nearest_index};
 
 /// Maximum number of positions of a batch; also the length of the short validation streak.
 const BATCH: usize = 4;
 /// One leave-one-out error in this many may be beyond the tolerance. Errors at the boundary of the data are
 /// extrapolation errors and can be large. If more are large, the body is too rough for the data, and a streak
 /// of ten occurs by chance.
-const ONE_IN: usize = 5;
+const OUTLIER_DIVISOR: usize = 5;
 /// Kriging variance test: the largest standard deviation of the force over the reachable set, as a share of
 /// the tolerance.
-const SURE: f64 = 0.5;
+const MAX_DEVIATION: f64 = 0.5;
 /// Candidate kernel lengths, as shares of the initial estimate of the reachable distance.
-const LENGTHS: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
+const LENGTH_SHARES: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
 /// A configuration with a force above this multiple of the limit is neither added to the fit nor counted as a
 /// test, because the fit must be accurate below the limit. Positions on both sides of the limit are chosen on
 /// purpose; those just beyond it are the hardest tests.
-const TOO_FAR: f64 = 1.15;
+const MAX_FORCE_FACTOR: f64 = 1.15;
 
 /// Number of positions for the comparison of the linear model with the fit.
-const PLACES: u32 = 600;
+const POSITIONS: u32 = 600;
 
 /// A position to be solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,11 +75,11 @@ impl Target {
 
 /// Result of a target.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Found {
+pub enum SolveResult {
     /// A configuration on the branch of its parent.
     Solved(EnergyJet),
     /// A configuration on another branch.
-    Elsewhere(EnergyJet),
+    OtherBranch(EnergyJet),
     /// The solve failed.
     Failed,
 }
@@ -96,7 +96,7 @@ pub enum Step {
 /// A search in progress.
 #[derive(Debug, Clone)]
 pub struct Search {
-    wanted: Wanted,
+    wanted: Requirements,
     /// The configurations in the fit; the first is rest.
     jets: Vec<EnergyJet>,
     /// Other solved positions, beyond the limit or on a different branch. New positions keep a distance from
@@ -114,7 +114,7 @@ pub struct Search {
     /// The test of the linear model.
     linear: Linear,
     /// Positions closer to rest, as replacements for positions beyond the limit, with their parents.
-    pulled_back: Vec<([f64; 3], usize)>,
+    replacements: Vec<([f64; 3], usize)>,
     out: Vec<Target>,
     round: u32,
 }
@@ -124,20 +124,20 @@ pub struct Search {
 struct Candidate {
     fit: KernelFit,
     /// Leave-one-out errors of all configurations except rest, as shares of the tolerance.
-    left_out: Vec<f64>,
+    leave_one_out: Vec<f64>,
 }
 
 impl Candidate {
     /// Mean of the leave-one-out errors. A mean of squares would be dominated by the boundary of the data and
     /// would select a long kernel, which oscillates in between.
     fn mean_left_out(&self) -> f64 {
-        self.left_out.iter().sum::<f64>() / self.left_out.len().max(1) as f64
+        self.leave_one_out.iter().sum::<f64>() / self.leave_one_out.len().max(1) as f64
     }
 }
 
 impl Search {
     /// Starts a search with the configuration at rest.
-    pub fn new(wanted: Wanted, rest: &EnergyJet) -> Self {
+    pub fn new(wanted: Requirements, rest: &EnergyJet) -> Self {
         let stiffness = rest.stiffness_n_m;
         let eigen = stiffness.symmetric_eigen();
         let mean = (stiffness.trace() / 3.0).max(f64::MIN_POSITIVE);
@@ -147,12 +147,12 @@ impl Search {
         let metric = eigen.eigenvectors * Matrix3::from_diagonal(&roots) * eigen.eigenvectors.transpose();
         // Mean distance that a linear body would allow the device to reach.
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m).max(UNIT_M);
-        let fits = LENGTHS
+        let fits = LENGTH_SHARES
             .iter()
             .filter_map(|share| {
                 let mut fit = KernelFit::new(share * reach, stiffness);
                 fit.add(&[*rest]).ok()?;
-                Some(Candidate { fit, left_out: Vec::new() })
+                Some(Candidate { fit, leave_one_out: Vec::new() })
             })
             .collect();
         Self {
@@ -165,7 +165,7 @@ impl Search {
             tests: Vec::new(),
             deviation: None,
             linear: Linear::new(stiffness),
-            pulled_back: Vec::new(),
+            replacements: Vec::new(),
             out: Vec::new(),
             round: 0,
         }
@@ -178,22 +178,22 @@ impl Search {
 
     /// The fit with its error estimates: after the search with its `verdict`, during the search with `None`.
     pub fn fitted(&self, verdict: Option<Verdict>) -> AdaptiveFit {
-        let Candidate { fit, left_out } = &self.fits[self.chosen];
+        let Candidate { fit, leave_one_out } = &self.fits[self.chosen];
         AdaptiveFit {
             wanted: self.wanted,
             verdict,
             jets: self.jets.clone(),
-            fit: fit.as_it_is(),
+            fit: fit.read_only(),
             tests: self.tests.clone(),
-            left_out: left_out.clone(),
+            leave_one_out: leave_one_out.clone(),
             deviation: self.deviation,
             linear: self.linear.suits(),
             condition: fit.condition(),
         }
     }
 
-    fn known(&self) -> Known<'_> {
-        Known { wanted: &self.wanted, fit: self.fit(), jets: &self.jets }
+    fn known(&self) -> CurrentModel<'_> {
+        CurrentModel { wanted: &self.wanted, fit: self.fit(), jets: &self.jets }
     }
 
     /// Length of the validation streak, among the predictions that count.
@@ -201,17 +201,18 @@ impl Search {
         passes(&self.tests)
     }
 
-    fn left_out(&self) -> LeftOut {
-        LeftOut::of(&self.fits[self.chosen].left_out)
+    fn leave_one_out(&self) -> LeaveOneOutErrors {
+        LeaveOneOutErrors::of(&self.fits[self.chosen].leave_one_out)
     }
 
     /// Number of predictions that would end the search if all were within tolerance.
-    pub(crate) fn short_of_passing(&self) -> usize {
-        let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
-        let short = PASSES.saturating_sub(passes);
-        if beyond == 0 || self.deviation.is_some_and(|largest| largest <= SURE) {
-            short.min(PASSES.saturating_sub(configurations).max(BATCH.saturating_sub(passes)))
-        } else if beyond * ONE_IN <= configurations {
+    pub(crate) fn predictions_missing(&self) -> usize {
+        let (passes, LeaveOneOutErrors { configurations, beyond, .. }) =
+            (self.passes(), self.leave_one_out());
+        let short = STREAK.saturating_sub(passes);
+        if beyond == 0 || self.deviation.is_some_and(|largest| largest <= MAX_DEVIATION) {
+            short.min(STREAK.saturating_sub(configurations).max(BATCH.saturating_sub(passes)))
+        } else if beyond * OUTLIER_DIVISOR <= configurations {
             short
         } else {
             short.max(BATCH)
@@ -220,11 +221,12 @@ impl Search {
 
     /// Largest standard deviation of the fit's force over the reachable set, as a share of the tolerance.
     /// Expensive; computed only if the stopping criterion depends on it.
-    fn asked_deviation(&self) -> Option<f64> {
-        let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
-        let is_between = (BATCH..PASSES).contains(&passes) && configurations >= PASSES;
-        (is_between && (1..=configurations / ONE_IN).contains(&beyond)).then(|| {
-            let places = self.known().places(PLACES);
+    fn largest_deviation(&self) -> Option<f64> {
+        let (passes, LeaveOneOutErrors { configurations, beyond, .. }) =
+            (self.passes(), self.leave_one_out());
+        let is_between = (BATCH..STREAK).contains(&passes) && configurations >= STREAK;
+        (is_between && (1..=configurations / OUTLIER_DIVISOR).contains(&beyond)).then(|| {
+            let places = self.known().places(POSITIONS);
             let deviations = self.fit().deviation_n(&places).into_iter();
             let by_tolerance =
                 |(n, &at): (f64, &[f64; 3])| n / self.wanted.tolerance.at(self.fit().force_n(at));
@@ -242,17 +244,17 @@ impl Search {
         if !self.out.is_empty() {
             return Step::Solve(self.out.clone());
         }
-        if softest_reach_m(&self.wanted, &self.jets) < RADII_M[0] {
+        if softest_displacement_m(&self.wanted, &self.jets) < RADII_M[0] {
             return Step::Done(Verdict::TooStiff);
         }
-        if self.linear.wants() == Some(0) && self.linear_is_enough() {
+        if self.linear.wants() == Some(0) && self.linear_agrees() {
             return Step::Done(Verdict::Linear);
         }
-        if self.linear.wants().is_none() && self.short_of_passing() == 0 {
+        if self.linear.wants().is_none() && self.predictions_missing() == 0 {
             return Step::Done(Verdict::Passed);
         }
-        if is_stalled(&self.tests) {
-            return Step::Done(Verdict::Stalled);
+        if is_stagnant(&self.tests) {
+            return Step::Done(Verdict::Stagnated);
         }
         if self.jets.len() + self.others.len() >= self.wanted.most {
             return Step::Done(Verdict::NotReached);
@@ -261,19 +263,19 @@ impl Search {
         if self.out.is_empty() { Step::Done(Verdict::NotReached) } else { Step::Solve(self.out.clone()) }
     }
 
-    fn linear_is_enough(&mut self) -> bool {
-        let places = self.known().places(PLACES);
+    fn linear_agrees(&mut self) -> bool {
+        let places = self.known().places(POSITIONS);
         let (fit, tolerance) = (&self.fits[self.chosen].fit, self.wanted.tolerance);
         let said = places.into_iter().map(|at| {
             let force_n = fit.force_n(at);
             (at, force_n, tolerance.at(force_n))
         });
-        self.linear.is_enough(said)
+        self.linear.agrees_with_fit(said)
     }
 
     /// Chooses a batch: first the replacements for positions beyond the limit, then the farthest candidates.
     fn choose(&mut self) {
-        for (at, parent) in std::mem::take(&mut self.pulled_back) {
+        for (at, parent) in std::mem::take(&mut self.replacements) {
             self.aim(at, parent);
         }
         let candidates = self.known().candidates(self.round);
@@ -286,7 +288,7 @@ impl Search {
         let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
         // At most as many as could end the search or, while the linear model is not excluded, complete its
         // tests.
-        let most = self.linear.wants().unwrap_or_else(|| self.short_of_passing()).min(BATCH);
+        let most = self.linear.wants().unwrap_or_else(|| self.predictions_missing()).min(BATCH);
         while self.out.len() < most {
             let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b]).then(b.cmp(&a)));
             let Some(farthest) = farthest.filter(|&n| gaps[n] > 0.0) else { break };
@@ -316,31 +318,31 @@ impl Search {
     /// # Panics
     ///
     /// If the number of results differs from the number of targets.
-    pub fn take(&mut self, found: &[Found]) {
+    pub fn take(&mut self, found: &[SolveResult]) {
         let batch = std::mem::take(&mut self.out);
         assert_eq!(batch.len(), found.len(), "one outcome for each target");
         let mut learned = Vec::new();
         for (target, found) in batch.iter().zip(found) {
             let at = target.displacement_m();
             match found {
-                Found::Solved(jet) => {
+                SolveResult::Solved(jet) => {
                     self.score(target, jet);
-                    if norm(jet.force_n) <= TOO_FAR * self.wanted.max_force_n {
+                    if norm(jet.force_n) <= MAX_FORCE_FACTOR * self.wanted.max_force_n {
                         learned.push(*jet);
                     } else {
                         self.others.push(at);
-                        self.pull_back(target, norm(jet.force_n));
+                        self.add_replacement(target, norm(jet.force_n));
                     }
                 }
-                Found::Elsewhere(jet) => {
+                SolveResult::OtherBranch(jet) => {
                     self.score(target, jet);
-                    self.linear.rule_out();
+                    self.linear.exclude();
                     self.others.push(at);
                 }
-                Found::Failed => {
-                    self.linear.rule_out();
+                SolveResult::Failed => {
+                    self.linear.exclude();
                     self.others.push(at);
-                    self.pull_back(target, f64::INFINITY);
+                    self.add_replacement(target, f64::INFINITY);
                 }
             }
         }
@@ -355,19 +357,19 @@ impl Search {
             self.others.extend(learned.iter().map(|jet| jet.control_m));
         }
         for candidate in &mut self.fits {
-            let missed = candidate.fit.left_out_n().zip(&self.jets).skip(1);
-            candidate.left_out =
+            let missed = candidate.fit.leave_one_out_n().zip(&self.jets).skip(1);
+            candidate.leave_one_out =
                 missed.map(|(missed, jet)| norm(missed) / self.wanted.tolerance.at(jet.force_n)).collect();
         }
         let best = (0..self.fits.len())
             .min_by(|&a, &b| self.fits[a].mean_left_out().total_cmp(&self.fits[b].mean_left_out()));
         self.chosen = best.unwrap_or(0);
-        self.deviation = self.asked_deviation();
+        self.deviation = self.largest_deviation();
     }
 
     fn score(&mut self, target: &Target, jet: &EnergyJet) {
         let tolerance_n = self.wanted.tolerance.at(jet.force_n);
-        let within = norm(jet.force_n) <= TOO_FAR * self.wanted.max_force_n;
+        let within = norm(jet.force_n) <= MAX_FORCE_FACTOR * self.wanted.max_force_n;
         let error_n = norm(difference(target.predicted_n, jet.force_n));
         self.tests.push(Test { index: target.index, error_n, tolerance_n, within });
         if within {
@@ -377,14 +379,14 @@ impl Search {
 
     /// Adds a replacement position where the linear interpolation between the parent's force and `came_out_n`
     /// equals the limit.
-    fn pull_back(&mut self, target: &Target, came_out_n: f64) {
+    fn add_replacement(&mut self, target: &Target, came_out_n: f64) {
         let parent = &self.jets[target.parent];
         let (low, limit) = (norm(parent.force_n), self.wanted.max_force_n);
         let share = ((limit - low) / (came_out_n - low)).clamp(0.2, 0.8);
         let at = std::array::from_fn(|i| {
             parent.control_m[i] + share * (target.displacement_m()[i] - parent.control_m[i])
         });
-        self.pulled_back.push((at, target.parent));
+        self.replacements.push((at, target.parent));
     }
 }
 

@@ -11,26 +11,26 @@ use super::prediction::Test;
 /// configurations are never classified as stagnating with 40; with 30, three of 297 were.
 const WINDOW: usize = 40;
 /// The window is represented by its 90th percentile: one error in ten is larger.
-const ONE_IN: usize = 10;
+const ONE_IN_PERCENTILE: usize = 10;
 /// The errors decrease if the percentile is below this share of the previous one.
-const FALLS: f64 = 0.7;
+const MAX_RATIO: f64 = 0.7;
 
 /// Whether the errors of these predictions, in order of time, stopped decreasing before they reached the
 /// tolerance.
-pub(super) fn is_stalled(tests: &[Test]) -> bool {
+pub(super) fn is_stagnant(tests: &[Test]) -> bool {
     let shares: Vec<f64> =
         tests.iter().filter(|test| test.within).map(|test| test.error_n / test.tolerance_n).collect();
     let Some(from) = shares.len().checked_sub(2 * WINDOW) else { return false };
     let (before, now) = shares[from..].split_at(WINDOW);
     let (before, now) = (large(before), large(now));
-    now > 1.0 && now > FALLS * before
+    now > 1.0 && now > MAX_RATIO * before
 }
 
 /// The 90th percentile.
 fn large(shares: &[f64]) -> f64 {
     let mut sorted = shares.to_vec();
     sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() - sorted.len() / ONE_IN).copied().unwrap_or(0.0)
+    sorted.get(sorted.len() - sorted.len() / ONE_IN_PERCENTILE).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -47,15 +47,15 @@ mod tests {
     #[test]
     fn errors_that_fall_slowly_are_no_stall_and_large_ones_that_stay_are() {
         let falling = |n: usize| 30.0 * f64::powf(0.97, n as f64);
-        assert!(!is_stalled(&tests((0..200).map(falling))));
+        assert!(!is_stagnant(&tests((0..200).map(falling))));
         // One prediction in five is affected by the jump; the errors of the others decrease.
         let folded = |n: usize| if n.is_multiple_of(5) { 6.0 } else { falling(n) };
-        assert!(is_stalled(&tests((0..160).map(folded))));
-        assert!(!is_stalled(&tests((0..2 * WINDOW - 1).map(folded))), "too few predictions for a decision");
+        assert!(is_stagnant(&tests((0..160).map(folded))));
+        assert!(!is_stagnant(&tests((0..2 * WINDOW - 1).map(folded))), "too few predictions for a decision");
         // Errors within tolerance need not decrease; predictions beyond the force limit are ignored.
-        assert!(!is_stalled(&tests((0..200).map(|_| 0.9))));
+        assert!(!is_stagnant(&tests((0..200).map(|_| 0.9))));
         let mut beyond = tests((0..200).map(folded));
         beyond.iter_mut().filter(|test| test.error_n > 0.1).for_each(|test| test.within = false);
-        assert!(!is_stalled(&beyond));
+        assert!(!is_stagnant(&beyond));
     }
 }

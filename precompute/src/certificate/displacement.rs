@@ -7,7 +7,7 @@ use palpate_core::displacement::{DisplacementPlanes, DisplacementTable};
 use palpate_core::{ConfigTag, Organ, Space};
 use serde::{Deserialize, Serialize};
 
-use super::is_folded;
+use super::has_branch_jump;
 use crate::fit::{FitError, Kernel, Misfit, PackedModes, Sample, SurfaceRbf};
 use crate::space::{Kind, Store, StoreError, SurfaceMotion};
 
@@ -31,20 +31,20 @@ pub struct DisplacementCertificate {
     /// The scene's bound at any surface node, mm.
     pub bound_max_mm: f64,
     /// Errors of all packed configurations.
-    pub configurations: Apart,
+    pub configurations: SurfaceDistances,
     /// Independent uniform positions within f_max, away from branch jumps.
-    pub uniform: Apart,
+    pub uniform: SurfaceDistances,
     /// The same positions without the slopes.
-    pub uniform_trilinear: Apart,
+    pub uniform_trilinear: SurfaceDistances,
     /// Uniform positions near branch jumps.
-    pub folded: Apart,
+    pub folded: SurfaceDistances,
     /// Median time to evaluate one surface, us, on the machine that packed the blob.
     pub microseconds: f64,
 }
 
 /// Distances of packed surfaces from the solver's, mm.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Apart {
+pub struct SurfaceDistances {
     /// Number of surfaces.
     pub count: usize,
     /// RMS distance over the nodes of a surface, mean over the surfaces.
@@ -57,7 +57,7 @@ pub struct Apart {
     pub max_mm: f64,
 }
 
-impl Apart {
+impl SurfaceDistances {
     fn add(&mut self, misfit: Misfit) {
         let (rms_mm, max_mm) = (1e3 * misfit.rms_m, 1e3 * misfit.max_m);
         self.count += 1;
@@ -85,7 +85,7 @@ pub(super) fn measure(
     let bound = store.identity()?.displacement_bound;
     let motion = SurfaceMotion::new(store, active, nodes)?;
     let mut found = vec![[0.0f32; 3]; nodes.len()];
-    let mut configurations = Apart::default();
+    let mut configurations = SurfaceDistances::default();
     for sample in samples {
         let exact = motion.at(sample.index, sample.attempt)?.displacement_m;
         let Some(slot) = space.lattice().slot(sample.index) else { continue };
@@ -93,13 +93,14 @@ pub(super) fn measure(
         configurations.add(misfit(&exact, &found));
     }
 
-    let (mut uniform, mut uniform_trilinear, mut folded) = <(Apart, Apart, Apart)>::default();
+    let (mut uniform, mut uniform_trilinear, mut folded) =
+        <(SurfaceDistances, SurfaceDistances, SurfaceDistances)>::default();
     let trilinear = table.without_slopes();
     let mut visited = Vec::new();
-    each_truth(store, active, space, &motion, |at, exact, is_folded| {
+    each_truth(store, active, space, &motion, |at, exact, has_branch_jump| {
         visited.push(at);
         table.displacement_into(space.lattice(), space.flags(), at, &mut found);
-        if is_folded {
+        if has_branch_jump {
             folded.add(misfit(exact, &found));
             return;
         }
@@ -136,12 +137,12 @@ pub(super) fn modes_and_digits(
     active: usize,
     (space, table): (&Space<'_>, &DisplacementTable<'_>),
     nodes: &[u32],
-) -> Result<[Apart; 2], StoreError> {
+) -> Result<[SurfaceDistances; 2], StoreError> {
     let motion = SurfaceMotion::new(store, active, nodes)?;
     let modes = PackedModes::of_planes(table.planes());
-    let mut apart = [Apart::default(); 2];
-    each_truth(store, active, space, &motion, |_, exact, is_folded| {
-        if !is_folded {
+    let mut apart = [SurfaceDistances::default(); 2];
+    each_truth(store, active, space, &motion, |_, exact, has_branch_jump| {
+        if !has_branch_jump {
             let causes = modes.left_and_rounded(exact);
             apart.iter_mut().zip(&causes).for_each(|(apart, cause)| apart.add(Misfit::of(cause)));
         }
@@ -164,7 +165,7 @@ fn each_truth(
             && truth.tag() == ConfigTag::Expandable
             && space.lattice().locate(at).inside;
         if let Some(exact) = motion.of_truth(&truth.displacements).filter(|_| usable) {
-            see(at, &exact, truth.equilibrium().is_some_and(|at| at.switched) || is_folded(space, at));
+            see(at, &exact, truth.equilibrium().is_some_and(|at| at.switched) || has_branch_jump(space, at));
         }
     })
 }
@@ -177,7 +178,7 @@ pub fn surface_by_rbf(
     organ: &Organ<'_>,
     space: &Space<'_>,
     kernel: Kernel,
-) -> Result<Result<(Apart, f64), FitError>, StoreError> {
+) -> Result<Result<(SurfaceDistances, f64), FitError>, StoreError> {
     let motion = SurfaceMotion::new(store, active, organ.surface.node)?;
     let spacing_m = f64::from(space.lattice().spacing_m());
     let mut configurations = Vec::new();
@@ -189,9 +190,9 @@ pub fn surface_by_rbf(
         Ok(fit) => fit,
         Err(error) => return Ok(Err(error)),
     };
-    let (mut apart, mut times) = (Apart::default(), Vec::new());
-    each_truth(store, active, space, &motion, |at, exact, is_folded| {
-        if is_folded {
+    let (mut apart, mut times) = (SurfaceDistances::default(), Vec::new());
+    each_truth(store, active, space, &motion, |at, exact, has_branch_jump| {
+        if has_branch_jump {
             return;
         }
         let start = Instant::now();

@@ -25,9 +25,9 @@ impl Compared {
         distance(self.truth_n, self.found_n)
     }
 
-    /// Whether the error is within [`Tolerance::CANNOT_BE_FELT`].
-    pub(crate) fn is_not_felt(&self) -> bool {
-        self.error_n() <= Tolerance::CANNOT_BE_FELT.at(self.truth_n)
+    /// Whether the error is within [`Tolerance::IMPERCEPTIBLE`].
+    pub(crate) fn is_imperceptible(&self) -> bool {
+        self.error_n() <= Tolerance::IMPERCEPTIBLE.at(self.truth_n)
     }
 }
 
@@ -70,7 +70,7 @@ impl Errors {
         for c in compared {
             errors.count += 1;
             errors.covered += usize::from(c.covered);
-            errors.not_felt += usize::from(c.is_not_felt());
+            errors.not_felt += usize::from(c.is_imperceptible());
             sizes.push(c.error_n());
             for (truth, found) in c.truth_n.iter().zip(c.found_n) {
                 let error = (truth - found).abs();
@@ -139,13 +139,13 @@ pub fn certified_share(tests: usize, exceeded: usize) -> f64 {
     let (mut low, mut high) = (0.0f64, 1.0f64);
     for _ in 0..100 {
         let middle = 0.5 * (low + high);
-        if at_most(tests, exceeded, middle) > 0.05 { low = middle } else { high = middle }
+        if binomial_cdf(tests, exceeded, middle) > 0.05 { low = middle } else { high = middle }
     }
     1.0 - high
 }
 
 /// Probability of at most k events in n independent trials of probability p.
-fn at_most(n: usize, k: usize, p: f64) -> f64 {
+fn binomial_cdf(n: usize, k: usize, p: f64) -> f64 {
     let mut log_term = n as f64 * libm::log(1.0 - p);
     let mut sum = libm::exp(log_term);
     for i in 0..k {

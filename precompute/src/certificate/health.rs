@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Cost, MethodCertificate, TwoSolutions};
+use super::{BranchDifference, Cost, MethodCertificate};
 use crate::adaptive::{AdaptiveFit, Verdict as LoopVerdict};
 use crate::space::{Equilibrium, Record};
 use crate::spec::Tolerance;
@@ -103,14 +103,14 @@ const INVERTED: Limits = Limits { yellow: 0.0, red: 0.25 };
 const FAILED: Limits = Limits { yellow: 0.01, red: 0.05 };
 /// Residual, N. A converged residual is rounding error. The red limit is a twentieth of the imperceptible
 /// error.
-const RESIDUAL_N: Limits = Limits { yellow: 1e-6, red: Tolerance::CANNOT_BE_FELT.absolute_n / 20.0 };
+const RESIDUAL_N: Limits = Limits { yellow: 1e-6, red: Tolerance::IMPERCEPTIBLE.absolute_n / 20.0 };
 /// Share of independent positions with a perceptible error, for the best method.
-const FELT: Limits = Limits { yellow: 0.01, red: 0.05 };
+const PERCEPTIBLE: Limits = Limits { yellow: 0.01, red: 0.05 };
 /// Share of these positions with an error beyond the scene's own tolerance.
 const TOLERATED: Limits = Limits { yellow: 0.01, red: 0.05 };
 /// Difference of the core's f32 arithmetic from f64, N.
 const ROUNDING_N: Limits =
-    Limits { yellow: Tolerance::CANNOT_BE_FELT.absolute_n / 10.0, red: Tolerance::CANNOT_BE_FELT.absolute_n };
+    Limits { yellow: Tolerance::IMPERCEPTIBLE.absolute_n / 10.0, red: Tolerance::IMPERCEPTIBLE.absolute_n };
 /// Condition number of the fit's matrix. The nuggets keep it below 1e12 unless data contradict each other.
 const CONDITION: Limits = Limits { yellow: 1e13, red: 1e16 };
 
@@ -119,7 +119,7 @@ pub(super) struct Findings<'f> {
     pub(super) cost: &'f Cost,
     pub(super) fold_pairs: usize,
     pub(super) folded_volume: f64,
-    pub(super) two_solutions: TwoSolutions,
+    pub(super) two_solutions: BranchDifference,
     pub(super) methods: &'f [MethodCertificate],
     /// The fit of adaptive sampling, if any.
     pub(super) fit: Option<&'f AdaptiveFit>,
@@ -146,7 +146,7 @@ impl Health {
             loop_passed: found
                 .fit
                 .map(|fit| matches!(fit.verdict, Some(LoopVerdict::Passed | LoopVerdict::Linear))),
-            loop_stalled: found.fit.is_some_and(|fit| fit.verdict == Some(LoopVerdict::Stalled)),
+            loop_stalled: found.fit.is_some_and(|fit| fit.verdict == Some(LoopVerdict::Stagnated)),
             ..Self::default()
         };
         health.reasons = health.judged(found);
@@ -201,7 +201,7 @@ impl Health {
                 found.fold_pairs
             ),
         );
-        let TwoSolutions { points, apart_n } = found.two_solutions;
+        let BranchDifference { points, apart_n } = found.two_solutions;
         say(
             BRANCHES.of(self.share(points)),
             format!(
@@ -274,7 +274,7 @@ fn judge_errors(methods: &[MethodCertificate], say: &mut impl FnMut(Verdict, Str
         let most = if best.tolerated.is_some() || !is_sure { Verdict::Yellow } else { Verdict::Red };
         let percent = 100.0 * felt(best);
         say(
-            FELT.of(felt(best)).min(most),
+            PERCEPTIBLE.of(felt(best)).min(most),
             format!(
                 "the error is perceptible at {percent:.1} % of {} independent positions ({}, the best method)",
                 best.uniform.count, best.method
@@ -355,7 +355,7 @@ mod tests {
             cost: &Cost { configurations: 3, ..Cost::default() },
             fold_pairs: 0,
             folded_volume: 0.0,
-            two_solutions: TwoSolutions::default(),
+            two_solutions: BranchDifference::default(),
             methods: &measured,
             fit: None,
         };
@@ -373,7 +373,7 @@ mod tests {
         let cost = Cost { configurations: 200, ..Cost::default() };
         let measured = [method(300, 300, None)];
         let judge = |health: &Health, methods: &[MethodCertificate], change: &dyn Fn(&mut Findings<'_>)| {
-            let two_solutions = TwoSolutions::default();
+            let two_solutions = BranchDifference::default();
             let mut found = Findings {
                 cost: &cost,
                 fold_pairs: 0,
@@ -420,7 +420,7 @@ mod tests {
         let folded = |found: &mut Findings<'_>| found.folded_volume = 0.2;
         assert_eq!(judged(&sound, &folded), (Verdict::Red, 1));
         let buckled =
-            |found: &mut Findings<'_>| found.two_solutions = TwoSolutions { points: 1, apart_n: 0.5 };
+            |found: &mut Findings<'_>| found.two_solutions = BranchDifference { points: 1, apart_n: 0.5 };
         assert_eq!(judged(&sound, &buckled), (Verdict::Yellow, 1));
     }
 }

@@ -14,7 +14,7 @@ use palpate_core::{Method, Organ, Space};
 use serde::{Deserialize, Serialize};
 
 use super::displacement::modes_and_digits;
-use super::{Apart, Compared, Errors, SpaceCertificate, Truth, answered, probes, truths};
+use super::{Compared, Errors, SpaceCertificate, SurfaceDistances, Truth, answered, probes, truths};
 use crate::fem::solve::{Problem, Solver};
 use crate::num::parallel::{Pool, ThreadError};
 use crate::scene::ResolvedScene;
@@ -43,7 +43,7 @@ pub struct Line {
     /// Mean difference divided by the mean |h|.
     pub relative: Option<f64>,
     /// Difference of the surface displacements.
-    pub surface: Option<Apart>,
+    pub surface: Option<SurfaceDistances>,
     /// Unit of the two costs.
     pub unit: String,
     /// Cost with the approximation, and without it.
@@ -97,7 +97,7 @@ impl From<ThreadError> for LedgerError {
 
 /// Number of additional solves, and the stop flag.
 #[derive(Debug, Clone, Copy)]
-pub struct Effort<'s> {
+pub struct AdditionalSolves<'s> {
     /// Number of positions solved with each other body. With 0, only the approximations of the blob are
     /// measured.
     pub positions: usize,
@@ -114,7 +114,7 @@ pub fn ledger(
     active: usize,
     (organ, certificate): (&Organ<'_>, &SpaceCertificate),
     scene: &ResolvedScene,
-    effort: Effort<'_>,
+    effort: AdditionalSolves<'_>,
 ) -> Result<Option<Ledger>, LedgerError> {
     let begun = Instant::now();
     let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *certificate.active) else {
@@ -184,19 +184,19 @@ fn others(scene: &ResolvedScene) -> Vec<(&'static str, bool, ResolvedScene)> {
 
 /// The solution at one position with one body.
 #[derive(Debug, Clone, Copy)]
-struct At {
+struct SolvedPosition {
     force_n: [f64; 3],
     seconds: f64,
 }
 
 /// One entry per position; `None` if it could not be solved.
-type Solved = Vec<Option<At>>;
+type Solved = Vec<Option<SolvedPosition>>;
 
 fn forces(
     scene: &ResolvedScene,
     active: usize,
     positions: &[Truth],
-    effort: Effort<'_>,
+    effort: AdditionalSolves<'_>,
 ) -> Result<Solved, ThreadError> {
     let nothing = || vec![None; positions.len()];
     let (Ok(body), Some(node)) = (scene.body(), scene.active.get(active)) else { return Ok(nothing()) };
@@ -212,7 +212,10 @@ fn forces(
             let Some(truth) = positions.get(place) else { break };
             let begun = Instant::now();
             if let Ok(at) = solver.advance(&rest.seed, truth.displacement_m.map(f64::from)) {
-                found.push((place, At { force_n: at.jet().force_n, seconds: begun.elapsed().as_secs_f64() }));
+                found.push((
+                    place,
+                    SolvedPosition { force_n: at.jet().force_n, seconds: begun.elapsed().as_secs_f64() },
+                ));
             }
         }
         found
@@ -226,13 +229,13 @@ fn forces(
 }
 
 fn discretised(what: &str, made: bool, own: &Solved, other: &Solved) -> Line {
-    let both: Vec<[At; 2]> =
+    let both: Vec<[SolvedPosition; 2]> =
         own.iter().zip(other).filter_map(|(own, other)| Some([(*own)?, (*other)?])).collect();
     // The more accurate body is the reference.
     let (worse, better) = if made { (0, 1) } else { (1, 0) };
     let seconds =
         |of: usize| both.iter().map(|pair| pair[of].seconds).sum::<f64>() / both.len().max(1) as f64;
-    let compare = |pair: &[At; 2]| Compared {
+    let compare = |pair: &[SolvedPosition; 2]| Compared {
         truth_n: pair[better].force_n,
         found_n: pair[worse].force_n,
         covered: true,
@@ -253,7 +256,7 @@ fn of_the_blob(
     (method, certificate): (Method, &SpaceCertificate),
     scene: &ResolvedScene,
     answers: &[Compared],
-    causes: [Apart; 2],
+    causes: [SurfaceDistances; 2],
 ) -> Vec<Line> {
     let mut lines = Vec::new();
     if scene.max_force_n.is_finite() {
@@ -282,7 +285,7 @@ fn of_the_blob(
     lines.push(Line::new("nodes inside the body", true, "nodes moved", nodes));
     match surface {
         Some(surface) => {
-            let line = |what: String, unit, cost, by: Apart| Line {
+            let line = |what: String, unit, cost, by: SurfaceDistances| Line {
                 surface: Some(by).filter(|by| by.count > 0),
                 ..Line::new(what, true, unit, cost)
             };

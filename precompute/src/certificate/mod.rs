@@ -13,10 +13,10 @@ pub mod reference;
 
 use std::collections::BTreeMap;
 
-pub use displacement::{Apart, DisplacementCertificate, surface_by_rbf};
+pub use displacement::{DisplacementCertificate, SurfaceDistances, surface_by_rbf};
 pub use errors::{Compared, Errors, Within, certified_share};
 pub use health::{Health, Reason, Verdict};
-pub use ledger::{Effort, Ledger, LedgerError, Line, ledger};
+pub use ledger::{AdditionalSolves, Ledger, LedgerError, Line, ledger};
 pub(crate) use probes::Probe;
 pub use probes::nanoseconds;
 pub use reference::force_n as reference_force_n;
@@ -27,14 +27,14 @@ use serde::{Deserialize, Serialize};
 
 use health::Findings;
 
-use crate::adaptive::{AdaptiveFit, LinearSuits, Verdict as LoopVerdict};
+use crate::adaptive::{AdaptiveFit, LinearModelErrors, Verdict as LoopVerdict};
 use crate::held_out::{Summary, is_on_training_lattice};
-use crate::space::{Kind, Record, SpaceState, Store, StoreError, Walk, folds, samples, state};
+use crate::space::{Kind, Record, SpaceState, Store, StoreError, Walk, branch_jumps, samples, state};
 use crate::spec::{GridIndex, Sampling, Scattered, Tolerance, is_within};
 
 /// Largest number of active nodes that each have their own held-out positions. More nodes share the
 /// positions, and the bounds hold for all of them together.
-pub const FEW: usize = 8;
+pub const MAX_SEPARATE_NODES: usize = 8;
 
 /// All measurements of a blob.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -83,7 +83,7 @@ pub struct SpaceCertificate {
     /// limits the reach, the share of the reachable part.
     pub folded_volume: f64,
     /// Points with two stable solutions.
-    pub two_solutions: TwoSolutions,
+    pub two_solutions: BranchDifference,
     /// Every packed method.
     pub methods: Vec<MethodCertificate>,
     /// The surface displacements, if packed.
@@ -91,7 +91,7 @@ pub struct SpaceCertificate {
     /// Spacing of the fallback lattice, m; `None` if adaptive sampling did not stagnate.
     pub switched_to_spacing_m: Option<f64>,
     /// Prediction errors of the linear model, if it is the packed model.
-    pub linear: Option<LinearSuits>,
+    pub linear: Option<LinearModelErrors>,
     /// Numerical health; `None` in blobs without this measurement.
     pub health: Option<Health>,
     /// Approximations with their change and saving, if requested.
@@ -101,14 +101,14 @@ pub struct SpaceCertificate {
 /// Grid points where attempts from different neighbours found different stable solutions. The body has two
 /// branches there, and the solution depends on the path. The tables contain the solution of lower energy.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct TwoSolutions {
+pub struct BranchDifference {
     /// Number of points.
     pub points: usize,
     /// Largest difference of the forces at one of them, N.
     pub apart_n: f64,
 }
 
-impl TwoSolutions {
+impl BranchDifference {
     /// Result over all attempts of a space.
     pub(crate) fn of(attempts: &[Record]) -> Self {
         let mut points: BTreeMap<GridIndex, Vec<[f64; 3]>> = BTreeMap::new();
@@ -123,7 +123,7 @@ impl TwoSolutions {
                 |a: &[f64; 3], b: &[f64; 3]| Compared { truth_n: *a, found_n: *b, covered: true }.error_n();
             let pairs = forces.iter().enumerate().flat_map(|(n, a)| forces[..n].iter().map(move |b| (a, b)));
             let apart_n = pairs.map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
-            if apart_n > Tolerance::CANNOT_BE_FELT.absolute_n {
+            if apart_n > Tolerance::IMPERCEPTIBLE.absolute_n {
                 found.points += 1;
                 found.apart_n = found.apart_n.max(apart_n);
             }
@@ -239,13 +239,13 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let truths = truths(store, active, space, sampling)?;
         // Adaptive sampling has neither table points nor neighbours.
         let (samples, mut folded) = sampling.lattice().map_or_else(Default::default, |lattice| {
-            (samples(&lattice.grid, &records), folds(&lattice.grid, &records))
+            (samples(&lattice.grid, &records), branch_jumps(&lattice.grid, &records))
         });
         let state = sampling.scattered().map(|_| state(store, active)).transpose()?;
         let fallback = state.as_ref().and_then(SpaceState::fallback);
         let fit = state.and_then(|state| state.fit);
         if let Some(lattice) = &fallback {
-            folded = folds(&lattice.grid, &lattice.records(&records));
+            folded = branch_jumps(&lattice.grid, &lattice.records(&records));
         }
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
         let displacement = space.displacement().as_ref().map(|table| {
@@ -255,15 +255,15 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         });
         let cost = cost(store, active)?;
         let tolerance = sampling.scattered().map(|scattered| scattered.tolerance);
-        let tolerance = tolerance.filter(|tolerance| *tolerance != Tolerance::CANNOT_BE_FELT);
+        let tolerance = tolerance.filter(|tolerance| *tolerance != Tolerance::IMPERCEPTIBLE);
         let methods: Vec<MethodCertificate> =
             methods.map(|method| measure(space, method, &truths, tolerance)).collect();
-        let two_solutions = TwoSolutions::of(&store.attempts(active)?);
+        let two_solutions = BranchDifference::of(&store.attempts(active)?);
         // Positions that the workspace excludes, or that a tool that only pushes cannot reach, are not
         // judged.
-        let kept_in = fit.as_ref().filter(|fit| fit.wanted.is_kept_in()).map(AdaptiveFit::within_reach);
+        let kept_in = fit.as_ref().filter(|fit| fit.wanted.is_kept_in()).map(AdaptiveFit::reachable_set);
         let in_reach = |at: [f32; 3]| kept_in.as_ref().is_none_or(|reach| reach.has(at.map(f64::from)));
-        let folded_volume = probes::share_of_part(space, in_reach, |at| is_folded(space, at));
+        let folded_volume = probes::share_of_part(space, in_reach, |at| has_branch_jump(space, at));
         let fold_pairs = folded.len();
         let findings = Findings {
             cost: &cost,
@@ -362,7 +362,7 @@ fn truths(
             && workspace.is_none_or(|workspace| is_within(&workspace, &at))
             && !seen(at);
         if let Some(found) = reachable.filter(|_| usable) {
-            let folded = found.switched || is_folded(space, displacement_m);
+            let folded = found.switched || has_branch_jump(space, displacement_m);
             truths.push(Truth { walk: *walk, step, displacement_m, force_n: found.force_n, folded });
         }
     })?;
@@ -370,7 +370,7 @@ fn truths(
 }
 
 /// Whether the cell of the position, or an adjacent one, contains a branch jump.
-fn is_folded(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
+fn has_branch_jump(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
     let at = space.lattice().locate(displacement_m);
     let corners = space.lattice().corners(at.slot);
     corners.iter().any(|slot| space.flags().get(*slot).is_none_or(|bits| bits & SMOOTH == 0))

@@ -7,7 +7,7 @@ use std::time::Instant;
 use palpate_core::{Method, Space, vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{is_folded, reference};
+use super::{has_branch_jump, reference};
 use crate::num::sequence::{on_sphere, r3};
 use crate::num::vector::{dot, norm};
 
@@ -124,7 +124,7 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
             let power = dot(force_n(space, method, at), along);
             net += power;
             exchanged += power.abs();
-            folded |= is_folded(space, at.map(|x| x as f32));
+            folded |= has_branch_jump(space, at.map(|x| x as f32));
         }
         let share = net.abs() / f64::max(exchanged, f64::MIN_POSITIVE);
         let of = &mut all[usize::from(folded)];

@@ -4,7 +4,7 @@
 //! The input is the packed tables. So the difference contains the error of the evaluation and not that of the
 //! fit.
 
-use palpate_core::flags::{FOLD, INTERIOR, SMOOTH, SUPERCELL};
+use palpate_core::flags::{BRANCH_JUMP, INTERIOR, SMOOTH, SUPERCELL};
 use palpate_core::grid::CORNERS;
 use palpate_core::method::kernel::{Block, KernelTable, LANES, NUMBERS};
 use palpate_core::{Method, Space, SpacePlanes};
@@ -29,7 +29,7 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
         }
         Method::Hermite => cell.hermite(),
         Method::Energy => {
-            let clear = space.flags()[cell.slot([0; 3])] & FOLD == 0;
+            let clear = space.flags()[cell.slot([0; 3])] & BRANCH_JUMP == 0;
             let share = if clear { cell.share(0, SMOOTH) } else { 0.0 };
             Some(mix(share, cell.hermite()?, cell.energy()?))
         }

@@ -141,7 +141,7 @@ impl std::fmt::Display for DegenerateElement {
 impl std::error::Error for DegenerateElement {}
 
 impl Body {
-    /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve::settle`] must then
+    /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve::solve_body_force`] must then
     /// solve its rest state.
     pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, DegenerateElement> {
         let vertex_count = mesh.nodes_m.len();

@@ -136,10 +136,11 @@ impl DofMap {
         for &node in handle_nodes {
             held[node as usize] = [true; 3];
         }
-        let keep_held = constraints == Constraints::Multipliers;
+        let keep_prescribed = constraints == Constraints::Multipliers;
         let mut has_pressure = vec![false; body.pressure_sites.len()];
         for (index, element) in body.elements.iter().enumerate() {
-            let moves = keep_held || body.nodes_of(index).iter().any(|&n| held[n as usize] != [true; 3]);
+            let moves =
+                keep_prescribed || body.nodes_of(index).iter().any(|&n| held[n as usize] != [true; 3]);
             for &pressure in element.pressures.iter().filter(|&&p| moves && p != ABSENT) {
                 has_pressure[pressure as usize] = true;
             }
@@ -151,7 +152,7 @@ impl DofMap {
             }
         }
         let kept = |node: usize| held[node] != [true; 3] || !pressures_at[node].is_empty();
-        let order: Vec<usize> = if keep_held {
+        let order: Vec<usize> = if keep_prescribed {
             nested_dissection(body.node_count(), body.element_nodes(), |_| true)
         } else {
             body.elimination_order().iter().copied().filter(|&node| kept(node)).collect()
@@ -165,7 +166,7 @@ impl DofMap {
         let mut next = 0u32;
         for &node in &order {
             for axis in 0..3 {
-                if keep_held || !held[node][axis] {
+                if keep_prescribed || !held[node][axis] {
                     dofs.displacement[node][axis] = next;
                     next += 1;
                 }
@@ -175,14 +176,14 @@ impl DofMap {
                 next += 1;
             }
             for axis in 0..3 {
-                if keep_held && held[node][axis] {
+                if keep_prescribed && held[node][axis] {
                     dofs.multipliers.push(Multiplier { node: node as u32, axis, equation: next });
                     next += 1;
                 }
             }
         }
         dofs.unknowns = next as usize;
-        if !keep_held {
+        if !keep_prescribed {
             let n = dofs.unknowns as u32;
             for &node in handle_nodes {
                 dofs.displacement[node as usize] = [n, n + 1, n + 2];

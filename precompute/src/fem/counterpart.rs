@@ -5,7 +5,7 @@ use crate::fem::body::Region;
 
 /// Why a law has no counterpart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoCounterpart {
+pub enum NoLinearCounterpart {
     /// There is no law of this name.
     UnknownLaw,
     /// One of the two laws has fibres: no isotropic law has its moduli.
@@ -14,7 +14,7 @@ pub enum NoCounterpart {
     Own,
 }
 
-impl std::fmt::Display for NoCounterpart {
+impl std::fmt::Display for NoLinearCounterpart {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::UnknownLaw => write!(f, "no such law; choose from {}", LAWS.join(", ")),
@@ -26,7 +26,7 @@ impl std::fmt::Display for NoCounterpart {
     }
 }
 
-impl std::error::Error for NoCounterpart {}
+impl std::error::Error for NoLinearCounterpart {}
 
 impl Region {
     /// The law called `name` with this region's moduli at small strain; the region itself if that is its law.
@@ -35,19 +35,19 @@ impl Region {
     /// With a bulk modulus K it gives nu = (3 K - 2 mu) / (6 K + 2 mu) and E = 2 mu (1 + nu). Between
     /// compressible laws Lame's constants do not change. An incompressible law uses only mu of them, with
     /// C10 = C01 = mu / 4.
-    pub fn counterpart(&self, name: &str) -> Result<Self, NoCounterpart> {
+    pub fn counterpart(&self, name: &str) -> Result<Self, NoLinearCounterpart> {
         if !LAWS.contains(&name) {
-            return Err(NoCounterpart::UnknownLaw);
+            return Err(NoLinearCounterpart::UnknownLaw);
         }
         if name == self.material.name() {
             return Ok(self.clone());
         }
         let unknown = match self.material {
-            Material::Own(_) => NoCounterpart::Own,
-            _ => NoCounterpart::Fibres,
+            Material::Own(_) => NoLinearCounterpart::Own,
+            _ => NoLinearCounterpart::Fibres,
         };
         let moduli = self.material.small_strain(self.bulk_modulus_pa).ok_or(unknown)?;
-        let material = Material::with_small_strain(name, &moduli).ok_or(NoCounterpart::Fibres)?;
+        let material = Material::with_small_strain(name, &moduli).ok_or(NoLinearCounterpart::Fibres)?;
         let bulk_modulus_pa = self.bulk_modulus_pa.filter(|_| material.rest_pressure_pa().is_some());
         Ok(Self { material, bulk_modulus_pa })
     }
@@ -95,8 +95,8 @@ mod tests {
     #[test]
     fn what_cannot_be_carried_over_is_said() {
         let from = region(Material::MooneyRivlin(PAPER));
-        assert_eq!(from.counterpart("hooke"), Err(NoCounterpart::UnknownLaw));
-        assert_eq!(from.counterpart("holzapfel-gasser-ogden"), Err(NoCounterpart::Fibres));
+        assert_eq!(from.counterpart("hooke"), Err(NoLinearCounterpart::UnknownLaw));
+        assert_eq!(from.counterpart("holzapfel-gasser-ogden"), Err(NoLinearCounterpart::Fibres));
         assert_eq!(from.counterpart("mooney-rivlin"), Ok(from));
     }
 }

@@ -65,7 +65,7 @@ impl fmt::Display for PressureFault {
 impl std::error::Error for PressureFault {}
 
 /// A volume derivative below this share of its summands is rounding error.
-const NO_SLOPE: f64 = 1e-10;
+const ZERO_DERIVATIVE: f64 = 1e-10;
 
 /// A part of the body whose pressures are coupled.
 #[derive(Debug)]
@@ -110,7 +110,7 @@ impl Body {
             let law = self.regions[usize::from(region)].material.name();
             // Vertices precede mid-edge nodes, so the lowest node is a mesh node.
             let node = slopes.keys().next().copied().unwrap_or_default();
-            if free().all(|slope| slope <= NO_SLOPE) {
+            if free().all(|slope| slope <= ZERO_DERIVATIVE) {
                 return Err(PressureFault::Undetermined { region, law, node });
             }
             let free = free().count();

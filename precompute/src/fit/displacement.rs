@@ -23,7 +23,7 @@ use faer::{Mat, Side};
 #[cfg(test)]
 use palpate_core::displacement::DisplacementPlanes;
 
-use super::fold::Fold;
+use super::branch_jump::BranchJump;
 use super::ghosts::mean_of_nearest;
 use super::modes::{Mode, PackedModes, UNITS};
 use crate::num::vector::inner;
@@ -31,7 +31,7 @@ use crate::spec::{DisplacementBound, Domain, GridIndex, SpaceGrid};
 
 impl DisplacementBound {
     /// Whether the difference of two surfaces is within the bound.
-    pub(crate) fn allows(&self, found: &Moved, truth: &Moved) -> bool {
+    pub(crate) fn allows(&self, found: &SurfaceMotionSample, truth: &SurfaceMotionSample) -> bool {
         let pairs = found.displacement_m.iter().zip(&truth.displacement_m);
         self.holds(Misfit::of(&pairs.map(|(a, b)| a - b).collect::<Vec<f32>>()))
     }
@@ -72,7 +72,7 @@ impl Misfit {
 
 /// A solved configuration: x, y, z of every surface node.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moved {
+pub struct SurfaceMotionSample {
     /// Displacement from rest, m.
     pub displacement_m: Vec<f32>,
     /// Derivatives with respect to the x, y and z displacement of the active node.
@@ -149,9 +149,9 @@ const MARGIN: f64 = 0.98;
 pub fn fit_displacement<E>(
     grid: &SpaceGrid,
     solved: &[GridIndex],
-    folds: &[Fold],
+    branch_jumps: &[BranchJump],
     bound: DisplacementBound,
-    mut read: impl FnMut(usize) -> Result<Moved, E>,
+    mut read: impl FnMut(usize) -> Result<SurfaceMotionSample, E>,
 ) -> Result<DisplacementFit, DisplacementFault<E>> {
     let mut fetch = |at: usize| read(at).map_err(DisplacementFault::Read);
     let mut all: Vec<Vec<f32>> = Vec::with_capacity(solved.len());
@@ -165,7 +165,7 @@ pub fn fit_displacement<E>(
     let mut rows = Vec::with_capacity(solved.len());
     let mut outliers = Vec::new();
     for (at, &index) in solved.iter().enumerate() {
-        let Moved { displacement_m, slopes } = fetch(at)?;
+        let SurfaceMotionSample { displacement_m, slopes } = fetch(at)?;
         let (values, left) = modes.coefficients(&displacement_m);
         let mut misfit = Misfit::of(&left);
         if !bound.holds(misfit) {
@@ -180,7 +180,7 @@ pub fn fit_displacement<E>(
         let slopes = slopes.map(|slope| modes.project(&slope, grid.spacing_m));
         rows.push(Row { values: values.iter().map(|&n| f64::from(n)).collect(), slopes });
     }
-    fit.slopes = slopes_worth(grid, solved, folds, &modes, &rows, bound);
+    fit.slopes = slopes_worth(grid, solved, branch_jumps, &modes, &rows, bound);
     fit.modes = modes.numbers;
 
     fit.row = vec![0; grid.lattice.slots()];
@@ -359,13 +359,13 @@ fn pack_whole(numbers: &[f64], packed: &mut Vec<i16>) {
 fn slopes_worth(
     grid: &SpaceGrid,
     solved: &[GridIndex],
-    folds: &[Fold],
+    branch_jumps: &[BranchJump],
     modes: &PackedModes,
     rows: &[Row],
     bound: DisplacementBound,
 ) -> usize {
     let cuts: HashSet<(GridIndex, GridIndex)> =
-        folds.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
+        branch_jumps.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
     let mut edges: Vec<(usize, usize, usize)> = Vec::new();
     for (at, index) in solved.iter().enumerate().filter(|(_, index)| grid.lattice.slot(**index).is_some()) {
         for axis in 0..3 {

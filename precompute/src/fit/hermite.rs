@@ -24,10 +24,10 @@ use palpate_core::grid::CORNERS;
 use palpate_core::method::hermite::Node;
 
 use derivatives::{
-    Derivatives, factorial, held_ghost, held_slopes, orders, orders_up_to, orders_up_to_two, part,
+    Derivatives, factorial, limited_ghost, limited_slopes, orders, orders_up_to, orders_up_to_two, part,
 };
 
-use super::fold::Fold;
+use super::branch_jump::BranchJump;
 use super::ghosts::{GHOST_FORCE_LIMIT, mean_of_nearest};
 use super::{LatticeValues, Sample};
 use crate::num::vector::norm;
@@ -43,16 +43,16 @@ pub struct HermiteNodes {
 }
 
 /// Sets the branch-jump flag of every cell with a flagged pair among its corners.
-pub fn flag_folds(grid: &SpaceGrid, folds: &[Fold], values: &mut LatticeValues) {
-    for slot in folds.iter().flat_map(folded_cells).filter_map(|cell| grid.lattice.slot(cell)) {
-        values.flags[slot] |= flags::FOLD;
+pub fn flag_branch_jumps(grid: &SpaceGrid, branch_jumps: &[BranchJump], values: &mut LatticeValues) {
+    for slot in branch_jumps.iter().flat_map(cells_with_jumps).filter_map(|cell| grid.lattice.slot(cell)) {
+        values.flags[slot] |= flags::BRANCH_JUMP;
     }
     flags::derive(&grid.lattice, &mut values.flags);
 }
 
 /// The cells with both ends of a flagged pair among their corners, including the lower cell on axes where the
 /// ends have the same index.
-fn folded_cells(fold: &Fold) -> impl Iterator<Item = GridIndex> {
+fn cells_with_jumps(fold: &BranchJump) -> impl Iterator<Item = GridIndex> {
     let (from, to) = (fold.from, fold.to);
     CORNERS
         .into_iter()
@@ -61,8 +61,8 @@ fn folded_cells(fold: &Fold) -> impl Iterator<Item = GridIndex> {
 }
 
 /// The table of `samples`, sorted by index, including the rest point.
-pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], folds: &[Fold]) -> HermiteNodes {
-    nodes_with(grid, samples, folds, &BTreeMap::new())
+pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], branch_jumps: &[BranchJump]) -> HermiteNodes {
+    nodes_with(grid, samples, branch_jumps, &BTreeMap::new())
 }
 
 /// The table of samples with known derivatives, J/m^n. Only ghosts need differences.
@@ -77,7 +77,7 @@ pub fn hermite_nodes_known(
 fn nodes_with(
     grid: &SpaceGrid,
     samples: &[Sample],
-    folds: &[Fold],
+    branch_jumps: &[BranchJump],
     known: &BTreeMap<GridIndex, super::Derivatives>,
 ) -> HermiteNodes {
     let slots = grid.lattice.slots();
@@ -88,7 +88,7 @@ fn nodes_with(
         }
     }
     let mut cuts: Vec<(GridIndex, GridIndex)> =
-        folds.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
+        branch_jumps.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
     cuts.sort_unstable();
     let mut field = Field { grid, solved, cuts };
     // If all derivatives are known, no differences are needed.
@@ -105,18 +105,19 @@ fn nodes_with(
         }
     }
     let mut table = HermiteNodes { row: vec![0; slots], nodes: Vec::new() };
-    let at_folds: HashSet<GridIndex> = folds.iter().flat_map(folded_cells).flat_map(corners).collect();
+    let at_folds: HashSet<GridIndex> =
+        branch_jumps.iter().flat_map(cells_with_jumps).flat_map(corners).collect();
     let largest_n = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
     for index in Domain::new(grid, true).points() {
         let Some(slot) = grid.lattice.slot(index) else { continue };
         let node = match field.solved[slot] {
             Some(known) if at_folds.contains(&index) => {
-                held_slopes(known.w, STEEPEST * field.steepest(index))
+                limited_slopes(known.w, MAX_SLOPE_RATIO * field.steepest(index))
             }
             Some(known) => known.w,
             None => {
                 let free = field.fitted(index).unwrap_or_else(|| field.ghost(index));
-                held_ghost(free, GHOST_FORCE_LIMIT * largest_n)
+                limited_ghost(free, GHOST_FORCE_LIMIT * largest_n)
             }
         };
         table.row[slot] = table.nodes.len() as u32;
@@ -128,7 +129,7 @@ fn nodes_with(
 /// Limit of the slopes at a branch jump, as a multiple of the largest change of the force to a neighbour,
 /// because a slope can belong to a branch that ends within the cell. The limit is that of monotone cubic
 /// interpolation (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980: 3).
-const STEEPEST: f64 = 3.0;
+const MAX_SLOPE_RATIO: f64 = 3.0;
 
 /// A solved node: its table entries, and the pure third derivatives, which the table does not contain.
 #[derive(Debug, Clone, Copy)]
@@ -302,7 +303,7 @@ impl Field<'_> {
     fn around(&self, index: GridIndex) -> Option<Vec<usize>> {
         let squared = |slot: usize| -> i32 { self.offset(index, slot).iter().map(|n| n * n).sum() };
         let mut order: Vec<(i32, usize)> = (0..self.solved.len())
-            .filter(|&slot| self.solved[slot].is_some() && squared(slot) <= REACH)
+            .filter(|&slot| self.solved[slot].is_some() && squared(slot) <= MAX_DISTANCE)
             .map(|slot| (squared(slot), slot))
             .collect();
         order.sort_unstable();
@@ -311,12 +312,12 @@ impl Field<'_> {
             let here = self.grid.lattice.ijk(slot);
             let joined =
                 |other: &usize| self.cuts.binary_search(&(here, self.grid.lattice.ijk(*other))).is_err();
-            if chosen.len() < MOST && chosen.iter().all(joined) {
+            if chosen.len() < MAX_NODES && chosen.iter().all(joined) {
                 chosen.push(slot);
             }
         }
-        let is_near = chosen.first().is_some_and(|&slot| squared(slot) <= NEAR);
-        (chosen.len() >= FEWEST && is_near).then_some(chosen)
+        let is_near = chosen.first().is_some_and(|&slot| squared(slot) <= NEAR_DISTANCE);
+        (chosen.len() >= MIN_NODES && is_near).then_some(chosen)
     }
 
     /// Position of a slot relative to `index`, in cells.
@@ -331,7 +332,7 @@ impl Field<'_> {
         let known = known.filter_map(|(slot, node)| Some((self.grid.lattice.ijk(slot), node.as_ref()?)));
         let mut mean = Derivatives::default();
         mean_of_nearest(known, index, mean.as_flattened_mut().as_flattened_mut(), |node, step, sum| {
-            let continued = taylor(node, step, squared(step) > f64::from(NEAR));
+            let continued = taylor(node, step, squared(step) > f64::from(NEAR_DISTANCE));
             for (sum, value) in sum.iter_mut().zip(continued.as_flattened().as_flattened()) {
                 *sum += value;
             }
@@ -347,12 +348,12 @@ fn squared(step: [f64; 3]) -> f64 {
 
 /// Largest squared distance, in cells, at which a node is extrapolated with all its derivatives. Beyond it
 /// only W, h and S are used.
-const NEAR: i32 = 3;
+const NEAR_DISTANCE: i32 = 3;
 
 /// Largest squared distance, in cells, of the nodes in a fit, and the maximum number of these nodes.
-const REACH: i32 = 6;
-const MOST: usize = 20;
-const FEWEST: usize = 6;
+const MAX_DISTANCE: i32 = 6;
+const MAX_NODES: usize = 20;
+const MIN_NODES: usize = 6;
 /// Ridge as a share of the root mean square norm of a column.
 const RIDGE: f64 = 3e-7;
 

@@ -83,15 +83,15 @@ impl EnergyJet {
 
 /// Error: two configurations are too close for the kernel to distinguish them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Indistinct;
+pub struct CoincidentData;
 
-impl std::fmt::Display for Indistinct {
+impl std::fmt::Display for CoincidentData {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "two configurations are too close for the kernel; take a shorter length")
     }
 }
 
-impl std::error::Error for Indistinct {}
+impl std::error::Error for CoincidentData {}
 
 /// A fit that can be extended by configurations.
 #[derive(Debug, Clone)]
@@ -178,7 +178,7 @@ impl KernelFit {
     /// A read-only copy without the factor, which is most of the memory. It gives the same values and cannot
     /// be extended.
     #[must_use]
-    pub fn as_it_is(&self) -> Self {
+    pub fn read_only(&self) -> Self {
         let Self { length_m, base, ref centres, ref weights, .. } = *self;
         let (centres, weights) = (centres.clone(), weights.clone());
         let (factor, forward) = (Mat::zeros(0, 0), Mat::zeros(0, 1));
@@ -193,7 +193,7 @@ impl KernelFit {
     /// # Panics
     ///
     /// If the fit is [read-only](Self::as_it_is).
-    pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), Indistinct> {
+    pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), CoincidentData> {
         assert_eq!(self.factor.nrows(), DATA.len() * self.centres.len(), "the fit is read-only");
         let (old, more) = (DATA.len() * self.centres.len(), DATA.len() * jets.len());
         let added: Vec<[f64; 3]> = jets.iter().map(|jet| jet.control_m.map(|x| x / self.length_m)).collect();
@@ -222,7 +222,7 @@ impl KernelFit {
         }
         solve_lower_triangular_in_place(self.factor.as_ref(), across.as_mut(), Par::Seq);
         own -= across.transpose() * &across;
-        let corner = own.llt(Side::Lower).map_err(|_| Indistinct)?;
+        let corner = own.llt(Side::Lower).map_err(|_| CoincidentData)?;
         let corner = corner.L();
         // The data in the same scale, as derivatives with respect to x = p / l.
         let mut right = Mat::<f64>::zeros(more, 1);

@@ -30,10 +30,14 @@ pub(crate) struct KernelPlanes {
 }
 
 impl KernelPlanes {
-    /// The planes of a fit in a ball of `radius_m`; `knows` returns whether the fit is valid at a
+    /// The planes of a fit in a ball of `radius_m`; `is_valid_at` returns whether the fit is valid at a
     /// displacement. `None` if the core does not accept the fit: more than [`MAX_CENTRES`] configurations, or
     /// a configuration at more than [`MAX_DISTANCE`] kernel lengths from rest.
-    pub(crate) fn new(fit: &KernelFit, radius_m: f64, knows: impl Fn([f64; 3]) -> bool) -> Option<Self> {
+    pub(crate) fn new(
+        fit: &KernelFit,
+        radius_m: f64,
+        is_valid_at: impl Fn([f64; 3]) -> bool,
+    ) -> Option<Self> {
         let far = |x: &[f64; 3]| x.iter().map(|x| x * x).sum::<f64>() > MAX_DISTANCE * MAX_DISTANCE;
         if fit.is_empty() || fit.len() > MAX_CENTRES || fit.centres().any(|(x, _)| far(x)) {
             return None;
@@ -48,7 +52,7 @@ impl KernelPlanes {
                 lanes[n % LANES] = number;
             }
         }
-        let planes = Self { scalars, blocks, reach: reach(radius_m, knows) };
+        let planes = Self { scalars, blocks, reach: reach(radius_m, is_valid_at) };
         KernelTable::new(radius_m as f32, planes.view()).is_ok().then_some(planes)
     }
 
@@ -71,27 +75,27 @@ fn polynomial(weights: &[f64; 20]) -> [f64; 20] {
 
 /// For each direction of the cube, the distance up to which the fit is valid without interruption from rest,
 /// rounded down to 1/255 of the radius.
-fn reach(radius_m: f64, knows: impl Fn([f64; 3]) -> bool) -> Vec<u8> {
+fn reach(radius_m: f64, is_valid_at: impl Fn([f64; 3]) -> bool) -> Vec<u8> {
     let half = (REACH_SIDE / 2) as i32;
     let share = |index: usize| {
         let (ab, c) = (index / REACH_SIDE, index % REACH_SIDE);
         let towards = [ab / REACH_SIDE, ab % REACH_SIDE, c].map(|n| n as i32 - half);
         let is_on_surface = towards.iter().any(|n| n.abs() == half);
-        if is_on_surface { along(towards, radius_m, &knows) } else { 0 }
+        if is_on_surface { along(towards, radius_m, &is_valid_at) } else { 0 }
     };
     (0..REACH_POINTS).map(share).collect()
 }
 
-fn along(towards: [i32; 3], radius_m: f64, knows: &impl Fn([f64; 3]) -> bool) -> u8 {
+fn along(towards: [i32; 3], radius_m: f64, is_valid_at: &impl Fn([f64; 3]) -> bool) -> u8 {
     let length = towards.iter().map(|n| f64::from(n * n)).sum::<f64>().sqrt();
     let at = |share: f64| towards.map(|n| f64::from(n) / length * share * radius_m);
     let step = 1.0 / f64::from(STEPS);
-    let whole = (1..=STEPS).take_while(|n| knows(at(f64::from(*n) * step))).count() as u32;
+    let whole = (1..=STEPS).take_while(|n| is_valid_at(at(f64::from(*n) * step))).count() as u32;
     let (mut low, mut high) = (f64::from(whole) * step, f64::from(whole + 1) * step);
     if whole < STEPS {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
-            if knows(at(middle)) { low = middle } else { high = middle }
+            if is_valid_at(at(middle)) { low = middle } else { high = middle }
         }
     }
     // The fit is always valid at rest, and 0 would mean no range.
@@ -102,7 +106,7 @@ fn along(towards: [i32; 3], radius_m: f64, knows: &impl Fn([f64; 3]) -> bool) ->
 mod tests {
     use palpate_core::lanes::Baseline;
 
-    use super::super::made_up::{jet, spread};
+    use super::super::synthetic::{jet, spread};
     use super::*;
 
     const RADIUS_M: f64 = 0.05;
@@ -245,11 +249,11 @@ mod tests {
     fn a_reach_ends_where_the_fit_does() {
         let fit = fit(8, 0.03);
         // An ellipsoid, and behind it a separate region that no ray reaches without leaving the first one.
-        let knows = |at: [f64; 3]| {
+        let is_valid_at = |at: [f64; 3]| {
             let inside = (at[0] / 0.04).powi(2) + (at[1] / 0.02).powi(2) + (at[2] / 0.03).powi(2) < 1.0;
             inside || at[1].abs() > 0.035
         };
-        let planes = KernelPlanes::new(&fit, RADIUS_M, knows).expect("it fits");
+        let planes = KernelPlanes::new(&fit, RADIUS_M, is_valid_at).expect("it fits");
         let table = table(&planes);
         for n in 0..2000 {
             let [x, y, z] = spread(n, 1.0);

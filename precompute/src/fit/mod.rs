@@ -1,26 +1,26 @@
 //! Fits: from solved configurations to the tables that the core interpolates.
 
+mod branch_jump;
 mod centre;
 mod displacement;
-mod fold;
 mod ghosts;
 mod hermite;
 mod kernel;
 mod kernel_planes;
-#[cfg(test)]
-pub(crate) mod made_up;
 mod modes;
 mod motion;
 mod rbf_iterative;
 mod rbf_weights;
+#[cfg(test)]
+pub(crate) mod synthetic;
 
+pub use branch_jump::BranchJump;
+pub(crate) use branch_jump::{branch_jumps, flagged_pairs};
 pub use centre::Centre;
 pub(crate) use displacement::{DisplacementFault, DisplacementFit, Misfit};
-pub use displacement::{Moved, fit_displacement};
-pub use fold::Fold;
-pub(crate) use fold::{flagged_pairs, folds};
+pub use displacement::{SurfaceMotionSample, fit_displacement};
 pub use ghosts::{LatticeValues, lattice_values};
-pub use hermite::{HermiteNodes, flag_folds, hermite_nodes, hermite_nodes_known};
+pub use hermite::{HermiteNodes, flag_branch_jumps, hermite_nodes, hermite_nodes_known};
 pub(crate) use kernel::DATA;
 pub use kernel::{Derivatives, KernelFit};
 pub(crate) use kernel_planes::KernelPlanes;

@@ -4,7 +4,7 @@ use faer::linalg::solvers::Llt;
 use faer::prelude::Solve;
 use faer::{Mat, Side};
 
-use super::Moved;
+use super::SurfaceMotionSample;
 use super::kernel::{DATA, NUGGET, entry, polynomials};
 
 /// Gaussian-kernel interpolation of the surface displacement from the displacement and slopes of all
@@ -31,7 +31,7 @@ const ORDERS: usize = 4;
 impl ScatteredMotion {
     /// Interpolation of configurations, each with its displacement of the active node, m; the first is rest.
     /// `None` if the matrix is not positive definite.
-    pub fn new(length_m: f64, configurations: &[([f64; 3], Moved)]) -> Option<Self> {
+    pub fn new(length_m: f64, configurations: &[([f64; 3], SurfaceMotionSample)]) -> Option<Self> {
         let base = configurations.first()?.1.slopes.clone();
         let centres: Vec<[f64; 3]> = configurations.iter().map(|(p, _)| p.map(|x| x / length_m)).collect();
         let n = ORDERS * centres.len();
@@ -64,7 +64,7 @@ impl ScatteredMotion {
     }
 
     /// Displacement and slopes of the surface at a displacement of the active node, m.
-    pub fn at(&self, displacement_m: [f64; 3]) -> Moved {
+    pub fn at(&self, displacement_m: [f64; 3]) -> SurfaceMotionSample {
         let x = displacement_m.map(|p| p / self.length_m);
         let mut right = Mat::<f64>::zeros(self.data.len(), ORDERS);
         for (m, &centre) in self.centres.iter().enumerate() {
@@ -89,7 +89,7 @@ impl ScatteredMotion {
         let displacement = sum(0).into_iter().enumerate().map(|(k, u)| {
             (u + (0..3).map(|i| displacement_m[i] * f64::from(self.base[i][k])).sum::<f64>()) as f32
         });
-        Moved {
+        SurfaceMotionSample {
             displacement_m: displacement.collect(),
             slopes: std::array::from_fn(|axis| {
                 let slopes = sum(axis + 1).into_iter().zip(&self.base[axis]);
@@ -101,18 +101,21 @@ impl ScatteredMotion {
 
 #[cfg(test)]
 mod tests {
-    use super::super::made_up::spread;
+    use super::super::synthetic::spread;
     use super::*;
 
     /// Two nodes: the active node, and a node that rotates with it.
-    fn moved(p: [f64; 3]) -> Moved {
+    fn moved(p: [f64; 3]) -> SurfaceMotionSample {
         let (s, c) = (15.0 * p[0]).sin_cos();
         let all = [p[0], p[1], p[2], 0.02 * s + 0.3 * p[1], 0.02 * (1.0 - c), 5.0 * p[1] * p[2]];
         let by_x = [1.0, 0.0, 0.0, 0.3 * c, 0.3 * s, 0.0];
         let by_y = [0.0, 1.0, 0.0, 0.3, 0.0, 5.0 * p[2]];
         let by_z = [0.0, 0.0, 1.0, 0.0, 0.0, 5.0 * p[1]];
         let narrow = |row: [f64; 6]| row.map(|x| x as f32).to_vec();
-        Moved { displacement_m: narrow(all), slopes: [narrow(by_x), narrow(by_y), narrow(by_z)] }
+        SurfaceMotionSample {
+            displacement_m: narrow(all),
+            slopes: [narrow(by_x), narrow(by_y), narrow(by_z)],
+        }
     }
 
     fn apart(a: &[f32], b: &[f32]) -> f32 {
@@ -124,7 +127,7 @@ mod tests {
         // Largest errors of displacement (m) and slopes for this number of configurations.
         let worst = |configurations: u32| {
             let places = std::iter::once([0.0; 3]).chain((1..configurations).map(|n| spread(n, 0.05)));
-            let given: Vec<([f64; 3], Moved)> = places.map(|p| (p, moved(p))).collect();
+            let given: Vec<([f64; 3], SurfaceMotionSample)> = places.map(|p| (p, moved(p))).collect();
             let motion = ScatteredMotion::new(0.04, &given).expect("apart");
             for (p, given) in &given {
                 assert!(apart(&motion.at(*p).displacement_m, &given.displacement_m) < 2e-5, "{p:?}");

@@ -79,7 +79,7 @@ impl std::fmt::Display for FitError {
         match self {
             Self::TooMany { kernel, centres } => write!(
                 f,
-                "{centres} centres are too many for rbf-{} (at most {MOST}); pack without this method",
+                "{centres} centres are too many for rbf-{} (at most {MAX_CENTRES}); pack without this method",
                 kernel.name()
             ),
             Self::Singular { kernel, centres, misfit_n } => write!(
@@ -96,9 +96,9 @@ impl std::error::Error for FitError {}
 
 /// Maximum number of centres for linear weights by factorisation: 6.4 GB. With 6,204 centres the
 /// factorisation takes 5 s and the iteration 25 s.
-const DENSE: usize = 20_000;
+const MAX_DENSE_CENTRES: usize = 20_000;
 /// Maximum number of centres of the cubic kernel: 14 GB during the factorisation.
-const MOST: usize = 30_000;
+const MAX_CENTRES: usize = 30_000;
 
 /// A misfit above this share of the largest force means a singular matrix.
 const MISFIT: f64 = 1e-6;
@@ -112,8 +112,10 @@ const MISFIT: f64 = 1e-6;
 pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<RbfFit, FitError> {
     let n = centres.len();
     let (weights, misfit_n) = match kernel {
-        Kernel::Linear if n > DENSE => solve_iteratively(centres, threads).map_err(FitError::Threads)?,
-        Kernel::Cubic if n > MOST => return Err(FitError::TooMany { kernel, centres: n }),
+        Kernel::Linear if n > MAX_DENSE_CENTRES => {
+            solve_iteratively(centres, threads).map_err(FitError::Threads)?
+        }
+        Kernel::Cubic if n > MAX_CENTRES => return Err(FitError::TooMany { kernel, centres: n }),
         _ => solve_densely(kernel, centres),
     };
     let largest = centres.iter().flat_map(|c| c.force_n).fold(0.0, |m: f64, h| m.max(h.abs()));

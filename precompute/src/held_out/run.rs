@@ -12,9 +12,9 @@ use palpate_core::ConfigTag;
 
 use super::positions::{random_path, regular_directions, regular_path, uniform_position};
 use super::{Draw, LongStep};
-use crate::adaptive::{AdaptiveFit, WithinReach};
-use crate::space::crew::Shift;
-use crate::space::{Crew, CrewError, Done, Kind, Store, StoreError, Walk, WalkJob, Work, state};
+use crate::adaptive::{AdaptiveFit, ReachableSet};
+use crate::space::executor::Dispatcher;
+use crate::space::{Done, Executor, ExecutorError, Kind, Store, StoreError, Walk, WalkJob, Work, state};
 use crate::spec::{GridIndex, Sampling, corners};
 
 /// The held-out walks to solve.
@@ -54,7 +54,7 @@ pub enum HeldOutError {
     /// The store failed.
     Store(StoreError),
     /// The workers failed.
-    Crew(CrewError),
+    Executor(ExecutorError),
     /// A stop was requested; every finished walk is committed.
     Interrupted,
     /// The steps are too long for the paths. Nothing was solved.
@@ -70,7 +70,7 @@ impl HeldOutError {
     pub fn is_bad_input(&self) -> bool {
         match self {
             Self::Store(error) => !error.is_of_the_machine(),
-            Self::Interrupted | Self::Crew(_) => false,
+            Self::Interrupted | Self::Executor(_) => false,
             Self::LongStep(_) | Self::NoSpace(_) | Self::NoReach(_) => true,
         }
     }
@@ -80,7 +80,7 @@ impl std::fmt::Display for HeldOutError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Store(error) => write!(f, "{error}"),
-            Self::Crew(error) => write!(f, "{error}"),
+            Self::Executor(error) => write!(f, "{error}"),
             Self::Interrupted => {
                 write!(f, "interrupted; every finished path is kept, run the same command to continue")
             }
@@ -113,9 +113,9 @@ impl From<LongStep> for HeldOutError {
     }
 }
 
-impl From<CrewError> for HeldOutError {
-    fn from(error: CrewError) -> Self {
-        Self::Crew(error)
+impl From<ExecutorError> for HeldOutError {
+    fn from(error: ExecutorError) -> Self {
+        Self::Executor(error)
     }
 }
 
@@ -128,13 +128,13 @@ impl HeldOut {
     pub fn run(
         &self,
         store: &Store,
-        crew: &mut dyn Crew,
+        executor: &mut dyn Executor,
         stop: &AtomicBool,
         mut progress: impl FnMut(&HeldOutProgress),
     ) -> Result<(), HeldOutError> {
         self.draw.check(self.sampling.radius_m())?;
         store.agree_on_draw(&self.draw.identity(), self.draw.regular_m)?;
-        let outcome = self.all(store, crew, stop, &mut progress);
+        let outcome = self.all(store, executor, stop, &mut progress);
         let committed = store.commit();
         outcome?;
         Ok(committed?)
@@ -143,7 +143,7 @@ impl HeldOut {
     fn all(
         &self,
         store: &Store,
-        crew: &mut dyn Crew,
+        executor: &mut dyn Executor,
         stop: &AtomicBool,
         progress: &mut dyn FnMut(&HeldOutProgress),
     ) -> Result<(), HeldOutError> {
@@ -172,7 +172,7 @@ impl HeldOut {
             self.draw.regular_m.map_or(0, |_| regular_directions().count()) + self.draw.random as usize;
         run.state.total = self.actives.len() * (paths + self.draw.uniform as usize);
         run.state.walks = self.actives.len() * paths - queue.len();
-        run.work_off(&mut queue, crew, self.actives.len() * self.draw.uniform as usize)?;
+        run.run_walks(&mut queue, executor, self.actives.len() * self.draw.uniform as usize)?;
         loop {
             // One round: the missing number of positions of every node. Those of earlier runs are answered
             // from the store.
@@ -193,7 +193,7 @@ impl HeldOut {
             if drawn == 0 {
                 return Ok(());
             }
-            run.work_off(&mut queue, crew, 0)?;
+            run.run_walks(&mut queue, executor, 0)?;
         }
     }
 
@@ -264,16 +264,16 @@ impl Run<'_> {
     }
 
     /// Executes the queue. At least `to_come` further steps will follow.
-    fn work_off(
+    fn run_walks(
         &mut self,
         queue: &mut VecDeque<(Walk, Option<Start>)>,
-        crew: &mut dyn Crew,
+        executor: &mut dyn Executor,
         to_come: usize,
     ) -> Result<(), HeldOutError> {
         let steps: usize = queue.iter().map(|(walk, _)| self.held_out.positions_m(walk).len()).sum();
         self.state.steps.1 = self.state.steps.0 + steps + to_come;
         let (all, mut done) = (queue.len(), 0);
-        let mut shift = Shift::new(crew, self.store, self.stop);
+        let mut shift = Dispatcher::new(executor, self.store, self.stop);
         loop {
             while let Some((worker, _)) = shift.free()
                 && let Some((walk, start)) = queue.pop_front()
@@ -289,7 +289,7 @@ impl Run<'_> {
                 (self.progress)(&self.state);
                 continue;
             };
-            let Done::Walk(outcome) = outcome else { return Err(CrewError::Confused.into()) };
+            let Done::Walk(outcome) = outcome else { return Err(ExecutorError::UnexpectedResult.into()) };
             done += 1;
             self.state.steps.0 += self.held_out.positions_m(&outcome.walk).len();
             self.store.add_walk(&outcome)?;
@@ -311,7 +311,7 @@ struct Uniform {
     /// Reachable points, possible starts of a position, each with the accepted attempt.
     reachable: BTreeMap<GridIndex, u32>,
     /// The reachable set of adaptive sampling; `None` on a lattice.
-    within: Option<WithinReach>,
+    within: Option<ReachableSet>,
     /// The next number to draw.
     next: u32,
 }
@@ -321,7 +321,7 @@ impl Uniform {
     /// on its progress.
     fn of(store: &Store, active: usize, name: &str) -> Result<Self, HeldOutError> {
         let state = state(store, active)?;
-        let within = state.fit.as_ref().map(AdaptiveFit::within_reach);
+        let within = state.fit.as_ref().map(AdaptiveFit::reachable_set);
         let records = store.records(active)?;
         let reachable = records.iter().filter(|r| r.tag() == ConfigTag::Expandable);
         let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();

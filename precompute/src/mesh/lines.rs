@@ -123,9 +123,10 @@ impl Words<'_> {
 }
 
 fn excerpt(text: &str) -> String {
-    const LONG: usize = 40;
-    let clean: String = text.chars().map(|c| if c.is_control() { '?' } else { c }).take(LONG).collect();
-    if text.chars().nth(LONG).is_some() { clean + "..." } else { clean }
+    const MAX_EXCERPT: usize = 40;
+    let clean: String =
+        text.chars().map(|c| if c.is_control() { '?' } else { c }).take(MAX_EXCERPT).collect();
+    if text.chars().nth(MAX_EXCERPT).is_some() { clean + "..." } else { clean }
 }
 
 #[cfg(test)]

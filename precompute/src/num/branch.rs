@@ -22,8 +22,8 @@ use nalgebra::Vector3;
 
 use super::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 
-/// Lower bound of the limit max(`LEAST_N`, `SHARE` |h|), N.
-pub(crate) const LEAST_N: f64 = 0.1;
+/// Lower bound of the limit max(`MIN_N`, `SHARE` |h|), N.
+pub(crate) const MIN_N: f64 = 0.1;
 /// Limit as a share of the larger |h|. A jump below the just noticeable difference of force (about 7 %) is
 /// hardly perceptible.
 pub(crate) const SHARE: f64 = 0.1;
@@ -48,7 +48,7 @@ impl Excess {
         Self {
             rho_n: (b.energy_j - a.energy_j - 0.5 * (ha + hb).dot(&d) + bend / 12.0).abs() / d.norm(),
             rho_h_n: (hb - ha - (a.stiffness_n_m + b.stiffness_n_m) * d * 0.5).norm(),
-            limit_n: LEAST_N.max(SHARE * ha.norm().max(hb.norm())),
+            limit_n: MIN_N.max(SHARE * ha.norm().max(hb.norm())),
         }
     }
 

@@ -15,12 +15,13 @@ use palpate_core::method::baseline::rbf::LANES;
 use palpate_core::{AlignedBytes, Method, Organ};
 
 use crate::fit::{
-    Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, RbfFit, fit_rbf, flag_folds, lattice_values,
+    Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, RbfFit, fit_rbf, flag_branch_jumps,
+    lattice_values,
 };
 use crate::mesh::{Surface, TetMesh};
 use crate::space::Store;
 use crate::spec::GridIndex;
-use fitted::{Chosen, Fitted, Fitter, Known};
+use fitted::{Fitted, Fitter, SelectedSpace, TableInput};
 
 /// Bulk data of a blob under construction.
 #[derive(Debug, Default)]
@@ -128,24 +129,24 @@ pub fn pack_with(
     let surface = Surface::of(&mesh).seen(&mesh);
     let visual = identity.visual && !options.methods.is_empty();
     let visual = visual.then_some(identity.displacement_bound);
-    let mut chosen = Vec::new();
+    let mut selected = Vec::new();
     let mut left_out = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let mut records = store.records(active)?;
         records.retain(|record| record.index == REST || keep(record.index));
         // The rest point alone does not make a space.
         if records.iter().filter(|record| record.tag().is_solved()).count() > 1 {
-            chosen.push(Chosen { active, name, node, records });
+            selected.push(SelectedSpace { active, name, node, records });
         } else {
             left_out.push(name);
         }
     }
     let fitter =
         Fitter { sampling: identity.sampling, nodes: &surface.nodes, methods: options.methods, visual };
-    let fitted = fitter.all(store, &chosen, options.threads)?;
+    let fitted = fitter.all(store, &selected, options.threads)?;
     let mut packer = Packer { store, mesh, surface: &surface, options, planes: PlaneArea::default() };
     let surface_header = packer.surface(&fixed)?;
-    let spaces = chosen.iter().zip(fitted).map(|(chosen, fitted)| packer.space(chosen, &fitted));
+    let spaces = selected.iter().zip(fitted).map(|(selected, fitted)| packer.space(selected, &fitted));
     let spaces = spaces.collect::<Result<Vec<SpaceHeader>, PackError>>()?;
     if spaces.len() > PC_SPACES {
         return Err(PackError::TooLarge("the number of active nodes"));
@@ -164,8 +165,8 @@ pub fn pack_with(
         space_count: spaces.len() as u32,
     };
     let wanted = options.methods.contains(&Method::Kernel);
-    let without = chosen.iter().zip(&spaces).filter(|(_, space)| wanted && space.kernel.is_none());
-    let without_kernel = without.map(|(chosen, _)| chosen.name.clone()).collect();
+    let without = selected.iter().zip(&spaces).filter(|(_, space)| wanted && space.kernel.is_none());
+    let without_kernel = without.map(|(selected, _)| selected.name.clone()).collect();
     let packed = Packed { preamble, spaces, planes: packer.planes, without_kernel, left_out };
     packed.expect_readable()?;
     Ok(packed)
@@ -202,13 +203,13 @@ impl Packer<'_> {
         })
     }
 
-    fn space(&mut self, chosen: &Chosen, fitted: &Fitted) -> Result<SpaceHeader, PackError> {
-        let Chosen { active, name, node, .. } = chosen;
+    fn space(&mut self, selected: &SelectedSpace, fitted: &Fitted) -> Result<SpaceHeader, PackError> {
+        let SelectedSpace { active, name, node, .. } = selected;
         let (active, node) = (*active, *node);
         let Fitted { known, hermite, kernel, displacement } = fitted;
-        let Known { grid, samples, folds, .. } = known;
+        let TableInput { grid, samples, branch_jumps, .. } = known;
         let mut values = lattice_values(grid, samples);
-        flag_folds(grid, folds, &mut values);
+        flag_branch_jumps(grid, branch_jumps, &mut values);
         let flags = self.planes.push(&values.flags)?;
         let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
         let has_lattice = self.options.methods.iter().any(|m| on_lattice.contains(m));
@@ -266,7 +267,7 @@ impl Packer<'_> {
 
     /// Centres of the radial basis functions: the grid points and, if requested, the intermediate states of
     /// their accepted transitions.
-    fn centres(&self, active: usize, known: &Known) -> Result<Vec<Centre>, PackError> {
+    fn centres(&self, active: usize, known: &TableInput) -> Result<Vec<Centre>, PackError> {
         let samples = &known.samples;
         let mut centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
         if self.options.intermediate {

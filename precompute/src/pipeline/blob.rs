@@ -6,7 +6,9 @@ use std::sync::atomic::Ordering;
 use palpate_core::{AlignedBytes, Method, Organ};
 
 use super::{Analysis, PipelineError, Run, Unfinished};
-use crate::certificate::{Certificate, Effort, FEW, certify, clear_positions, ledger};
+use crate::certificate::{
+    AdditionalSolves, Certificate, MAX_SEPARATE_NODES, certify, clear_positions, ledger,
+};
 use crate::held_out::{Draw, HeldOutProgress, Summary};
 use crate::pack::{PackOptions, Packed, pack};
 use crate::space::{Kind, Store, state};
@@ -25,16 +27,16 @@ pub fn unfinished(store: &Store) -> Result<Vec<Unfinished>, PipelineError> {
 
 /// Total number of uniform positions of a blob of many nodes. If none fails, they certify 99.5 % with 95 %
 /// confidence.
-const TOGETHER: u32 = 600;
+const BATCH: u32 = 600;
 /// Minimum number of uniform positions of one node.
 const MIN_UNIFORM: u32 = 3;
 
 /// Default number of uniform positions of a node.
 fn default_uniform(nodes: usize) -> u32 {
-    if nodes <= FEW {
+    if nodes <= MAX_SEPARATE_NODES {
         return Draw::PAPER.uniform;
     }
-    TOGETHER.div_ceil(u32::try_from(nodes).unwrap_or(u32::MAX)).max(MIN_UNIFORM)
+    BATCH.div_ceil(u32::try_from(nodes).unwrap_or(u32::MAX)).max(MIN_UNIFORM)
 }
 
 /// Maximum number of rounds in which uniform positions are solved. The number of positions at branch jumps is
@@ -56,7 +58,7 @@ pub fn solve_truth(
 ) -> Result<usize, PipelineError> {
     let nodes = Store::open(space)?.active()?.len();
     let asked = uniform.unwrap_or_else(|| default_uniform(nodes));
-    let rounds = if nodes > FEW && uniform.is_none() { 1 } else { MAX_ROUNDS };
+    let rounds = if nodes > MAX_SEPARATE_NODES && uniform.is_none() { 1 } else { MAX_ROUNDS };
     let (mut lacking, mut wanted, mut solved): (Vec<usize>, _, _) = ((0..nodes).collect(), asked, 0);
     for round in 1..=rounds {
         let (solved_now, is_whole) = solve_uniform(space, &lacking, wanted, run, &mut progress)?;
@@ -143,8 +145,8 @@ pub fn add_ledgers(
     let bytes = AlignedBytes::from(&packed.bytes()?[..]);
     let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes)?;
     let analysis = Analysis::of_store(store)?;
-    let effort = Effort { positions, threads: run.threads, stop: run.stop };
-    let wanted = if certificate.spaces.len() > FEW { 1 } else { certificate.spaces.len() };
+    let effort = AdditionalSolves { positions, threads: run.threads, stop: run.stop };
+    let wanted = if certificate.spaces.len() > MAX_SEPARATE_NODES { 1 } else { certificate.spaces.len() };
     let names: Vec<String> = store.active()?.into_iter().map(|(name, _)| name).collect();
     for space in &mut certificate.spaces[..wanted] {
         let Some(active) = names.iter().position(|name| *name == space.active) else { continue };

@@ -27,7 +27,8 @@ use crate::held_out::{Draw, HeldOut, HeldOutError, HeldOutProgress};
 use crate::mesh::Surface;
 use crate::scene::{ActiveNode, ResolvedScene, Scene};
 use crate::space::{
-    Expansion, ExpansionError, Progress, Salvaged, Store, StoreIdentity, TagCounts, Workshop, with_threads,
+    Expansion, ExpansionError, Progress, Salvaged, Store, StoreIdentity, TagCounts, WorkerContext,
+    with_threads,
 };
 use crate::spec::{Lattice, Sampling};
 
@@ -43,9 +44,9 @@ pub struct Run<'s> {
 impl Run<'static> {
     /// Options for a run on all cores without interruption.
     #[must_use]
-    pub fn to_the_end() -> Self {
-        static NEVER: AtomicBool = AtomicBool::new(false);
-        Self { threads: std::thread::available_parallelism().map_or(1, usize::from), stop: &NEVER }
+    pub fn run_to_end() -> Self {
+        static NO_STOP: AtomicBool = AtomicBool::new(false);
+        Self { threads: std::thread::available_parallelism().map_or(1, usize::from), stop: &NO_STOP }
     }
 }
 
@@ -176,10 +177,10 @@ impl Analysis {
     }
 
     /// The data that workers need to solve this scene.
-    pub fn workshop(&self) -> Result<Arc<Workshop>, PipelineError> {
+    pub fn context(&self) -> Result<Arc<WorkerContext>, PipelineError> {
         let (problem_of, nodes) = (self.problem_of(), self.scene.active.clone());
         let problem = move |active: usize| problem_of(&nodes[active]);
-        Ok(Arc::new(Workshop::new(problem, self.sampling()?, self.scene.max_force_n)))
+        Ok(Arc::new(WorkerContext::new(problem, self.sampling()?, self.scene.max_force_n)))
     }
 
     /// Solves the spaces of these active nodes (indices into [`ResolvedScene::active`]) and stores them in
@@ -191,9 +192,11 @@ impl Analysis {
         run: Run<'_>,
         progress: impl FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, PipelineError> {
-        let (expansion, workshop) = (Expansion { actives }, self.workshop()?);
+        let (expansion, context) = (Expansion { actives }, self.context()?);
         let solved: Result<Vec<TagCounts>, ExpansionError> =
-            with_threads(&workshop, run.threads, |crew| expansion.run(store, crew, run.stop, progress));
+            with_threads(&context, run.threads, |executor| {
+                expansion.run(store, executor, run.stop, progress)
+            });
         Ok(solved?)
     }
 
@@ -223,8 +226,8 @@ impl Analysis {
         run: Run<'_>,
         progress: impl FnMut(&HeldOutProgress),
     ) -> Result<(), PipelineError> {
-        let solved: Result<(), HeldOutError> = with_threads(&self.workshop()?, run.threads, |crew| {
-            held_out.run(store, crew, run.stop, progress)
+        let solved: Result<(), HeldOutError> = with_threads(&self.context()?, run.threads, |executor| {
+            held_out.run(store, executor, run.stop, progress)
         });
         Ok(solved?)
     }

@@ -10,7 +10,7 @@ use crate::error::InputError;
 use crate::spec::{Lattice, RADII_M, Sampling, Scattered, SpaceGrid, Tolerance, Workspace};
 
 /// Maximum number of cells along the radius: the limit of the core's tables, 8 million points.
-const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
+const MAX_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
 
 impl Lookup<'_> {
     pub(super) fn grid(
@@ -100,9 +100,9 @@ impl Lookup<'_> {
                     );
                     return Err(self.place.error(spacing.span(), what, "give about a fifth of the radius"));
                 }
-                if radius_m / spacing_m > MOST_CELLS {
+                if radius_m / spacing_m > MAX_CELLS {
                     let what = format!(
-                        "`spacing_m` = {spacing_m} gives more than {MOST_CELLS} cells along the radius"
+                        "`spacing_m` = {spacing_m} gives more than {MAX_CELLS} cells along the radius"
                     );
                     return Err(self.place.error(spacing.span(), what, "give a coarser spacing, in metres"));
                 }
@@ -160,7 +160,7 @@ impl Lookup<'_> {
         }
         let other = tolerance_n.as_ref().or(tolerance_relative.as_ref());
         match (felt, other) {
-            (Some(_), None) => Ok(Some(Tolerance::CANNOT_BE_FELT)),
+            (Some(_), None) => Ok(Some(Tolerance::IMPERCEPTIBLE)),
             (Some(felt), Some(_)) => {
                 let what = "`cannot_be_felt` excludes other tolerances";
                 Err(self.place.error(felt.span(), what, "keep it, or `tolerance_n` and `tolerance_relative`"))

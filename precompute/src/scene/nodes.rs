@@ -8,7 +8,7 @@ use toml::Spanned;
 
 use super::file::{ActiveTable, FixedTable, Tables};
 use super::place::{Located, check_name, finite, positive};
-use super::reach::is_hidden;
+use super::reach::is_blocked;
 use super::resolve::Lookup;
 use super::{ActiveNode, Scene, Unreachable};
 use crate::error::{InputError, count};
@@ -183,7 +183,7 @@ impl Lookup<'_> {
             };
         };
         found.retain(|active| {
-            let (outside, hidden) = (is_outside(active.node), is_hidden(self.mesh, self.skin, active.node));
+            let (outside, hidden) = (is_outside(active.node), is_blocked(self.mesh, self.skin, active.node));
             unreachable.outside += usize::from(outside);
             unreachable.hidden += usize::from(hidden && !outside);
             !outside && !hidden

@@ -63,7 +63,7 @@ const DIRECTIONS: u32 = 400;
 
 /// Whether every tested ray from a surface node intersects the undeformed body: the node is in a cavity, or
 /// in a crevice narrower than the distance between the directions.
-pub(super) fn is_hidden(mesh: &TetMesh, skin: &Surface, node: u32) -> bool {
+pub(super) fn is_blocked(mesh: &TetMesh, skin: &Surface, node: u32) -> bool {
     let along_normal = skin.normal(node).unwrap_or_default();
     let is_free = |direction: [f64; 3]| {
         let away = skin.triangles.iter().filter(|triangle| !triangle.contains(&node));
@@ -141,10 +141,10 @@ mod tests {
             assert!(inner.iter().all(|&node| seen.contains(node) == is_open));
             assert_eq!(seen == skin, is_open);
             for node in inner {
-                assert_eq!(is_hidden(&mesh, &skin, node), !is_open, "node {node}");
+                assert_eq!(is_blocked(&mesh, &skin, node), !is_open, "node {node}");
             }
             for node in outer.into_iter().filter(|&n| skin.normal(n).is_some()) {
-                assert!(!is_hidden(&mesh, &skin, node), "node {node} at {:?}", mesh.nodes_m[node as usize]);
+                assert!(!is_blocked(&mesh, &skin, node), "node {node} at {:?}", mesh.nodes_m[node as usize]);
             }
         }
     }

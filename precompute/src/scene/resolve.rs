@@ -100,7 +100,7 @@ fn displacement_bound(place: &Place, table: &NeedsTable) -> Result<DisplacementB
     let metres = |key, given: &Option<Spanned<f64>>, default| {
         let Some(mm) = given else { return Ok(default) };
         let metres = 1e-3 * positive(place, key, mm)?;
-        if metres < DisplacementBound::LEAST_M {
+        if metres < DisplacementBound::MIN_M {
             let what = format!("{key} = {} is below the resolution of packed displacements", mm.get_ref());
             return Err(place.error(mm.span(), what, "give 0.01 or more"));
         }

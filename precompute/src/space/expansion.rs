@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::AtomicBool;
 
-use super::crew::{Crew, CrewError, Shift};
+use super::executor::{Dispatcher, Executor, ExecutorError};
 use super::job::{Done, Job, Work};
 use super::plan::{Phase, SolvesLeft, SpacePlan};
 use super::plans::Plans;
@@ -13,7 +13,7 @@ use super::record::Record;
 use super::state::SpaceState;
 use super::store::{Store, StoreError};
 use super::task::{TagCounts, Task};
-use crate::adaptive::PASSES;
+use crate::adaptive::STREAK;
 use crate::spec::GridIndex;
 
 /// The spaces to expand.
@@ -65,7 +65,7 @@ pub enum ExpansionError {
     /// A stop was requested; all finished work is committed.
     Interrupted,
     /// The workers failed.
-    Crew(CrewError),
+    Executor(ExecutorError),
 }
 
 impl std::fmt::Display for ExpansionError {
@@ -84,7 +84,7 @@ impl std::fmt::Display for ExpansionError {
                     "interrupted; every finished configuration is kept, run the same command to continue"
                 )
             }
-            Self::Crew(error) => write!(f, "{error}"),
+            Self::Executor(error) => write!(f, "{error}"),
         }
     }
 }
@@ -97,9 +97,9 @@ impl From<StoreError> for ExpansionError {
     }
 }
 
-impl From<CrewError> for ExpansionError {
-    fn from(error: CrewError) -> Self {
-        Self::Crew(error)
+impl From<ExecutorError> for ExpansionError {
+    fn from(error: ExecutorError) -> Self {
+        Self::Executor(error)
     }
 }
 
@@ -206,7 +206,7 @@ impl Ended {
             (_, 0) => SolvesLeft::About(0),
             (Some(points), _) => SolvesLeft::About(waiting * (1 + points)),
             (None, _) if self.spaces > 0 => SolvesLeft::About(waiting * self.tried / self.spaces),
-            (None, _) => SolvesLeft::AtLeast(waiting * (1 + PASSES)),
+            (None, _) => SolvesLeft::AtLeast(waiting * (1 + STREAK)),
         }
     }
 }
@@ -217,11 +217,11 @@ impl Expansion {
     pub fn run(
         &self,
         store: &Store,
-        crew: &mut dyn Crew,
+        executor: &mut dyn Executor,
         stop: &AtomicBool,
         mut progress: impl FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, ExpansionError> {
-        let outcome = self.run_to_commit(store, crew, stop, &mut progress);
+        let outcome = self.run_to_commit(store, executor, stop, &mut progress);
         // Finished work is committed however the run ended. The first error is returned.
         let committed = store.commit();
         let counts = outcome?;
@@ -232,12 +232,12 @@ impl Expansion {
     fn run_to_commit(
         &self,
         store: &Store,
-        crew: &mut dyn Crew,
+        executor: &mut dyn Executor,
         stop: &AtomicBool,
         progress: &mut dyn FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, ExpansionError> {
         let plans = Plans::of(store)?;
-        let mut shift = Shift::new(crew, store, stop);
+        let mut shift = Dispatcher::new(executor, store, stop);
         // Spaces in progress, by position in `actives`. A new space starts only when those in progress have
         // no certain task. So a worker keeps its active node, and only a few plans are in memory.
         let mut spaces: BTreeMap<usize, Space> = BTreeMap::new();
@@ -285,7 +285,7 @@ impl Expansion {
                 progress(&state);
                 continue;
             };
-            let Done::Point(outcome) = done else { return Err(CrewError::Confused.into()) };
+            let Done::Point(outcome) = done else { return Err(ExecutorError::UnexpectedResult.into()) };
             let at = self.position_of(outcome.active as usize).unwrap_or(usize::MAX);
             let mut space = spaces.get_mut(&at);
             let taken = match (expect_rest(&outcome.record), &mut space) {
@@ -350,7 +350,7 @@ impl Progress {
         Self {
             counts: TagCounts { unknown: total.unwrap_or(0), ..TagCounts::default() },
             total,
-            passes: total.is_none().then_some((0, PASSES * spaces)),
+            passes: total.is_none().then_some((0, STREAK * spaces)),
             spaces: (0, spaces),
             space: 1,
             phase: if total.is_some() { Phase::Lattice } else { Phase::Search },
@@ -378,7 +378,7 @@ impl Progress {
         space.counted = new;
         if let (Some((sum, _)), Some(passed)) = (&mut self.passes, space.plan.passes()) {
             // The streak of a finished space counts as complete.
-            let passed = if space.plan.is_done() { PASSES } else { passed };
+            let passed = if space.plan.is_done() { STREAK } else { passed };
             *sum = *sum + passed - std::mem::replace(&mut space.passed, passed);
         }
         self.round = self.round.max(space.plan.round());

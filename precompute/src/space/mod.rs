@@ -1,15 +1,13 @@
 //! The configuration space: positions of the active node, solved point by point (paper, 4.3 and 5.1).
 //!
 //! A [`SpacePlan`] selects the next point and its parent. A [`Job`] is one solve by a [`Worker`] of a
-//! [`crew`] of threads or processes. [`expansion`] connects them, and [`store`] keeps every attempt in
+//! [`executor`] of threads or processes. [`expansion`] connects them, and [`store`] keeps every attempt in
 //! SQLite.
 
-pub(crate) mod crew;
+pub(crate) mod executor;
 pub(crate) mod expansion;
 mod fallback;
 mod job;
-#[cfg(test)]
-pub(crate) mod made_up;
 mod motion;
 mod plan;
 mod plans;
@@ -20,11 +18,13 @@ mod salvage;
 mod samples;
 mod state;
 pub(crate) mod store;
+#[cfg(test)]
+pub(crate) mod synthetic;
 mod task;
 mod walk;
 mod worker;
 
-pub use crew::{Crew, CrewError, Threads, with_threads};
+pub use executor::{Executor, ExecutorError, Threads, with_threads};
 pub use expansion::{Expansion, ExpansionError, Progress};
 pub use fallback::FallbackLattice;
 pub use job::{Done, Job, Outcome, Work};
@@ -33,10 +33,10 @@ pub use plan::{Phase, Plan, SolvesLeft};
 pub use plans::{Plans, replays, state};
 pub use record::{Equilibrium, Record, Solution, StoredSeed};
 pub(crate) use salvage::Salvaged;
-pub use samples::folds;
+pub use samples::branch_jumps;
 pub(crate) use samples::samples;
 pub use state::SpaceState;
 pub use store::{Store, StoreError, StoreIdentity, solver_version};
 pub use task::{TagCounts, Task};
 pub use walk::{Kind, Truth, Walk, WalkJob, WalkOutcome};
-pub use worker::Workshop;
+pub use worker::WorkerContext;

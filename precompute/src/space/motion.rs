@@ -1,7 +1,7 @@
 //! Surface displacements from the states in the store.
 
 use super::store::{Store, StoreError};
-use crate::fit::Moved;
+use crate::fit::SurfaceMotionSample;
 use crate::spec::GridIndex;
 
 /// Surface nodes of the body with one active node, and their rest positions.
@@ -24,10 +24,10 @@ impl<'s> SurfaceMotion<'s> {
     }
 
     /// Displacement from rest and its derivatives at a configuration.
-    pub(crate) fn at(&self, index: GridIndex, attempt: u32) -> Result<Moved, StoreError> {
+    pub(crate) fn at(&self, index: GridIndex, attempt: u32) -> Result<SurfaceMotionSample, StoreError> {
         let [displacement, slopes @ ..] = self.store.displacements_and_slopes(self.active, index, attempt)?;
         let of_surface = |all: &Vec<[f32; 3]>| self.nodes.iter().flat_map(|&n| all[n as usize]).collect();
-        Ok(Moved {
+        Ok(SurfaceMotionSample {
             displacement_m: self.since_rest(&displacement),
             slopes: slopes.each_ref().map(of_surface),
         })

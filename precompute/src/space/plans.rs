@@ -8,7 +8,7 @@ use super::plan::{Plan, ScatteredPlan, SpacePlan};
 use super::record::Record;
 use super::state::SpaceState;
 use super::store::{Store, StoreError};
-use crate::spec::{Domain, GridIndex, Sampling, SpaceGrid, Wanted};
+use crate::spec::{Domain, GridIndex, Requirements, Sampling, SpaceGrid};
 
 /// Makes the plans of the spaces of one store.
 #[derive(Debug)]
@@ -17,7 +17,7 @@ pub struct Plans(Kind);
 #[derive(Debug)]
 enum Kind {
     Lattice { domain: Arc<Domain>, grid: SpaceGrid },
-    Scattered(Vec<Wanted>),
+    Scattered(Vec<Requirements>),
 }
 
 impl Plans {

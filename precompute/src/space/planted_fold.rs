@@ -1,10 +1,10 @@
 //! A space with a branch jump from an analytic energy: tests of its flags, and of the repeated solves that
 //! remove it.
 
-use super::made_up::MadeUp;
+use super::synthetic::SyntheticExecutor;
 use super::task::Task;
-use super::{Kind, Outcome, Record, Solution, StoreError, Truth, Walk, WalkOutcome, folds};
-use crate::fit::Fold;
+use super::{Kind, Outcome, Record, Solution, StoreError, Truth, Walk, WalkOutcome, branch_jumps};
+use crate::fit::BranchJump;
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
 
@@ -21,30 +21,30 @@ fn first_tries(attempts: &[Record]) -> Vec<Record> {
 fn a_jump_halfway_between_grid_points_is_flagged_by_the_force_where_the_energy_is_blind() {
     for scale in [1.0, 30.0, 1000.0] {
         let jump_n = 1.3 * scale;
-        let made_up = MadeUp::new(scale, jump_n);
-        let grid = made_up.grid;
-        let (_folder, store) = made_up.expanded();
-        let folds = folds(&grid, &first_tries(&store.attempts(0).expect("records")));
+        let synthetic = SyntheticExecutor::new(scale, jump_n);
+        let grid = synthetic.grid;
+        let (_folder, store) = synthetic.expanded();
+        let branch_jumps = branch_jumps(&grid, &first_tries(&store.attempts(0).expect("records")));
         let straight: Vec<_> =
-            folds.iter().filter(|f| (f.from[1..] == f.to[1..]) && f.from[0] + f.to[0] == 3).collect();
+            branch_jumps.iter().filter(|f| (f.from[1..] == f.to[1..]) && f.from[0] + f.to[0] == 3).collect();
         assert!(straight.len() >= 9, "scale {scale}: {} edges straight across the fold", straight.len());
         for f in straight {
             assert!(f.rho_n < 1e-9 * jump_n, "scale {scale}: the energy cancels at mid-edge, {f:?}");
             assert!((f.rho_h_n / jump_n - 1.0).abs() < 0.2, "scale {scale}: the force does not, {f:?}");
         }
-        let crosses = |f: &Fold| f.from[0].max(f.to[0]) > 1;
-        assert!(folds.iter().all(crosses), "scale {scale}: a smooth edge is flagged");
+        let crosses = |f: &BranchJump| f.from[0].max(f.to[0]) > 1;
+        assert!(branch_jumps.iter().all(crosses), "scale {scale}: a smooth edge is flagged");
     }
 }
 
 #[test]
 fn a_space_without_a_jump_is_solved_once_and_without_a_flag() {
     for (scale, jump_n) in [(1.0, 0.0), (1000.0, 0.0), (1.0, 0.09), (1000.0, 90.0)] {
-        let made_up = MadeUp::new(scale, jump_n);
-        let grid = made_up.grid;
-        let (_folder, store) = made_up.expanded();
+        let synthetic = SyntheticExecutor::new(scale, jump_n);
+        let grid = synthetic.grid;
+        let (_folder, store) = synthetic.expanded();
         let attempts = store.attempts(0).expect("records");
-        assert_eq!(folds(&grid, &attempts), [], "scale {scale}, {jump_n} N");
+        assert_eq!(branch_jumps(&grid, &attempts), [], "scale {scale}, {jump_n} N");
         assert!(attempts.iter().all(|r| r.attempt == 0), "scale {scale}, {jump_n} N");
     }
 }
@@ -52,10 +52,10 @@ fn a_space_without_a_jump_is_solved_once_and_without_a_flag() {
 #[test]
 fn flagged_points_are_solved_from_another_parent_and_the_lower_energy_is_kept_both_recorded() {
     for scale in [1.0, 1000.0] {
-        let smooth = MadeUp::new(scale, 0.0);
-        let made_up = MadeUp::new(scale, 1.3 * scale);
-        let grid = made_up.grid;
-        let (_folder, store) = made_up.expanded();
+        let smooth = SyntheticExecutor::new(scale, 0.0);
+        let synthetic = SyntheticExecutor::new(scale, 1.3 * scale);
+        let grid = synthetic.grid;
+        let (_folder, store) = synthetic.expanded();
         let attempts = store.attempts(0).expect("records");
         let kept = store.records(0).expect("records");
         let lower = |r: &Record| {
@@ -83,15 +83,15 @@ fn flagged_points_are_solved_from_another_parent_and_the_lower_energy_is_kept_bo
                 record.index
             );
         }
-        assert_eq!(folds(&grid, &kept), [], "a branch jump is left");
+        assert_eq!(branch_jumps(&grid, &kept), [], "a branch jump is left");
     }
 }
 
 #[test]
 fn an_energy_that_is_not_finite_or_does_not_fit_the_force_breaks_every_pair_of_its_point() {
-    let made_up = MadeUp::new(1.0, 0.0);
-    let grid = made_up.grid;
-    let (_folder, store) = made_up.expanded();
+    let synthetic = SyntheticExecutor::new(1.0, 0.0);
+    let grid = synthetic.grid;
+    let (_folder, store) = synthetic.expanded();
     let whole = store.records(0).expect("records");
     let at = whole.iter().position(|r| r.index == [1, 0, 0]).expect("solved");
     let pairs = crate::spec::neighbours().filter(|o| whole.iter().any(|r| r.index == [1 + o[0], o[1], o[2]]));
@@ -100,16 +100,16 @@ fn an_energy_that_is_not_finite_or_does_not_fit_the_force_breaks_every_pair_of_i
     for broken in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, energy + 0.02, energy - 0.02] {
         let mut records = whole.clone();
         records[at].result.as_mut().expect("solved").equilibrium.energy_j = broken;
-        let folds = folds(&grid, &records);
-        assert_eq!(folds.len(), pairs, "W = {broken}");
-        assert!(folds.iter().all(|f| f.from == [1, 0, 0] || f.to == [1, 0, 0]), "W = {broken}");
+        let branch_jumps = branch_jumps(&grid, &records);
+        assert_eq!(branch_jumps.len(), pairs, "W = {broken}");
+        assert!(branch_jumps.iter().all(|f| f.from == [1, 0, 0] || f.to == [1, 0, 0]), "W = {broken}");
     }
 }
 
 #[test]
 fn numbers_that_are_not_finite_are_never_stored() {
     let folder = tempfile::tempdir().expect("a folder");
-    let store = MadeUp::new(1.0, 0.0).store(&folder.path().join("a.space"), 1);
+    let store = SyntheticExecutor::new(1.0, 0.0).store(&folder.path().join("a.space"), 1);
     let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)) };
     let sound = EnergyJet::from_numbers([0.01, 0.0, 0.0], &[1.0; 20]);
     let add = |jet: &EnergyJet, intermediate| {

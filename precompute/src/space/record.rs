@@ -196,7 +196,7 @@ impl Record {
     /// The tolerance is relative to the force. The solver adds the weight and a force of the material, which
     /// no record contains; the imperceptible force replaces them here.
     pub(crate) fn is_at_rounding_floor(&self) -> bool {
-        let least_n = Tolerance::CANNOT_BE_FELT.absolute_n;
+        let least_n = Tolerance::IMPERCEPTIBLE.absolute_n;
         self.equilibrium().is_some_and(|at| {
             self.residual_n > NewtonOptions::default().tolerance * at.force_norm_n().max(least_n)
         })

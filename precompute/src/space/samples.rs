@@ -1,7 +1,7 @@
 //! Solved configurations as input of the fits.
 
 use super::record::Record;
-use crate::fit::{self, Fold, Sample};
+use crate::fit::{self, BranchJump, Sample};
 use crate::spec::SpaceGrid;
 
 /// The solved points among `records`, sorted by grid index.
@@ -25,7 +25,7 @@ pub(crate) fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
 }
 
 /// The branch jumps between solutions of a space, across which tables must not interpolate.
-pub fn folds(grid: &SpaceGrid, records: &[Record]) -> Vec<Fold> {
+pub fn branch_jumps(grid: &SpaceGrid, records: &[Record]) -> Vec<BranchJump> {
     let solved = records.iter().filter_map(|r| Some((r.index, r.jet(grid.displacement_m(r.index))?)));
-    fit::folds(&solved.collect::<Vec<_>>())
+    fit::branch_jumps(&solved.collect::<Vec<_>>())
 }

@@ -18,7 +18,7 @@ pub struct SpaceState {
 impl SpaceState {
     /// The fallback lattice, if the search stagnated.
     pub fn fallback(&self) -> Option<FallbackLattice> {
-        let fit = self.fit.as_ref().filter(|fit| fit.verdict == Some(Verdict::Stalled))?;
+        let fit = self.fit.as_ref().filter(|fit| fit.verdict == Some(Verdict::Stagnated))?;
         FallbackLattice::within(fit.wanted.radius_m)
     }
 }

@@ -13,7 +13,7 @@ use crate::num::jet::EnergyJet;
 use crate::spec::{GridIndex, Sampling};
 
 /// Context that all workers share.
-pub struct Workshop {
+pub struct WorkerContext {
     problem: Box<dyn Fn(usize) -> Arc<Problem> + Send + Sync>,
     /// The problem of an active node while a worker uses it. All workers on that node share its numbering and
     /// symbolic analysis.
@@ -24,7 +24,7 @@ pub struct Workshop {
     pub max_force_n: f64,
 }
 
-impl Workshop {
+impl WorkerContext {
     /// Context in which `problem` builds the problem of an active node.
     pub fn new(
         problem: impl Fn(usize) -> Arc<Problem> + Send + Sync + 'static,
@@ -49,7 +49,7 @@ impl Workshop {
     }
 }
 
-impl std::fmt::Debug for Workshop {
+impl std::fmt::Debug for WorkerContext {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Workshop")
             .field("sampling", &self.sampling)
@@ -61,7 +61,7 @@ impl std::fmt::Debug for Workshop {
 /// One worker with the solver of its current active node.
 #[derive(Debug)]
 pub(crate) struct Worker {
-    workshop: Arc<Workshop>,
+    context: Arc<WorkerContext>,
     stop: Arc<AtomicBool>,
     solver: Option<(u32, Solver)>,
 }
@@ -69,9 +69,11 @@ pub(crate) struct Worker {
 /// Effort of the first attempt at a point. Where a branch ends, a solve from another neighbour is cheaper
 /// than many small steps towards the bifurcation. Without snap-through W stays single-valued where that is
 /// possible.
-const FIRST_TRY: LoadingOptions = LoadingOptions { max_halvings: 3, perturbations: 1, snap_through: false };
+const FIRST_ATTEMPT: LoadingOptions =
+    LoadingOptions { max_halvings: 3, perturbations: 1, snap_through: false };
 /// Effort of a later attempt. Most points that still fail have no solution nearby.
-const AGAIN: LoadingOptions = LoadingOptions { max_halvings: 1, perturbations: 0, snap_through: false };
+const LATER_ATTEMPT: LoadingOptions =
+    LoadingOptions { max_halvings: 1, perturbations: 0, snap_through: false };
 
 /// The start state of a job does not fit this body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,8 +81,8 @@ pub(crate) struct UnusableSeed;
 
 impl Worker {
     /// A worker without a solver, which stops working once `stop` is set.
-    pub(crate) fn new(workshop: Arc<Workshop>, stop: Arc<AtomicBool>) -> Self {
-        Self { workshop, stop, solver: None }
+    pub(crate) fn new(context: Arc<WorkerContext>, stop: Arc<AtomicBool>) -> Self {
+        Self { context, stop, solver: None }
     }
 
     /// Executes a piece of work.
@@ -101,20 +103,20 @@ impl Worker {
             // together.
             self.solver = None;
         }
-        let workshop = &self.workshop;
-        let (_, solver) = self.solver.get_or_insert_with(|| (active, Solver::new(workshop.problem(active))));
+        let context = &self.context;
+        let (_, solver) = self.solver.get_or_insert_with(|| (active, Solver::new(context.problem(active))));
         solver
     }
 
     /// The stored state as the seed at a grid point, if it fits this body.
     fn seed(&mut self, active: u32, at: GridIndex, stored: &StoredSeed) -> Result<Seed, UnusableSeed> {
-        let seed = stored.unpack(self.workshop.sampling.displacement_m(at)).ok_or(UnusableSeed)?;
+        let seed = stored.unpack(self.context.sampling.displacement_m(at)).ok_or(UnusableSeed)?;
         let fits = seed.state.len() == self.solver(active).problem().body.state_len();
         fits.then_some(seed).ok_or(UnusableSeed)
     }
 
     fn walk(&mut self, job: &WalkJob) -> Result<Option<WalkOutcome>, UnusableSeed> {
-        let (active, max_force_n) = (job.walk.active, self.workshop.max_force_n);
+        let (active, max_force_n) = (job.walk.active, self.context.max_force_n);
         let start = match &job.start {
             Some((at, stored)) => Some(self.seed(active, *at, stored)?),
             None => None,
@@ -126,24 +128,24 @@ impl Worker {
     }
 
     fn point(&mut self, job: &Job) -> Result<Outcome, UnusableSeed> {
-        let workshop = self.workshop.clone();
+        let context = self.context.clone();
         let seed = match (&job.seed, job.task.parent) {
             (Some(stored), Some((parent, _))) => Some(self.seed(job.active, parent, stored)?),
             _ => None,
         };
         let solver = self.solver(job.active);
-        solver.loading = if job.task.attempt == 0 { FIRST_TRY } else { AGAIN };
+        solver.loading = if job.task.attempt == 0 { FIRST_ATTEMPT } else { LATER_ATTEMPT };
         let start = Instant::now();
         let mut intermediate = Vec::new();
-        let to = workshop.sampling.displacement_m(job.task.target);
+        let to = context.sampling.displacement_m(job.task.target);
         let solved = match seed {
-            Some(seed) => transition(solver, seed, to, workshop.sampling.increments(), &mut intermediate),
+            Some(seed) => transition(solver, seed, to, context.sampling.increments(), &mut intermediate),
             None => solver.rest(),
         };
         let seconds = start.elapsed().as_secs_f64();
         Ok(match solved {
             Ok(configuration) => {
-                let record = Record::solved(&job.task, &configuration, workshop.max_force_n, seconds);
+                let record = Record::solved(&job.task, &configuration, context.max_force_n, seconds);
                 let seed = record.tag().is_solved().then(|| StoredSeed::pack(&configuration.seed));
                 let intermediate = if seed.is_some() { intermediate } else { Vec::new() };
                 Outcome { active: job.active, record, seed, intermediate }

@@ -19,14 +19,14 @@ impl Default for DisplacementBound {
 
 impl DisplacementBound {
     /// The smallest bound, m. The int16 of an outlier has a step of 3 um if the node moves by 0.1 m.
-    pub(crate) const LEAST_M: f64 = 1e-5;
+    pub(crate) const MIN_M: f64 = 1e-5;
 
     /// Part of the bound for the points of a fit's table, shared by the modes and the slopes. The rest covers
     /// the interpolation error between the points, because the cells are as large as the energy allows.
     #[must_use]
     pub fn at_points_of_a_fit(self) -> Self {
         const SHARE: f64 = 0.7;
-        let of = |bound_m: f64| (SHARE * bound_m).max(Self::LEAST_M);
+        let of = |bound_m: f64| (SHARE * bound_m).max(Self::MIN_M);
         Self { rms_m: of(self.rms_m), max_m: of(self.max_m) }
     }
 }

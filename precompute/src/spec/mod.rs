@@ -3,9 +3,9 @@
 mod bounds;
 mod domain;
 mod grid;
+mod requirements;
 mod sampling;
 mod tolerance;
-mod wanted;
 mod workspace;
 
 pub use bounds::DisplacementBound;
@@ -16,7 +16,7 @@ pub(crate) use domain::squared;
 pub(crate) use domain::{REST, neighbours, plus};
 pub use grid::{GridIndex, RADII_M, SpaceGrid};
 pub(crate) use grid::{UNIT_M, displacement_m, nearest_index};
+pub use requirements::Requirements;
 pub use sampling::{Lattice, Sampling, Scattered};
 pub use tolerance::Tolerance;
-pub use wanted::Wanted;
 pub(crate) use workspace::{Workspace, is_within};

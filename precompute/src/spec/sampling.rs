@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{GridIndex, SpaceGrid};
-use crate::spec::{Tolerance, Wanted, Workspace};
+use crate::spec::{Requirements, Tolerance, Workspace};
 
 /// The positions at which the space of each active node of a scene is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,20 +41,20 @@ pub struct Scattered {
 
 /// Maximum number of configurations of a scattered space: the cost of the fit grows with the cube of the
 /// number.
-const MOST: usize = 160;
+const MAX_SOLVES: usize = 160;
 
 impl Scattered {
     /// Requirements of the active node at rest position `rest_m`, m, with this outward normal.
-    pub fn wanted(&self, max_force_n: f64, rest_m: [f64; 3], normal: [f64; 3]) -> Wanted {
+    pub fn wanted(&self, max_force_n: f64, rest_m: [f64; 3], normal: [f64; 3]) -> Requirements {
         let push = self.only_push.then_some(normal);
         let workspace_m = self.workspace_of(rest_m);
-        Wanted {
+        Requirements {
             tolerance: self.tolerance,
             radius_m: self.radius_m,
             max_force_n,
             push,
             workspace_m,
-            most: MOST,
+            most: MAX_SOLVES,
         }
     }
 

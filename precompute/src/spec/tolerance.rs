@@ -14,7 +14,7 @@ pub struct Tolerance {
 
 impl Tolerance {
     /// Half the just noticeable difference of force (7 %), and at least the detection threshold of a finger.
-    pub const CANNOT_BE_FELT: Self = Self { relative: 0.035, absolute_n: 0.02 };
+    pub const IMPERCEPTIBLE: Self = Self { relative: 0.035, absolute_n: 0.02 };
 
     /// Largest permitted error at the force `force_n`, N.
     pub fn at(&self, force_n: [f64; 3]) -> f64 {

@@ -1,7 +1,7 @@
 //! The messages between rank 0 and the other ranks: postcard bytes, one message each.
 
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::space::{CrewError, Done, Work, solver_version};
+use palpate_precompute::space::{Done, ExecutorError, Work, solver_version};
 use serde::{Deserialize, Serialize};
 
 /// Message from rank 0.
@@ -10,7 +10,7 @@ pub(super) enum Order {
     /// A job for one thread of the rank.
     Work {
         /// Number of the thread.
-        desk: u32,
+        thread: u32,
         /// The job.
         job: Box<Work>,
     },
@@ -28,33 +28,33 @@ pub(super) enum Report {
         /// Name of its host.
         host: String,
         /// Number of its solver threads.
-        desks: u32,
+        threads: u32,
         /// Scene and solver version, or the error that prevents the rank from working.
-        basis: Result<Basis, String>,
+        basis: Result<RankConfig, String>,
     },
     /// A job is done.
     Done {
         /// Number of the thread.
-        desk: u32,
+        thread: u32,
         /// The outcome.
         outcome: Box<Done>,
     },
     /// The rank cannot continue.
-    Stuck(CrewError),
+    Stuck(ExecutorError),
     /// The last message of a rank.
     Gone,
 }
 
 /// Properties that must be equal on all ranks. Otherwise the bits would differ from those of one machine.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Basis {
+pub(super) struct RankConfig {
     /// Hash of everything in scene and mesh that affects the numbers.
     content: [u8; 32],
     /// Version of the solver, and instruction set.
     solver: String,
 }
 
-impl Basis {
+impl RankConfig {
     /// The basis of this process.
     pub(super) fn of(bench: &Analysis) -> Self {
         Self { content: bench.scene.content_hash().into(), solver: solver_version() }
@@ -96,13 +96,13 @@ mod tests {
 
     #[test]
     fn ranks_object_to_another_scene_and_to_another_processor() {
-        let ours = Basis { content: [1; 32], solver: "1 x86_64+avx2+fma".into() };
+        let ours = RankConfig { content: [1; 32], solver: "1 x86_64+avx2+fma".into() };
         assert_eq!(ours.objection(&ours.clone()), None);
-        let scene = ours.objection(&Basis { content: [2; 32], ..ours.clone() });
+        let scene = ours.objection(&RankConfig { content: [2; 32], ..ours.clone() });
         assert!(
             scene.is_some_and(|line| line.contains("another scene or mesh (02020202, rank 0 has 01010101)"))
         );
-        let processor = ours.objection(&Basis { solver: "1 x86_64+avx512f".into(), ..ours.clone() });
+        let processor = ours.objection(&RankConfig { solver: "1 x86_64+avx512f".into(), ..ours.clone() });
         assert!(processor.is_some_and(|line| line.contains("solves with 1 x86_64+avx512f")));
     }
 

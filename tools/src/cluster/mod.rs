@@ -24,11 +24,11 @@ use palpate_precompute::space::with_threads;
 use crate::analysis;
 use crate::analysis::threads_or;
 use crate::cmd::held_out;
-use crate::cmd::precompute::{self, Team};
+use crate::cmd::precompute::{self, Workers};
 use crate::failure::Failure;
 use crate::files::Output;
 use crate::interrupt::stop_flag;
-use messages::Basis;
+use messages::RankConfig;
 use ranks::Ranks;
 
 /// `palpate precompute` and `palpate held-out` on many machines:
@@ -123,16 +123,18 @@ fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let space = command.space()?;
     let bench = analysis::load(command.scene())?;
-    let (workshop, team) = (bench.workshop()?, Team::threads(threads));
+    let (context, team) = (bench.context()?, Workers::threads(threads));
     match command {
         Command::Precompute(args) => {
             precompute::run_with(args, (&bench, &space), &stop, &team, |expansion, store, stop, progress| {
-                Ok(with_threads(&workshop, threads, |crew| expansion.run(store, crew, stop, progress))?)
+                Ok(with_threads(&context, threads, |executor| {
+                    expansion.run(store, executor, stop, progress)
+                })?)
             })
         }
         Command::HeldOut(args) => {
             held_out::run_with(args, (&bench, &space), &stop, &team, |held_out, store, stop, progress| {
-                Ok(with_threads(&workshop, threads, |crew| held_out.run(store, crew, stop, progress))?)
+                Ok(with_threads(&context, threads, |executor| held_out.run(store, executor, stop, progress))?)
             })
         }
     }
@@ -144,8 +146,8 @@ fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let space = command.space()?;
     let bench = analysis::load(command.scene())?;
-    ranks.muster(&Basis::of(&bench), &stop)?;
-    let team = Team::ranks(ranks.workers(), world.size() as usize - 1);
+    ranks.check_ranks(&RankConfig::of(&bench), &stop)?;
+    let team = Workers::ranks(ranks.workers(), world.size() as usize - 1);
     match command {
         Command::Precompute(args) => {
             precompute::run_with(args, (&bench, &space), &stop, &team, |expansion, store, stop, progress| {

@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use mpi::point_to_point::MatchedReceiveVec;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Source};
-use palpate_precompute::space::{Crew, CrewError, Done, Work};
+use palpate_precompute::space::{Done, Executor, ExecutorError, Work};
 
-use super::messages::{Basis, Order, Report, decode, encode};
+use super::messages::{Order, RankConfig, Report, decode, encode};
 use crate::failure::Failure;
 
 /// Pause between two polls for a message. A blocking MPI receive would keep a core busy that solver threads
@@ -26,7 +26,7 @@ pub(super) struct Ranks<'w> {
     /// Whether a rank has not yet sent its last message.
     present: Vec<bool>,
     /// Rank and thread of every worker, the first threads of all ranks first.
-    desks: Vec<(i32, u32)>,
+    threads: Vec<(i32, u32)>,
     /// Bytes of the jobs in flight of each worker, oldest first, and their sum: an upper bound of the used
     /// part of the buffer.
     unanswered: Vec<VecDeque<usize>>,
@@ -38,11 +38,11 @@ impl<'w> Ranks<'w> {
     pub(super) fn new(world: &'w SimpleCommunicator) -> Self {
         let mut present = vec![true; world.size() as usize];
         present[0] = false;
-        Self { world, present, desks: Vec::new(), unanswered: Vec::new(), buffered: 0 }
+        Self { world, present, threads: Vec::new(), unanswered: Vec::new(), buffered: 0 }
     }
 
     /// Waits for the first message of every rank and checks that all have the same basis.
-    pub(super) fn muster(&mut self, ours: &Basis, stop: &AtomicBool) -> Result<(), Failure> {
+    pub(super) fn check_ranks(&mut self, ours: &RankConfig, stop: &AtomicBool) -> Result<(), Failure> {
         for _ in 1..self.world.size() {
             let (rank, report) = loop {
                 match self.look().map_err(Failure::work)? {
@@ -51,7 +51,7 @@ impl<'w> Ranks<'w> {
                     None => std::thread::sleep(PAUSE),
                 }
             };
-            let Report::Hello { host, desks, basis } = report else {
+            let Report::Hello { host, threads, basis } = report else {
                 return Err(Failure::work(format!(
                     "rank {rank} did not start with a Hello message; use the same build on all ranks"
                 )));
@@ -63,25 +63,25 @@ impl<'w> Ranks<'w> {
             if let Some(line) = objection {
                 return Err(Failure::input(format!("rank {rank} on {host} {line}")));
             }
-            self.desks.extend((0..desks).map(|desk| (rank, desk)));
+            self.threads.extend((0..threads).map(|thread| (rank, thread)));
         }
-        self.desks.sort_by_key(|&(rank, desk)| (desk, rank));
-        self.unanswered = vec![VecDeque::new(); self.desks.len()];
+        self.threads.sort_by_key(|&(rank, thread)| (thread, rank));
+        self.unanswered = vec![VecDeque::new(); self.threads.len()];
         Ok(())
     }
 
     /// Number of jobs that the ranks can solve at once.
     pub(super) fn workers(&self) -> usize {
-        self.desks.len()
+        self.threads.len()
     }
 
     /// A received message, if there is one.
-    fn look(&mut self) -> Result<Option<(i32, Report)>, CrewError> {
+    fn look(&mut self) -> Result<Option<(i32, Report)>, ExecutorError> {
         let Some(found) = self.world.any_process().immediate_matched_probe() else { return Ok(None) };
         let (bytes, status) = found.matched_receive_vec::<u8>();
         let rank = status.source_rank();
         let report = decode(&bytes).ok_or_else(|| {
-            CrewError::Lost(format!("rank {rank} sent a message that this build cannot decode"))
+            ExecutorError::Lost(format!("rank {rank} sent a message that this build cannot decode"))
         })?;
         if matches!(report, Report::Gone) {
             self.present[rank as usize] = false;
@@ -92,8 +92,8 @@ impl<'w> Ranks<'w> {
     /// Sends a job. The send does not wait while at most half of the buffer is used; the rest allows for
     /// fragmentation.
     fn hand(&mut self, worker: usize, job: Work) {
-        let (rank, desk) = self.desks[worker];
-        let bytes = encode(&Order::Work { desk, job: Box::new(job) });
+        let (rank, thread) = self.threads[worker];
+        let bytes = encode(&Order::Work { thread, job: Box::new(job) });
         let to = self.world.process_at_rank(rank);
         self.unanswered[worker].push_back(bytes.len());
         self.buffered += bytes.len();
@@ -101,8 +101,8 @@ impl<'w> Ranks<'w> {
     }
 
     /// The worker that an outcome comes from.
-    fn answered(&mut self, rank: i32, desk: u32) -> Option<usize> {
-        let worker = self.desks.iter().position(|&at| at == (rank, desk))?;
+    fn answered(&mut self, rank: i32, thread: u32) -> Option<usize> {
+        let worker = self.threads.iter().position(|&at| at == (rank, thread))?;
         self.buffered -= self.unanswered[worker].pop_front()?;
         Some(worker)
     }
@@ -131,19 +131,19 @@ impl Drop for Ranks<'_> {
     }
 }
 
-/// The executor, after [`Ranks::muster`].
-impl Crew for Ranks<'_> {
+/// The executor, after [`Ranks::check_ranks`].
+impl Executor for Ranks<'_> {
     fn size(&self) -> usize {
         self.workers()
     }
 
-    fn give(&mut self, worker: usize, job: Work) -> Result<(), CrewError> {
+    fn give(&mut self, worker: usize, job: Work) -> Result<(), ExecutorError> {
         self.hand(worker, job);
         Ok(())
     }
 
-    fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        let until = Instant::now() + patience;
+    fn take(&mut self, timeout: Duration) -> Result<Option<(usize, Done)>, ExecutorError> {
+        let until = Instant::now() + timeout;
         let (rank, report) = loop {
             match self.look()? {
                 Some(found) => break found,
@@ -152,15 +152,15 @@ impl Crew for Ranks<'_> {
             }
         };
         match report {
-            Report::Done { desk, outcome } => {
+            Report::Done { thread, outcome } => {
                 let unasked =
-                    || CrewError::Lost(format!("rank {rank} returned a result that was not requested"));
-                let worker = self.answered(rank, desk).ok_or_else(unasked)?;
+                    || ExecutorError::Lost(format!("rank {rank} returned a result that was not requested"));
+                let worker = self.answered(rank, thread).ok_or_else(unasked)?;
                 Ok(Some((worker, *outcome)))
             }
             Report::Stuck(error) => Err(error),
             Report::Hello { .. } | Report::Gone => {
-                Err(CrewError::Lost(format!("rank {rank} ended too early")))
+                Err(ExecutorError::Lost(format!("rank {rank} ended too early")))
             }
         }
     }

@@ -7,28 +7,28 @@ use mpi::point_to_point::MatchedReceiveVec;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Source};
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::space::{Crew, CrewError, Threads, with_threads};
+use palpate_precompute::space::{Executor, ExecutorError, Threads, with_threads};
 
-use super::messages::{Basis, Order, Report, decode, encode};
+use super::messages::{Order, RankConfig, Report, decode, encode};
 use super::ranks::PAUSE;
 use crate::failure::Failure;
 
 /// Works for rank 0 until it releases this rank. Errors are sent to rank 0, which reports them.
-pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, desks: usize) {
+pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, threads: usize) {
     let line = || Line { world, released: false };
     let loaded = Analysis::load(scene).map_err(Failure::from);
-    let ready = loaded.and_then(|bench| Ok((Basis::of(&bench), bench.workshop()?)));
+    let ready = loaded.and_then(|bench| Ok((RankConfig::of(&bench), bench.context()?)));
     let host = mpi::environment::processor_name().unwrap_or_default();
-    let hello = |basis| Report::Hello { host: host.clone(), desks: desks as u32, basis };
-    let served = ready.and_then(|(basis, workshop)| {
-        let served = with_threads(&workshop, desks, |crew| {
-            line().serve(crew, &hello(Ok(basis)));
-            Ok::<(), CrewError>(())
+    let hello = |basis| Report::Hello { host: host.clone(), threads: threads as u32, basis };
+    let served = ready.and_then(|(basis, context)| {
+        let served = with_threads(&context, threads, |executor| {
+            line().serve(executor, &hello(Ok(basis)));
+            Ok::<(), ExecutorError>(())
         });
         served.map_err(Failure::work)
     });
     if let Err(failure) = served {
-        line().apologise(&hello(Err(failure.line())));
+        line().report_failure(&hello(Err(failure.line())));
     }
 }
 
@@ -39,21 +39,21 @@ struct Line<'w> {
 }
 
 impl Line<'_> {
-    fn serve(mut self, crew: &mut Threads, hello: &Report) {
-        self.say(hello, Some(crew));
+    fn serve(mut self, executor: &mut Threads, hello: &Report) {
+        self.say(hello, Some(executor));
         let mut stuck = false;
         while !self.released {
-            let heard = self.hear(crew);
-            let outcome = if stuck { Ok(None) } else { heard.and_then(|()| crew.take(Duration::ZERO)) };
+            let heard = self.receive_orders(executor);
+            let outcome = if stuck { Ok(None) } else { heard.and_then(|()| executor.take(Duration::ZERO)) };
             match outcome {
-                Ok(Some((desk, outcome))) => {
-                    let done = Report::Done { desk: desk as u32, outcome: Box::new(outcome) };
-                    self.say(&done, Some(crew));
+                Ok(Some((thread, outcome))) => {
+                    let done = Report::Done { thread: thread as u32, outcome: Box::new(outcome) };
+                    self.say(&done, Some(executor));
                 }
                 Ok(None) => std::thread::sleep(PAUSE),
                 Err(error) => {
                     stuck = true;
-                    self.say(&Report::Stuck(error), Some(crew));
+                    self.say(&Report::Stuck(error), Some(executor));
                 }
             }
         }
@@ -61,7 +61,7 @@ impl Line<'_> {
     }
 
     /// Reports why this rank cannot work, and waits for the release.
-    fn apologise(mut self, hello: &Report) {
+    fn report_failure(mut self, hello: &Report) {
         self.say(hello, None);
         while !self.released {
             match self.order() {
@@ -81,14 +81,14 @@ impl Line<'_> {
     }
 
     /// Passes the received orders on.
-    fn hear(&mut self, crew: &mut Threads) -> Result<(), CrewError> {
+    fn receive_orders(&mut self, executor: &mut Threads) -> Result<(), ExecutorError> {
         while let Some(order) = self.order() {
             match order {
-                Some(Order::Work { desk, job }) => crew.give(desk as usize, *job)?,
-                Some(Order::Stop) => crew.stop(),
+                Some(Order::Work { thread, job }) => executor.give(thread as usize, *job)?,
+                Some(Order::Stop) => executor.stop(),
                 Some(Order::Release) => {}
                 None => {
-                    return Err(CrewError::Lost(
+                    return Err(ExecutorError::Lost(
                         "rank 0 sent a message that this build cannot decode".into(),
                     ));
                 }
@@ -98,7 +98,7 @@ impl Line<'_> {
     }
 
     /// Sends a report and receives orders meanwhile, because two ends that only send would block each other.
-    fn say(&mut self, report: &Report, mut crew: Option<&mut Threads>) {
+    fn say(&mut self, report: &Report, mut executor: Option<&mut Threads>) {
         let bytes = encode(report);
         mpi::request::scope(|scope| {
             let mut request = self.world.process_at_rank(0).immediate_send(scope, &bytes[..]);
@@ -107,9 +107,9 @@ impl Line<'_> {
                     Ok(_) => return,
                     Err(request) => request,
                 };
-                if let Some(crew) = crew.as_deref_mut() {
+                if let Some(executor) = executor.as_deref_mut() {
                     // If a thread has ended, the next report fails and gives the reason.
-                    let _ = self.hear(crew);
+                    let _ = self.receive_orders(executor);
                 }
                 std::thread::sleep(PAUSE);
             }

@@ -80,7 +80,7 @@ fn size(text: &str) -> Result<(usize, usize), String> {
 /// Longest step of the loading, mm.
 const STEP_MM: f64 = 1.0;
 /// A larger number of steps is an input error.
-const MOST_STEPS: f64 = 10_000.0;
+const MAX_STEPS: f64 = 10_000.0;
 
 /// Result of one law.
 #[derive(Debug, Serialize)]
@@ -167,11 +167,11 @@ fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
         .map_err(|error| Failure::input(format!("--direction {}: {error}", args.direction)))?;
     let size = size(&args.size).map_err(|error| Failure::input(format!("--size {}: {error}", args.size)))?;
     let steps = args.length_mm / STEP_MM;
-    if !(steps > 0.0 && steps <= MOST_STEPS) {
+    if !(steps > 0.0 && steps <= MAX_STEPS) {
         return Err(Failure::input(format!(
             "--length-mm {}: give a positive number of millimetres, at most {}",
             args.length_mm,
-            MOST_STEPS * STEP_MM
+            MAX_STEPS * STEP_MM
         )));
     }
     for (index, law) in args.laws.iter().enumerate() {

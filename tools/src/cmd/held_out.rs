@@ -11,7 +11,7 @@ use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Kind, Store, with_threads};
 use serde_json::json;
 
-use super::precompute::Team;
+use super::precompute::Workers;
 use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
@@ -79,8 +79,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let space = args.space()?;
     let bench = analysis::load(&args.scene)?;
-    run_with(args, (&bench, &space), &stop, &Team::threads(threads), |held_out, store, stop, progress| {
-        Ok(with_threads(&bench.workshop()?, threads, |crew| held_out.run(store, crew, stop, progress))?)
+    run_with(args, (&bench, &space), &stop, &Workers::threads(threads), |held_out, store, stop, progress| {
+        Ok(with_threads(&bench.context()?, threads, |executor| {
+            held_out.run(store, executor, stop, progress)
+        })?)
     })
 }
 
@@ -89,7 +91,7 @@ pub(crate) fn run_with(
     args: &Args,
     (bench, space): (&Analysis, &Output),
     stop: &AtomicBool,
-    team: &Team,
+    team: &Workers,
     work: impl FnOnce(&HeldOut, &Store, &AtomicBool, &mut dyn FnMut(&HeldOutProgress)) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let draw = draw(args, bench.sampling()?.radius_m())?;

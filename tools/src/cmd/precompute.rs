@@ -55,7 +55,7 @@ pub(crate) struct Args {
 
 /// The workers.
 #[derive(Debug)]
-pub(crate) struct Team {
+pub(crate) struct Workers {
     /// Number of jobs in progress at once.
     pub workers: usize,
     /// "on 2 threads", for messages.
@@ -64,7 +64,7 @@ pub(crate) struct Team {
     alone: bool,
 }
 
-impl Team {
+impl Workers {
     /// Threads of this process.
     pub(crate) fn threads(threads: usize) -> Self {
         Self { workers: threads, words: format!("on {}", counted(threads, "thread")), alone: true }
@@ -96,8 +96,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let space = args.space()?;
     let bench = analysis::load(&args.scene)?;
-    run_with(args, (&bench, &space), &stop, &Team::threads(threads), |expansion, store, stop, progress| {
-        Ok(with_threads(&bench.workshop()?, threads, |crew| expansion.run(store, crew, stop, progress))?)
+    run_with(args, (&bench, &space), &stop, &Workers::threads(threads), |expansion, store, stop, progress| {
+        Ok(with_threads(&bench.context()?, threads, |crew| expansion.run(store, crew, stop, progress))?)
     })
 }
 
@@ -106,7 +106,7 @@ pub(crate) fn run_with(
     args: &Args,
     (bench, space): (&Analysis, &Output),
     stop: &AtomicBool,
-    team: &Team,
+    team: &Workers,
     work: impl FnOnce(
         &Expansion,
         &Store,
@@ -160,7 +160,7 @@ pub(crate) fn run_with(
                 output::line(format!("{name}: {}", scattered::in_words(&fit.linear)))?;
                 continue;
             }
-            Some(Verdict::Stalled) => {
+            Some(Verdict::Stagnated) => {
                 "adaptive sampling stagnated at a branch jump, and a lattice replaced it; `palpate pack` measures its error. Use a smaller \
                  radius_m"
             }

@@ -108,7 +108,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let mut progress =
             WorkProgress::new(&format!("{} {fixed} ({number} of {sets})", scene.name), "paths");
         let held_out = bench.held_out(&all, draw.clone())?;
-        let solved = with_threads(&bench.workshop()?, threads, |crew| {
+        let solved = with_threads(&bench.context()?, threads, |crew| {
             held_out.run(&store, crew, &stop, |p| progress.walks(p))
         });
         progress.finish();

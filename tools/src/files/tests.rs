@@ -5,9 +5,9 @@ use super::*;
 const FORCE: Replace = Replace { force: true };
 
 /// A folder with files of several kinds.
-struct Shelf(tempfile::TempDir);
+struct TestFolder(tempfile::TempDir);
 
-impl Shelf {
+impl TestFolder {
     fn new() -> Self {
         let shelf = Self(tempfile::tempdir().expect("a folder"));
         shelf.put("scene.toml", b"[mesh]\nfile = \"a.msh\"\n");
@@ -40,7 +40,7 @@ fn line(refused: Result<Output, Failure>) -> String {
 
 #[test]
 fn an_output_is_no_input_by_whatever_name() {
-    let shelf = Shelf::new();
+    let shelf = TestFolder::new();
     let scene = shelf.at("scene.toml");
     symlink(&scene, shelf.at("link.csv")).expect("a link");
     symlink("link.csv", shelf.at("link-of-link.csv")).expect("a link");
@@ -61,7 +61,7 @@ fn an_output_is_no_input_by_whatever_name() {
 
 #[test]
 fn two_outputs_are_two_files_even_before_they_are_there() {
-    let shelf = Shelf::new();
+    let shelf = TestFolder::new();
     symlink("new.csv", shelf.at("link.csv")).expect("a link to what is not there");
     for name in ["new.csv", "link.csv"] {
         let mut files = Files::new(FORCE);
@@ -84,7 +84,7 @@ fn two_outputs_are_two_files_even_before_they_are_there() {
 
 #[test]
 fn only_a_file_of_the_same_kind_is_replaced_unless_forced() {
-    let shelf = Shelf::new();
+    let shelf = TestFolder::new();
     let write = |replace, name: &str, kind| Files::new(replace).write("--out", &shelf.at(name), kind);
     for (name, kind) in
         [("table.csv", FileKind::Table), ("picture.png", FileKind::Png), ("empty", FileKind::Blob)]
@@ -111,7 +111,7 @@ fn only_a_file_of_the_same_kind_is_replaced_unless_forced() {
 
 #[test]
 fn places_that_take_no_file_are_refused_before_the_work() {
-    let shelf = Shelf::new();
+    let shelf = TestFolder::new();
     let write = |path: &Path| line(Files::new(FORCE).write("--csv", path, FileKind::Table));
     assert!(write(shelf.0.path()).contains("is a folder"));
     assert!(write(&shelf.at("nowhere/a.csv")).contains("nowhere/a.csv: No such file or directory"));
@@ -120,7 +120,7 @@ fn places_that_take_no_file_are_refused_before_the_work() {
 
 #[test]
 fn a_folder_of_outputs_holds_no_input_and_nothing_else_under_their_names() {
-    let shelf = Shelf::new();
+    let shelf = TestFolder::new();
     let kind_of = |name: &str| name.ends_with(".csv").then_some(FileKind::Table);
     let open = |read: &str| {
         let mut files = Files::new(Replace::default());
@@ -135,7 +135,7 @@ fn a_folder_of_outputs_holds_no_input_and_nothing_else_under_their_names() {
 
 #[test]
 fn a_space_brings_the_files_beside_it() {
-    let shelf = Shelf::new();
+    let shelf = TestFolder::new();
     let mut files = Files::new(FORCE);
     files.update_space(&shelf.at("a.space"));
     let line = line(files.write("--out", &shelf.at("a.space-wal"), FileKind::Blob));
@@ -145,7 +145,7 @@ fn a_space_brings_the_files_beside_it() {
 #[test]
 fn a_stream_that_is_not_finished_leaves_nothing() {
     use std::io::Write;
-    let shelf = Shelf::new();
+    let shelf = TestFolder::new();
     let output = Files::new(FORCE).write("--csv", &shelf.at("new.csv"), FileKind::Table).expect("a new file");
     let before = shelf.names();
     let mut stream = output.stream().expect("begun");

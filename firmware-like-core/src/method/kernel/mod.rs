@@ -140,7 +140,7 @@ impl<'a> KernelTable<'a> {
 
     /// Distance from rest at which the domain ends in the direction of a finite vector, metres.
     pub fn reach_m(&self, direction: Vec3) -> f32 {
-        self.reach.towards_m(direction)
+        self.reach.range_along_m(direction)
     }
 
     /// h at a displacement inside the reach, newtons; exactly zero at rest.
@@ -229,9 +229,9 @@ impl Domain for Kernel<'_> {
     fn inside(&self, displacement_m: &Vec3) -> Result<Vec3, Vec3> {
         let displacement_m = *displacement_m;
         let reach = &self.table.reach;
-        let least_m = reach.least_m();
+        let min_m = reach.min_m();
         // NaN and overflow fail the comparison; a length would ignore a NaN component.
-        let is_near = vec3::norm_squared(displacement_m) <= least_m * least_m;
+        let is_near = vec3::norm_squared(displacement_m) <= min_m * min_m;
         if is_near || reach.contains(displacement_m) { Ok(displacement_m) } else { Err(displacement_m) }
     }
 

@@ -15,7 +15,7 @@ const HALF: f32 = 4.0;
 pub(super) struct Reach<'a> {
     shares: &'a [u8],
     unit_m: f32,
-    least_m: f32,
+    min_m: f32,
 }
 
 impl<'a> Reach<'a> {
@@ -29,7 +29,7 @@ impl<'a> Reach<'a> {
         let least = surface().map(|(_, share)| *share).min().unwrap_or(1);
         let unit_m = radius_m / 255.0;
         // Reduced by the rounding error of the projection onto the cube.
-        Ok(Self { shares, unit_m, least_m: 0.9999 * unit_m * f32::from(least) })
+        Ok(Self { shares, unit_m, min_m: 0.9999 * unit_m * f32::from(least) })
     }
 
     /// The plane.
@@ -37,23 +37,23 @@ impl<'a> Reach<'a> {
         self.shares
     }
 
-    /// A lower bound of [`Reach::towards_m`] over all directions, metres.
+    /// A lower bound of [`Reach::range_along_m`] over all directions, metres.
     #[inline(always)]
-    pub(super) const fn least_m(&self) -> f32 {
-        self.least_m
+    pub(super) const fn min_m(&self) -> f32 {
+        self.min_m
     }
 
     /// Whether a displacement is finite and within the reach.
     #[inline(never)]
     pub(super) fn contains(&self, displacement_m: Vec3) -> bool {
-        vec3::is_finite(displacement_m) && vec3::norm(displacement_m) <= self.towards_m(displacement_m)
+        vec3::is_finite(displacement_m) && vec3::norm(displacement_m) <= self.range_along_m(displacement_m)
     }
 
     /// The reach in the direction of a finite vector, metres.
-    pub(super) fn towards_m(&self, direction: Vec3) -> f32 {
+    pub(super) fn range_along_m(&self, direction: Vec3) -> f32 {
         let largest = vec3::max_abs(direction);
         if largest <= 0.0 {
-            return self.least_m;
+            return self.min_m;
         }
         // The division comes first, because four times the largest f32 would overflow.
         let [x, y, z] = direction.map(|x| (x / largest) * HALF + HALF);

@@ -1,11 +1,11 @@
 //! Behaviour of the search on synthetic bodies.
 
 use super::*;
-use crate::fit::made_up::{jet, spread};
+use crate::fit::synthetic::{jet, spread};
 use crate::spec::{Tolerance, is_within};
 
-const WANTED: Wanted = Wanted {
-    tolerance: Tolerance::CANNOT_BE_FELT,
+const WANTED: Requirements = Requirements {
+    tolerance: Tolerance::IMPERCEPTIBLE,
     radius_m: 0.05,
     max_force_n: 8.0,
     push: None,
@@ -14,29 +14,31 @@ const WANTED: Wanted = Wanted {
 };
 
 /// A number of configurations that suffices for a synthetic body.
-const FINE: Wanted = Wanted { tolerance: Tolerance { relative: 1e-5, absolute_n: 1e-5 }, ..WANTED };
+const FINE: Requirements =
+    Requirements { tolerance: Tolerance { relative: 1e-5, absolute_n: 1e-5 }, ..WANTED };
 
 /// Runs a search to its end; `solve` returns the result at a position.
-fn searched(wanted: Wanted, solve: impl Fn([f64; 3]) -> Found) -> (Search, Verdict) {
+fn searched(wanted: Requirements, solve: impl Fn([f64; 3]) -> SolveResult) -> (Search, Verdict) {
     let mut search = Search::new(wanted, &jet([0.0; 3]));
     loop {
         match search.step() {
             Step::Done(verdict) => return (search, verdict),
             Step::Solve(targets) => {
-                let found: Vec<Found> = targets.iter().map(|target| solve(target.displacement_m())).collect();
+                let found: Vec<SolveResult> =
+                    targets.iter().map(|target| solve(target.displacement_m())).collect();
                 search.take(&found);
             }
         }
     }
 }
 
-fn solved(at: [f64; 3]) -> Found {
-    Found::Solved(jet(at))
+fn solved(at: [f64; 3]) -> SolveResult {
+    SolveResult::Solved(jet(at))
 }
 
 /// Reachable positions that the search did not choose, and the share of them with an error beyond the
 /// tolerance.
-fn felt(search: &Search, wanted: &Wanted) -> f64 {
+fn felt(search: &Search, wanted: &Requirements) -> f64 {
     let truths: Vec<EnergyJet> = (5000..9000)
         .map(|n| jet(spread(n, wanted.radius_m)))
         .filter(|truth| norm(truth.force_n) <= wanted.max_force_n)
@@ -56,7 +58,7 @@ fn a_smooth_body_needs_a_few_dozen_and_the_verdict_is_true() {
     assert!(search.jets().len() < 50, "{}", search.jets().len());
     assert!(felt(&search, &WANTED) <= 0.01, "{}", felt(&search, &WANTED));
     // A far stricter tolerance needs more configurations.
-    let strict = Wanted { tolerance: Tolerance { relative: 1e-4, absolute_n: 1e-4 }, ..WANTED };
+    let strict = Requirements { tolerance: Tolerance { relative: 1e-4, absolute_n: 1e-4 }, ..WANTED };
     let (finer, verdict) = searched(strict, solved);
     assert_eq!(verdict, Verdict::Passed);
     assert!(finer.jets().len() > search.jets().len());
@@ -66,66 +68,71 @@ fn a_smooth_body_needs_a_few_dozen_and_the_verdict_is_true() {
 #[test]
 fn it_ends_after_ten_in_a_row_or_four_where_the_others_say_every_configuration() {
     let tolerance = Tolerance { relative: 1e-3, absolute_n: 1e-3 };
-    let (search, verdict) = searched(Wanted { tolerance, ..WANTED }, solved);
-    let LeftOut { configurations, beyond, worst } = search.left_out();
+    let (search, verdict) = searched(Requirements { tolerance, ..WANTED }, solved);
+    let LeaveOneOutErrors { configurations, beyond, worst } = search.leave_one_out();
     assert_eq!((verdict, configurations), (Verdict::Passed, search.jets().len() - 1));
-    assert!((BATCH..PASSES).contains(&search.passes()), "{} in a row", search.passes());
-    assert!(worst > 1e-6 && beyond == 0 && configurations >= PASSES, "{worst} of {configurations}");
+    assert!((BATCH..STREAK).contains(&search.passes()), "{} in a row", search.passes());
+    assert!(worst > 1e-6 && beyond == 0 && configurations >= STREAK, "{worst} of {configurations}");
     // One leave-one-out error beyond the tolerance: the full streak of ten is needed.
     let mut search = search;
     let (chosen, passes) = (search.chosen, search.passes());
-    assert_eq!(search.short_of_passing(), 0);
-    search.fits[chosen].left_out[3] = 1.1;
-    assert_eq!(search.short_of_passing(), PASSES - passes);
+    assert_eq!(search.predictions_missing(), 0);
+    search.fits[chosen].leave_one_out[3] = 1.1;
+    assert_eq!(search.predictions_missing(), STREAK - passes);
     // The short streak suffices if the kriging variance test passes.
-    for (deviation, short) in [(SURE, 0), (1.01 * SURE, PASSES - passes), (f64::NAN, PASSES - passes)] {
+    for (deviation, short) in
+        [(MAX_DEVIATION, 0), (1.01 * MAX_DEVIATION, STREAK - passes), (f64::NAN, STREAK - passes)]
+    {
         search.deviation = Some(deviation);
-        assert_eq!(search.short_of_passing(), short, "{deviation}");
+        assert_eq!(search.predictions_missing(), short, "{deviation}");
     }
     search.deviation = None;
-    search.fits[chosen].left_out.truncate(PASSES - 1);
-    assert_eq!(search.short_of_passing(), PASSES - passes);
-    search.fits[chosen].left_out[3] = 0.9;
-    assert_eq!(search.short_of_passing(), 1);
+    search.fits[chosen].leave_one_out.truncate(STREAK - 1);
+    assert_eq!(search.predictions_missing(), STREAK - passes);
+    search.fits[chosen].leave_one_out[3] = 0.9;
+    assert_eq!(search.predictions_missing(), 1);
     // Two of nine beyond the tolerance: a streak of ten does not suffice.
     let pass = Test { index: [0; 3], error_n: 0.0, tolerance_n: 1e-3, within: true };
-    search.tests.extend([pass; PASSES]);
-    assert_eq!(search.short_of_passing(), 0);
-    search.fits[chosen].left_out[3] = 1.1;
-    assert_eq!(search.short_of_passing(), 0);
-    search.fits[chosen].left_out[4] = f64::NAN;
-    assert_eq!(search.short_of_passing(), BATCH);
+    search.tests.extend([pass; STREAK]);
+    assert_eq!(search.predictions_missing(), 0);
+    search.fits[chosen].leave_one_out[3] = 1.1;
+    assert_eq!(search.predictions_missing(), 0);
+    search.fits[chosen].leave_one_out[4] = f64::NAN;
+    assert_eq!(search.predictions_missing(), BATCH);
 }
 
 /// The deviation is computed only if the criterion depends on it; it is the fit's own at the worst position.
 #[test]
 fn the_deviation_is_asked_where_it_decides() {
     let tolerance = Tolerance { relative: 1e-3, absolute_n: 1e-3 };
-    let (mut search, _) = searched(Wanted { tolerance, ..WANTED }, solved);
-    assert_eq!(search.asked_deviation(), None, "no error is beyond the tolerance: four suffice");
+    let (mut search, _) = searched(Requirements { tolerance, ..WANTED }, solved);
+    assert_eq!(search.largest_deviation(), None, "no error is beyond the tolerance: four suffice");
     let chosen = search.chosen;
-    search.fits[chosen].left_out[3] = 1.1;
-    let largest = search.asked_deviation().expect("one of many is beyond");
-    let places = search.known().places(PLACES);
+    search.fits[chosen].leave_one_out[3] = 1.1;
+    let largest = search.largest_deviation().expect("one of many is beyond");
+    let places = search.known().places(POSITIONS);
     let shares: Vec<f64> = (search.fit().deviation_n(&places).iter().zip(&places))
         .map(|(n, &at)| n / tolerance.at(search.fit().force_n(at)))
         .collect();
     assert_eq!(largest, shares.iter().copied().fold(0.0, f64::max));
     assert!(largest > 2.0 * shares.iter().sum::<f64>() / shares.len() as f64, "{largest}");
     // Many errors beyond the tolerance, or a streak that is too short: the deviation is not computed.
-    let left_out = search.fits[chosen].left_out.clone();
-    search.fits[chosen].left_out = vec![1.1; left_out.len()];
-    assert_eq!(search.asked_deviation(), None);
-    search.fits[chosen].left_out = left_out;
+    let leave_one_out = search.fits[chosen].leave_one_out.clone();
+    search.fits[chosen].leave_one_out = vec![1.1; leave_one_out.len()];
+    assert_eq!(search.largest_deviation(), None);
+    search.fits[chosen].leave_one_out = leave_one_out;
     search.tests.push(Test { index: [0; 3], error_n: 1.0, tolerance_n: 0.5, within: true });
-    assert_eq!(search.asked_deviation(), None);
+    assert_eq!(search.largest_deviation(), None);
 }
 
 #[test]
 fn nothing_is_learned_from_beyond_the_limit() {
     let (search, _) = searched(WANTED, solved);
     let largest = search.jets().iter().map(|jet| norm(jet.force_n)).fold(0.0, f64::max);
-    assert!(largest > 0.9 * WANTED.max_force_n && largest <= TOO_FAR * WANTED.max_force_n, "{largest} N");
+    assert!(
+        largest > 0.9 * WANTED.max_force_n && largest <= MAX_FORCE_FACTOR * WANTED.max_force_n,
+        "{largest} N"
+    );
     // A test just beyond the limit counts; a configuration that is not added to the fit does not.
     let learned = search.jets()[1..].iter().filter(|jet| norm(jet.force_n) > WANTED.max_force_n).count();
     assert!(learned > 0);
@@ -136,7 +143,7 @@ fn nothing_is_learned_from_beyond_the_limit() {
 #[test]
 fn a_tool_that_only_pushes_stays_on_its_side() {
     let normal = [0.0, 0.6, 0.8];
-    let (search, verdict) = searched(Wanted { push: Some(normal), ..FINE }, solved);
+    let (search, verdict) = searched(Requirements { push: Some(normal), ..FINE }, solved);
     assert_eq!(verdict, Verdict::Passed);
     let (both, _) = searched(FINE, solved);
     assert!(search.jets().len() < both.jets().len(), "{} {}", search.jets().len(), both.jets().len());
@@ -149,7 +156,7 @@ fn a_tool_that_only_pushes_stays_on_its_side() {
 #[test]
 fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
     let workspace = [[-0.02, -1.0, -0.01], [0.03, 1.0, 0.004]];
-    let (search, verdict) = searched(Wanted { workspace_m: Some(workspace), ..FINE }, solved);
+    let (search, verdict) = searched(Requirements { workspace_m: Some(workspace), ..FINE }, solved);
     assert_eq!(verdict, Verdict::Passed);
     let (all, _) = searched(FINE, solved);
     assert!(search.jets().len() < all.jets().len());
@@ -163,7 +170,7 @@ fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
     // The positions extend nearly to the sides of the box, and the reachable set ends at them.
     let highest = search.jets().iter().map(|jet| jet.control_m[2]).fold(0.0, f64::max);
     assert!(highest > 0.0034, "{highest}");
-    let within = search.fitted(Some(verdict)).within_reach();
+    let within = search.fitted(Some(verdict)).reachable_set();
     assert!(within.has([0.0, 0.0, 0.0039]) && !within.has([0.0, 0.0, 0.0041]));
 }
 
@@ -175,16 +182,17 @@ fn a_jump_does_not_pass() {
         if at[0] > 0.015 {
             jet.force_n[1] += 2.0;
         }
-        Found::Solved(jet)
+        SolveResult::Solved(jet)
     };
-    assert_eq!(searched(Wanted { most: 60, ..WANTED }, jumps).1, Verdict::NotReached);
+    assert_eq!(searched(Requirements { most: 60, ..WANTED }, jumps).1, Verdict::NotReached);
 }
 
 #[test]
 fn failures_are_gone_round() {
     let strict = Tolerance { relative: 1e-4, absolute_n: 1e-4 };
-    let wanted = Wanted { tolerance: strict, ..WANTED };
-    let (search, verdict) = searched(wanted, |at| if at[2] < -0.02 { Found::Failed } else { solved(at) });
+    let wanted = Requirements { tolerance: strict, ..WANTED };
+    let (search, verdict) =
+        searched(wanted, |at| if at[2] < -0.02 { SolveResult::Failed } else { solved(at) });
     assert_eq!(verdict, Verdict::Passed);
     assert!(search.jets().iter().all(|jet| jet.control_m[2] >= -0.02));
     assert!(search.jets().iter().any(|jet| jet.control_m[2] < -0.01), "positions close to the failed ones");
@@ -192,7 +200,7 @@ fn failures_are_gone_round() {
 
 #[test]
 fn nothing_solvable_ends() {
-    let (search, verdict) = searched(Wanted { most: 20, ..WANTED }, |_| Found::Failed);
+    let (search, verdict) = searched(Requirements { most: 20, ..WANTED }, |_| SolveResult::Failed);
     assert_eq!(verdict, Verdict::NotReached);
     assert_eq!(search.jets().len(), 1);
 }

@@ -74,7 +74,7 @@ impl Solver {
         let stiffness = self.condensed_stiffness(&problem);
         let sensitivity = self.sensitivity_of_state();
         let third_n_m2 = third_derivatives(body, &self.state, &sensitivity);
-        let residual_n = self.polish(residual_n);
+        let residual_n = self.final_correction(residual_n);
         let assembled = &self.assembled;
         if self.newton.reject_inverted && assembled.inverted > 0 {
             return fail(FailureReason::Inverted, residual_n);

@@ -27,7 +27,7 @@ impl Default for LoadingOptions {
 
 /// Cost of a solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Effort {
+pub struct SolveCost {
     /// Number of Newton and quasi-Newton steps.
     pub iterations: u32,
     /// Number of factorisations.
@@ -35,10 +35,10 @@ pub struct Effort {
 }
 
 /// Maximum number of full steps with a rising residual in a snap-through.
-const UPHILL: u32 = 3;
+const MAX_RISING_STEPS: u32 = 3;
 
 /// Largest perturbation of a displacement component, in mean edge lengths.
-const PUSH: f64 = 1e-3;
+const MAX_PERTURBATION: f64 = 1e-3;
 
 impl Solver {
     /// Transition from `from` to a displacement of the handle, m (the paper's C -> C').
@@ -65,7 +65,7 @@ impl Solver {
         let (mut done, mut step) = (0.0, 1.0);
         let (mut halvings, mut pushes) = (0, 0);
         let mut may_snap = self.loading.snap_through;
-        let mut spent = Spent::default();
+        let mut spent = AccumulatedCost::default();
         let mut here: Option<Configuration> = None;
         let mut switched = false;
         // Share and solution of a step that jumped to a different branch.
@@ -126,7 +126,7 @@ impl Solver {
             spent.increments += 1;
             done += step;
             if done >= 1.0 {
-                let Spent { iterations, factorisations, increments } = spent;
+                let AccumulatedCost { iterations, factorisations, increments } = spent;
                 return Ok(Configuration {
                     iterations,
                     factorisations,
@@ -147,15 +147,15 @@ impl Solver {
         seed: &Seed,
         pose: &Pose,
         guess: &mut [f64],
-        spent: &mut Spent,
+        spent: &mut AccumulatedCost,
     ) -> Option<Configuration> {
         self.state.copy_from_slice(&seed.state);
         self.evaluate(false);
         let inverted = self.assembled.inverted;
         predict(seed, pose, guess);
-        let downhill = std::mem::replace(&mut self.newton.max_uphill, UPHILL);
+        let downhill = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
         let landed = self.solve_at(pose, guess);
-        self.newton.max_uphill = downhill;
+        self.newton.max_rising_steps = downhill;
         match landed {
             Ok(c) if c.unstable_modes == Some(0) && c.inverted <= inverted => Some(c),
             Ok(c) => {
@@ -170,19 +170,19 @@ impl Solver {
     }
 
     /// Solves one whole step without computing the condensed quantities, for benchmarks.
-    pub fn reach(&mut self, from: &Seed, target: &Pose) -> Result<Effort, SolveFailure> {
+    pub fn reach(&mut self, from: &Seed, target: &Pose) -> Result<SolveCost, SolveFailure> {
         let mut guess = vec![0.0; from.state.len()];
         predict(from, target, &mut guess);
         self.state.copy_from_slice(&guess);
         self.hold(target);
         self.factorisations = 0;
         let (_, iterations) = self.equilibrate()?;
-        Ok(Effort { iterations, factorisations: self.factorisations })
+        Ok(SolveCost { iterations, factorisations: self.factorisations })
     }
 
     /// Adds a pseudo-random displacement to every node; `number` determines the sequence.
     fn push(&self, state: &mut [f64], number: u32) {
-        let size = PUSH * self.problem.body.edge_m;
+        let size = MAX_PERTURBATION * self.problem.body.edge_m;
         let mut bits = 0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(u64::from(number));
         for value in &mut state[..self.problem.body.displacement_len()] {
             bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -207,13 +207,13 @@ fn leaves_branch(seed: &Seed, found: &Configuration) -> bool {
 
 /// Accumulated cost of a transition.
 #[derive(Debug, Clone, Copy, Default)]
-struct Spent {
+struct AccumulatedCost {
     iterations: u32,
     factorisations: u32,
     increments: u32,
 }
 
-impl Spent {
+impl AccumulatedCost {
     fn add(&mut self, iterations: u32, factorisations: u32) {
         self.iterations += iterations;
         self.factorisations += factorisations;

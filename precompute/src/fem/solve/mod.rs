@@ -4,20 +4,20 @@
 //! [`Solver::advance`] computes the transition from a solved [`Configuration`] to a new position by
 //! incremental loading.
 
+mod body_force;
 mod condensed;
 mod factor;
 mod incremental_loading;
 mod newton;
 mod profile;
 mod quasi_newton;
-mod settle;
 
 use std::sync::Arc;
 
+pub use body_force::solve_body_force;
 pub(crate) use incremental_loading::LoadingOptions;
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;
-pub use settle::settle;
 
 use crate::fem::assembly::{Assembled, HandleCoupling, Pattern};
 use crate::fem::body::Body;

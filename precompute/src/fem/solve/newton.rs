@@ -17,7 +17,7 @@ pub struct NewtonOptions {
     pub max_halvings: u32,
     /// Maximum number of full steps that are accepted although no fraction of them reduces the residual. Zero
     /// except for a snap-through, see [`super::LoadingOptions::snap_through`].
-    pub max_uphill: u32,
+    pub max_rising_steps: u32,
     /// Whether to use steps with a frozen factor if their estimated cost is lower.
     pub frozen_factor: bool,
     /// Whether a solution with inverted elements is a failure. By default it is kept and flagged: such states
@@ -31,7 +31,7 @@ impl Default for NewtonOptions {
             max_iterations: 40,
             tolerance: 1e-8,
             max_halvings: 5,
-            max_uphill: 0,
+            max_rising_steps: 0,
             frozen_factor: true,
             reject_inverted: false,
         }
@@ -96,21 +96,21 @@ impl std::error::Error for SolveFailure {}
 
 /// Above this multiple of the larger of the initial residual and the force scale, the iteration counts as
 /// diverged.
-const HOPELESS: f64 = 1e8;
+const DIVERGENCE_FACTOR: f64 = 1e8;
 /// Frozen steps start after a Newton step has reduced the residual below this share of the force scale.
-const NEAR: f64 = 0.1;
+const FROZEN_FROM: f64 = 0.1;
 /// Frozen steps end if a step leaves at least this share of the residual.
-const WORTH: f64 = 0.3;
+const MIN_GAIN: f64 = 0.3;
 
 /// A residual below this multiple of the tolerance is accepted if no step reduces it further: it has reached
 /// its rounding floor. The forces of a part that is a million times stiffer leave a rounding error of 1e-16
 /// of their size.
-const STALLED: f64 = 100.0;
+const ROUNDING_FLOOR_FACTOR: f64 = 100.0;
 
 /// Kind of the next step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Next {
-    Fresh,
+    Newton,
     Frozen,
 }
 
@@ -135,13 +135,13 @@ impl Solver {
         let (mut iterations, mut uphill) = (0, 0);
         let mut residual_n = self.evaluate(true);
         let first = residual_n.max(self.scale_n());
-        let mut next = Next::Fresh;
+        let mut next = Next::Newton;
         let mut has_tangent = true;
         loop {
             if !residual_n.is_finite() {
                 return Err(SolveFailure { reason: FailureReason::NotFinite, iterations, residual_n });
             }
-            if residual_n > HOPELESS * first {
+            if residual_n > DIVERGENCE_FACTOR * first {
                 return Err(SolveFailure { reason: FailureReason::Diverged, iterations, residual_n });
             }
             if residual_n <= self.newton.tolerance * self.scale_n() {
@@ -165,7 +165,7 @@ impl Solver {
             if !has_tangent {
                 self.evaluate(true);
             }
-            let floor_n = STALLED * self.newton.tolerance * self.scale_n();
+            let floor_n = ROUNDING_FLOOR_FACTOR * self.newton.tolerance * self.scale_n();
             if !self.newton_step() {
                 if residual_n <= floor_n {
                     return Ok((residual_n, iterations));
@@ -173,7 +173,7 @@ impl Solver {
                 return Err(SolveFailure { reason: FailureReason::SingularTangent, iterations, residual_n });
             }
             let (mut reached, full) = self.line_search(residual_n, iterations > 1);
-            if reached.is_none() && residual_n > floor_n && uphill < self.newton.max_uphill {
+            if reached.is_none() && residual_n > floor_n && uphill < self.newton.max_rising_steps {
                 uphill += 1;
                 reached = self.line_search(residual_n, false).0;
             }
@@ -184,11 +184,11 @@ impl Solver {
                 return Err(SolveFailure { reason: FailureReason::LineSearch, iterations, residual_n });
             };
             has_tangent = false;
-            next = Next::Fresh;
+            next = Next::Newton;
             if full && self.newton.frozen_factor {
                 self.history.clear();
                 self.history.push(&self.step);
-                if reached <= NEAR * self.scale_n() {
+                if reached <= FROZEN_FROM * self.scale_n() {
                     next = Next::Frozen;
                 }
             }
@@ -200,8 +200,8 @@ impl Solver {
     fn after_frozen(&self, before: f64, reached: f64) -> Next {
         let tolerance = self.newton.tolerance * self.scale_n();
         let gain = reached / before;
-        if gain >= WORTH || self.history.is_full() {
-            return Next::Fresh;
+        if gain >= MIN_GAIN || self.history.is_full() {
+            return Next::Newton;
         }
         // Model: a new factor squares the relative residual; each frozen step reduces the residual by the
         // same factor.
@@ -209,7 +209,7 @@ impl Solver {
         let relative = reached / self.scale_n();
         let fresh_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };
         let fresh_cost = 0.5 * self.problem.symbolic.factor_over_solve() + 2.0;
-        if frozen_steps * 2.0 <= fresh_steps * fresh_cost { Next::Frozen } else { Next::Fresh }
+        if frozen_steps * 2.0 <= fresh_steps * fresh_cost { Next::Frozen } else { Next::Newton }
     }
 
     /// One quasi-Newton step with the current factor. `None`, with an unchanged state, if it does not reduce
@@ -328,7 +328,7 @@ impl Solver {
 
     /// Last correction of a converged state: one step with the current factor, kept if it does not raise the
     /// residual.
-    pub(super) fn polish(&mut self, residual_n: f64) -> f64 {
+    pub(super) fn final_correction(&mut self, residual_n: f64) -> f64 {
         for (right, r) in self.right.iter_mut().zip(&self.residual) {
             *right = -r;
         }

@@ -11,19 +11,19 @@
 use crate::num::vector::inner;
 
 /// Maximum number of stored steps; a longer sequence would not pay.
-pub(super) const LONGEST: usize = 10;
+pub(super) const MAX_STORED_STEPS: usize = 10;
 
 /// The steps since the last factorisation.
 #[derive(Debug)]
 pub(super) struct StepHistory {
     steps: Vec<Vec<f64>>,
-    squares: [f64; LONGEST],
+    squares: [f64; MAX_STORED_STEPS],
     len: usize,
 }
 
 impl StepHistory {
     pub(super) fn new(unknowns: usize) -> Self {
-        Self { steps: vec![vec![0.0; unknowns]; LONGEST], squares: [0.0; LONGEST], len: 0 }
+        Self { steps: vec![vec![0.0; unknowns]; MAX_STORED_STEPS], squares: [0.0; MAX_STORED_STEPS], len: 0 }
     }
 
     /// Removes all steps, for a new factor.
@@ -32,12 +32,12 @@ impl StepHistory {
     }
 
     pub(super) fn is_full(&self) -> bool {
-        self.len == LONGEST
+        self.len == MAX_STORED_STEPS
     }
 
     /// Stores an accepted full step.
     pub(super) fn push(&mut self, step: &[f64]) {
-        if self.len < LONGEST {
+        if self.len < MAX_STORED_STEPS {
             self.steps[self.len].copy_from_slice(step);
             self.squares[self.len] = inner(step, step);
             self.len += 1;
@@ -77,7 +77,7 @@ mod tests {
         };
         let solve = |accelerated: bool| {
             let (mut x, mut history) = ([0.0; 3], StepHistory::new(3));
-            for _ in 0..LONGEST {
+            for _ in 0..MAX_STORED_STEPS {
                 let r = residual(&x);
                 let mut z: [f64; 3] = std::array::from_fn(|i| -r[i] / a[i][i]);
                 if accelerated && !history.accelerate(&mut z) {

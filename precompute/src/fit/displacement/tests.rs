@@ -7,7 +7,7 @@ const NODES: usize = 40;
 
 /// A surface that follows the node at (1, 0, 0) with an influence that decreases with the distance; `bend`
 /// scales its curvature.
-fn moved(d: [f64; 3], bend: f64) -> Moved {
+fn moved(d: [f64; 3], bend: f64) -> SurfaceMotionSample {
     let node = |n: usize| [0.4, 1.3, 2.6].map(|turn| (turn * (n + 1) as f64).sin());
     let displacement = |d: [f64; 3]| -> Vec<f64> {
         (0..NODES)
@@ -28,7 +28,7 @@ fn moved(d: [f64; 3], bend: f64) -> Moved {
         });
         low.iter().zip(high).map(|(low, high)| ((high - low) / 2e-5) as f32).collect()
     };
-    Moved {
+    SurfaceMotionSample {
         displacement_m: displacement(d).into_iter().map(|x| x as f32).collect(),
         slopes: [slope(0), slope(1), slope(2)],
     }
@@ -49,7 +49,7 @@ impl Case {
         Self { grid, solved, bend, odd: None }
     }
 
-    fn read(&self, index: GridIndex) -> Moved {
+    fn read(&self, index: GridIndex) -> SurfaceMotionSample {
         let mut moved = moved(self.grid.displacement_m(index), self.bend);
         if Some(index) == self.odd {
             for (n, x) in moved.displacement_m.iter_mut().enumerate() {

@@ -31,7 +31,7 @@ pub(super) fn orders_up_to_two() -> impl Iterator<Item = (usize, usize, usize)> 
 
 /// Scales all derivatives of the force by one factor, so that no second derivative of W exceeds `limit_n`, N
 /// per cell.
-pub(super) fn held_slopes(mut w: Derivatives, limit_n: f64) -> Derivatives {
+pub(super) fn limited_slopes(mut w: Derivatives, limit_n: f64) -> Derivatives {
     let steepest = largest(&w, |order| order == 2);
     if steepest > limit_n {
         scale(&mut w, limit_n / steepest, |order| order >= 2);
@@ -40,7 +40,7 @@ pub(super) fn held_slopes(mut w: Derivatives, limit_n: f64) -> Derivatives {
 }
 
 /// Limits the force and its derivatives to `limit_n` per cell, order by order.
-pub(super) fn held_ghost(mut w: Derivatives, limit_n: f64) -> Derivatives {
+pub(super) fn limited_ghost(mut w: Derivatives, limit_n: f64) -> Derivatives {
     for wanted in 1..=6 {
         let top = largest(&w, |order| order == wanted);
         if top > limit_n {

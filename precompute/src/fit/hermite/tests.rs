@@ -104,24 +104,24 @@ fn no_difference_is_taken_across_a_fold() {
         };
         points.iter().map(of).collect()
     };
-    let folds: Vec<Fold> = points
+    let branch_jumps: Vec<BranchJump> = points
         .iter()
         .flat_map(|&a| points.iter().map(move |&b| (a, b)))
         .filter(|&(a, b)| a < b && beyond(a) != beyond(b) && (0..3).all(|i| (a[i] - b[i]).abs() <= 1))
-        .map(|(from, to)| Fold { from, to, rho_n: 1.0, rho_h_n: 1.0 })
+        .map(|(from, to)| BranchJump { from, to, rho_n: 1.0, rho_h_n: 1.0 })
         .collect();
-    let node = |jump: f64, folds: &[Fold]| {
-        let table = hermite_nodes(&grid, &samples(jump), folds);
+    let node = |jump: f64, branch_jumps: &[BranchJump]| {
+        let table = hermite_nodes(&grid, &samples(jump), branch_jumps);
         table.nodes[table.row[grid.lattice.slot([1, 0, 0]).unwrap()] as usize]
     };
-    assert_eq!(node(0.0, &folds), node(1e6, &folds), "no difference is taken across the jump");
+    assert_eq!(node(0.0, &branch_jumps), node(1e6, &branch_jumps), "no difference is taken across the jump");
     assert_ne!(node(0.0, &[]), node(1e6, &[]), "without flags a difference is taken across the jump");
     let mut values = super::super::lattice_values(&grid, &samples(0.0));
-    flag_folds(&grid, &folds, &mut values);
+    flag_branch_jumps(&grid, &branch_jumps, &mut values);
     for (slot, bits) in values.flags.iter().enumerate() {
         let [i, j, k] = grid.lattice.ijk(slot);
         let crossed = i == 1 && [j, k].iter().all(|n| (-3..3).contains(n));
-        let flagged = bits & flags::FOLD != 0;
+        let flagged = bits & flags::BRANCH_JUMP != 0;
         assert!(!flagged || i == 1, "cell {i} {j} {k}");
         if crossed && j.abs() < 2 && k.abs() < 2 {
             assert!(flagged, "cell {i} {j} {k}");
@@ -133,7 +133,7 @@ fn no_difference_is_taken_across_a_fold() {
 #[test]
 fn a_runaway_stiffness_at_a_fold_is_held() {
     let grid = SpaceGrid::new(0.01, 0.03).unwrap();
-    let runaway = |factor: f64, folds: &[Fold]| {
+    let runaway = |factor: f64, branch_jumps: &[BranchJump]| {
         let of = |p: GridIndex| {
             let mut s = sample(&grid, p);
             if p == [1, 0, 0] {
@@ -142,7 +142,7 @@ fn a_runaway_stiffness_at_a_fold_is_held() {
             s
         };
         let samples: Vec<Sample> = Domain::new(&grid, true).points().map(of).collect();
-        hermite_nodes(&grid, &samples, folds)
+        hermite_nodes(&grid, &samples, branch_jumps)
     };
     let largest_n = |nodes: &HermiteNodes| {
         let planes = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
@@ -158,14 +158,14 @@ fn a_runaway_stiffness_at_a_fold_is_held() {
             })
             .fold(0.0, f64::max)
     };
-    let fold = [Fold { from: [1, 0, 0], to: [2, 0, 0], rho_n: 1.0, rho_h_n: 1.0 }];
-    let as_it_is = largest_n(&runaway(1.0, &fold));
+    let fold = [BranchJump { from: [1, 0, 0], to: [2, 0, 0], rho_n: 1.0, rho_h_n: 1.0 }];
+    let read_only = largest_n(&runaway(1.0, &fold));
     let held = largest_n(&runaway(1e4, &fold));
-    assert!(held < 3.0 * as_it_is, "held: {held} N beside {as_it_is} N");
+    assert!(held < 3.0 * read_only, "held: {held} N beside {read_only} N");
     let free = largest_n(&runaway(1e4, &[]));
     assert!(
-        free > 100.0 * as_it_is,
-        "slopes are limited away from branch jumps: {free} N, unlimited {as_it_is} N"
+        free > 100.0 * read_only,
+        "slopes are limited away from branch jumps: {free} N, unlimited {read_only} N"
     );
     // A realistic stiffness is not limited, also at branch jumps.
     let node = |nodes: &HermiteNodes, p| nodes.nodes[nodes.row[grid.lattice.slot(p).unwrap()] as usize];

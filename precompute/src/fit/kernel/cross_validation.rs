@@ -29,7 +29,7 @@ use super::{DATA, KernelFit, diagonal, entry, polynomials};
 /// Indices of the force components x, y and z among the data.
 const FORCE: [usize; 3] = [1, 2, 3];
 /// Number of positions in one batch; limits the memory.
-const TOGETHER: usize = 64;
+const BATCH: usize = 64;
 
 impl KernelFit {
     /// Leave-one-out errors of the force, N, in the order of the configurations: the true force minus the
@@ -38,8 +38,8 @@ impl KernelFit {
     /// # Panics
     ///
     /// If the fit is [read-only](Self::as_it_is).
-    pub fn left_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
-        self.left_out().map(|(missed_n, _)| missed_n)
+    pub fn leave_one_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
+        self.leave_one_out().map(|(missed_n, _)| missed_n)
     }
 
     /// Standard deviation of the force (all three components together) at these positions, N. Infinite if it
@@ -53,14 +53,14 @@ impl KernelFit {
     /// If the fit is [read-only](Self::as_it_is).
     pub fn deviation_n(&self, places: &[[f64; 3]]) -> Vec<f64> {
         let by_its_own = |(missed_n, own): ([f64; 3], f64)| missed_n.iter().map(|e| e * e).sum::<f64>() / own;
-        let shares: Vec<f64> = self.left_out().skip(1).map(by_its_own).collect();
+        let shares: Vec<f64> = self.leave_one_out().skip(1).map(by_its_own).collect();
         let variance = shares.iter().sum::<f64>() / shares.len() as f64;
         let deviation_n = |own: f64| Some((variance * own).sqrt()).filter(|n| !n.is_nan());
         self.variances(places).into_iter().map(|own| deviation_n(own).unwrap_or(f64::INFINITY)).collect()
     }
 
     /// Leave-one-out errors, and their variance for s = 1, 1/m^2.
-    fn left_out(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
+    fn leave_one_out(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
         assert_eq!(self.inverse.len(), self.centres.len(), "the fit is read-only");
         let scale = DATA.map(diagonal).map(f64::sqrt);
         self.inverse.iter().zip(&self.weights).map(move |(block, weights)| {
@@ -82,7 +82,7 @@ impl KernelFit {
     fn variances(&self, places: &[[f64; 3]]) -> Vec<f64> {
         let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());
         let mut found = Vec::with_capacity(places.len());
-        for places in places.chunks(TOGETHER) {
+        for places in places.chunks(BATCH) {
             let mut across = Mat::<f64>::zeros(self.factor.nrows(), 3 * places.len());
             for (p, place) in places.iter().enumerate() {
                 let x = place.map(|p| p / self.length_m);
@@ -106,7 +106,7 @@ impl KernelFit {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::made_up::{jet, spread};
+    use super::super::super::synthetic::{jet, spread};
     use super::super::{EnergyJet, NUGGET};
     use super::*;
 
@@ -127,10 +127,10 @@ mod tests {
         for batch in [&jets[..1], &jets[1..5], &jets[5..6], &jets[6..]] {
             whole.add(batch).expect("apart");
         }
-        let (left_out, mut largest): (Vec<_>, f64) = (whole.left_out().collect(), 0.0);
+        let (leave_one_out, mut largest): (Vec<_>, f64) = (whole.leave_one_out().collect(), 0.0);
         let mut shares = Vec::new();
-        assert_eq!(left_out.len(), jets.len());
-        for (left, (missed, variance)) in left_out.into_iter().enumerate() {
+        assert_eq!(leave_one_out.len(), jets.len());
+        for (left, (missed, variance)) in leave_one_out.into_iter().enumerate() {
             let mut fit = empty();
             let others: Vec<EnergyJet> = (0..jets.len()).filter(|&m| m != left).map(|m| jets[m]).collect();
             fit.add(&others).expect("apart");
@@ -164,7 +164,7 @@ mod tests {
         assert!((by_far - 3.0).abs() < 1e-9 && (0.0..1e-6).contains(&by_near), "{by_far} {by_near}");
         let places: Vec<[f64; 3]> = (1000..1100).map(|n| spread(n, 0.045)).collect();
         let few = fit.variances(&places);
-        assert!(places.len() > TOGETHER && few.iter().any(|v| (v / few[0] - 1.0).abs() > 0.1));
+        assert!(places.len() > BATCH && few.iter().any(|v| (v / few[0] - 1.0).abs() > 0.1));
         for (&at, together) in places.iter().zip(&few) {
             let alone = fit.variances(&[at])[0];
             assert!((alone - together).abs() < 1e-9 * (3.0 / 0.03f64.powi(2)), "{at:?}: {alone} {together}");

@@ -1,6 +1,6 @@
 //! The fit of an analytic energy.
 
-use super::super::made_up::{jet, spread};
+use super::super::synthetic::{jet, spread};
 use super::*;
 
 fn fit(configurations: u32, length_m: f64) -> KernelFit {

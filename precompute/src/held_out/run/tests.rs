@@ -4,14 +4,14 @@ use std::sync::atomic::Ordering;
 
 use super::*;
 use crate::space::Truth;
-use crate::space::made_up::MadeUp;
+use crate::space::synthetic::SyntheticExecutor;
 
 const DRAW: Draw = Draw { regular_m: None, random: 0, uniform: 60, ..Draw::PAPER };
 
-fn held_out(made_up: &MadeUp, draw: Draw) -> HeldOut {
+fn held_out(synthetic: &SyntheticExecutor, draw: Draw) -> HeldOut {
     HeldOut {
         actives: vec![(0, "A".into())],
-        sampling: made_up.identity().sampling,
+        sampling: synthetic.identity().sampling,
         draw,
         keep_displacements: false,
     }
@@ -27,19 +27,19 @@ fn truths(store: &Store) -> Vec<(Walk, Truth)> {
 #[test]
 fn a_uniform_position_starts_from_the_nearest_corner_and_from_its_solution_that_counts() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut made_up = MadeUp::new(1.0, 1.3);
-    let store = made_up.store(&folder.path().join("a.space"), 1);
-    made_up.expand(&store, 1);
+    let mut synthetic = SyntheticExecutor::new(1.0, 1.3);
+    let store = synthetic.store(&folder.path().join("a.space"), 1);
+    synthetic.expand(&store, 1);
     let records = store.records(0).expect("records");
-    made_up.given.clear();
-    let held_out = held_out(&made_up, DRAW);
-    held_out.run(&store, &mut made_up, &AtomicBool::new(false), |_| ()).expect("runs to its end");
+    synthetic.given.clear();
+    let held_out = held_out(&synthetic, DRAW);
+    held_out.run(&store, &mut synthetic, &AtomicBool::new(false), |_| ()).expect("runs to its end");
     let mut superseded = 0;
-    assert!(made_up.given.len() >= 60);
-    for work in &made_up.given {
+    assert!(synthetic.given.len() >= 60);
+    for work in &synthetic.given {
         let Work::Walk(job) = work else { panic!("a point") };
         let (corner, seed) = job.start.as_ref().expect("starts from the space");
-        let cells = job.positions_m[0].map(|x| x / made_up.grid.spacing_m);
+        let cells = job.positions_m[0].map(|x| x / synthetic.grid.spacing_m);
         let squared =
             |index: GridIndex| (0..3).map(|i| (f64::from(index[i]) - cells[i]).powi(2)).sum::<f64>();
         let of_the_cell = |index: GridIndex| (0..3).all(|i| (f64::from(index[i]) - cells[i]).abs() < 1.0);
@@ -59,17 +59,17 @@ fn a_uniform_position_starts_from_the_nearest_corner_and_from_its_solution_that_
 #[test]
 fn a_uniform_position_that_fails_or_is_beyond_the_limit_is_replaced() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut made_up = MadeUp::new(1.0, 0.0);
-    let store = made_up.store(&folder.path().join("a.space"), 1);
-    made_up.expand(&store, 1);
-    made_up.tag_of_walk = |number| match number % 5 {
+    let mut synthetic = SyntheticExecutor::new(1.0, 0.0);
+    let store = synthetic.store(&folder.path().join("a.space"), 1);
+    synthetic.expand(&store, 1);
+    synthetic.tag_of_walk = |number| match number % 5 {
         1 => ConfigTag::Failed,
         3 => ConfigTag::Terminating,
         _ => ConfigTag::Expandable,
     };
-    let held_out = held_out(&made_up, DRAW);
+    let held_out = held_out(&synthetic, DRAW);
     let mut last = HeldOutProgress::default();
-    held_out.run(&store, &mut made_up, &AtomicBool::new(false), |p| last = *p).expect("runs to its end");
+    held_out.run(&store, &mut synthetic, &AtomicBool::new(false), |p| last = *p).expect("runs to its end");
     let truths = truths(&store);
     let [counts, beyond, failed] = [ConfigTag::Expandable, ConfigTag::Terminating, ConfigTag::Failed]
         .map(|tag| truths.iter().filter(|(_, truth)| truth.tag() == tag).count());
@@ -82,13 +82,13 @@ fn a_uniform_position_that_fails_or_is_beyond_the_limit_is_replaced() {
 fn all_walks_that_were_done_before_a_stop_are_committed_and_none_is_cut_short() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.space");
-    let mut made_up = MadeUp::new(1.0, 0.0);
-    let store = made_up.store(&path, 1);
-    let held_out = held_out(&made_up, Draw { regular_m: Some(5e-3), random: 9, uniform: 0, ..DRAW });
+    let mut synthetic = SyntheticExecutor::new(1.0, 0.0);
+    let store = synthetic.store(&path, 1);
+    let held_out = held_out(&synthetic, Draw { regular_m: Some(5e-3), random: 9, uniform: 0, ..DRAW });
     let mut before = 0;
     for walks in [1, 12] {
         let (stop, mut told) = (AtomicBool::new(false), 0);
-        let ended = held_out.run(&store, &mut made_up, &stop, |p| {
+        let ended = held_out.run(&store, &mut synthetic, &stop, |p| {
             told = p.walks_now;
             stop.store(told >= walks, Ordering::Relaxed);
         });
@@ -98,6 +98,6 @@ fn all_walks_that_were_done_before_a_stop_are_committed_and_none_is_cut_short() 
         let done = Store::open(&path).and_then(|reader| reader.walks_done(0)).expect("a reader can open it");
         assert_eq!(done.len(), before);
     }
-    held_out.run(&store, &mut made_up, &AtomicBool::new(false), |_| ()).expect("runs to its end");
+    held_out.run(&store, &mut synthetic, &AtomicBool::new(false), |_| ()).expect("runs to its end");
     assert_eq!(truths(&store).len(), 26 * 5 + 9 * 200);
 }

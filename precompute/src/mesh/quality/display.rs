@@ -8,7 +8,7 @@ use crate::error::count;
 /// Number of marks of the histogram's longest bar.
 const BAR: usize = 50;
 /// Above this share of nodes on the surface, the body has too few inner nodes to deform well.
-const MOST_ON_SURFACE: f64 = 0.9;
+const MAX_SURFACE_SHARE: f64 = 0.9;
 
 impl MeshReport {
     /// Defects of the mesh, one line each with the fix.
@@ -69,7 +69,7 @@ impl MeshReport {
                 if hanging == 1 { "hangs" } else { "hang" }
             ));
         }
-        if s.node_share > MOST_ON_SURFACE {
+        if s.node_share > MAX_SURFACE_SHARE {
             said.push(format!(
                 "{:.0} % of the nodes are on the surface: the body is about one tet thick; refine it",
                 100.0 * s.node_share

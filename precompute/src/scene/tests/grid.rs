@@ -12,7 +12,7 @@ fn sampling_driven_by_the_error_is_read() {
         }
         other => panic!("{other:?}"),
     };
-    assert_eq!(sampled("cannot_be_felt = true"), Tolerance::CANNOT_BE_FELT);
+    assert_eq!(sampled("cannot_be_felt = true"), Tolerance::IMPERCEPTIBLE);
     assert_eq!(sampled("tolerance_n = 0.1"), Tolerance { relative: 0.0, absolute_n: 0.1 });
     let both = sampled("tolerance_relative = 0.05\ntolerance_n = 0.1");
     assert_eq!(both, Tolerance { relative: 0.05, absolute_n: 0.1 });

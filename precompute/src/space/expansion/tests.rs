@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use palpate_core::ConfigTag;
 
-use super::super::made_up::{MadeUp, actives, mesh};
+use super::super::synthetic::{SyntheticExecutor, actives, mesh};
 use super::super::{Outcome, Store};
 use super::*;
 
 /// Runs until `tries` attempts are solved in this run; returns the last reported number.
-fn stopped(made_up: &mut MadeUp, store: &Store, nodes: u32, tries: usize) -> usize {
+fn stopped(synthetic: &mut SyntheticExecutor, store: &Store, nodes: u32, tries: usize) -> usize {
     let (stop, mut told) = (AtomicBool::new(false), 0);
-    let ended = made_up.expansion(nodes).run(store, made_up, &stop, |p| {
+    let ended = synthetic.expansion(nodes).run(store, synthetic, &stop, |p| {
         told = p.solved_now;
         stop.store(told >= tries, Ordering::Relaxed);
     });
@@ -31,31 +31,31 @@ fn committed(path: &std::path::Path, nodes: usize) -> usize {
 fn all_that_was_done_before_a_stop_is_committed() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.space");
-    let mut made_up = MadeUp::new(1.0, 1.3);
+    let mut synthetic = SyntheticExecutor::new(1.0, 1.3);
     // The writer stays open: the reader does not see its uncommitted rows.
-    let store = made_up.store(&path, 1);
+    let store = synthetic.store(&path, 1);
     let mut before = 0;
     for tries in [1, 7, 30] {
-        before += stopped(&mut made_up, &store, 1, tries);
+        before += stopped(&mut synthetic, &store, 1, tries);
         assert_eq!(committed(&path, 1), before);
     }
 }
 
 /// An executor that fails after so many outcomes.
-struct Dies(MadeUp, usize);
+struct Dies(SyntheticExecutor, usize);
 
-impl Crew for Dies {
+impl Executor for Dies {
     fn size(&self) -> usize {
         self.0.size()
     }
 
-    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), ExecutorError> {
         self.0.give(worker, work)
     }
 
-    fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        self.1 = self.1.checked_sub(1).ok_or_else(|| CrewError::Lost("gone".into()))?;
-        self.0.take(patience)
+    fn take(&mut self, timeout: Duration) -> Result<Option<(usize, Done)>, ExecutorError> {
+        self.1 = self.1.checked_sub(1).ok_or_else(|| ExecutorError::Lost("gone".into()))?;
+        self.0.take(timeout)
     }
 
     fn stop(&mut self) {
@@ -67,32 +67,32 @@ impl Crew for Dies {
 fn all_that_was_done_before_a_worker_is_lost_is_committed() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.space");
-    let made_up = MadeUp::new(1.0, 1.3);
-    let (store, expansion) = (made_up.store(&path, 1), made_up.expansion(1));
-    let ended = expansion.run(&store, &mut Dies(made_up, 23), &AtomicBool::new(false), |_| ());
-    assert!(matches!(ended, Err(ExpansionError::Crew(CrewError::Lost(_)))), "{ended:?}");
+    let synthetic = SyntheticExecutor::new(1.0, 1.3);
+    let (store, expansion) = (synthetic.store(&path, 1), synthetic.expansion(1));
+    let ended = expansion.run(&store, &mut Dies(synthetic, 23), &AtomicBool::new(false), |_| ());
+    assert!(matches!(ended, Err(ExpansionError::Executor(ExecutorError::Lost(_)))), "{ended:?}");
     assert_eq!(committed(&path, 1), 23);
 }
 
 /// Reports ten seconds of silence before every outcome, without an actual wait.
 struct Slow {
-    made_up: MadeUp,
+    synthetic: SyntheticExecutor,
     path: PathBuf,
     silent: Duration,
     given_back: usize,
 }
 
-impl Crew for Slow {
+impl Executor for Slow {
     fn size(&self) -> usize {
-        self.made_up.size()
+        self.synthetic.size()
     }
 
-    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
-        self.made_up.give(worker, work)
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), ExecutorError> {
+        self.synthetic.give(worker, work)
     }
 
-    fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        self.silent += patience;
+    fn take(&mut self, timeout: Duration) -> Result<Option<(usize, Done)>, ExecutorError> {
+        self.silent += timeout;
         if self.silent >= Duration::from_secs(1) {
             assert_eq!(
                 committed(&self.path, 1),
@@ -105,11 +105,11 @@ impl Crew for Slow {
         }
         self.silent = Duration::ZERO;
         self.given_back += 1;
-        self.made_up.take(patience)
+        self.synthetic.take(timeout)
     }
 
     fn stop(&mut self) {
-        self.made_up.stop();
+        self.synthetic.stop();
     }
 }
 
@@ -117,9 +117,10 @@ impl Crew for Slow {
 fn what_is_done_before_a_long_silence_is_committed_within_a_second() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.space");
-    let made_up = MadeUp::new(1.0, 0.0);
-    let (store, expansion, stop) = (made_up.store(&path, 1), made_up.expansion(1), AtomicBool::new(false));
-    let mut slow = Slow { made_up, path, silent: Duration::ZERO, given_back: 0 };
+    let synthetic = SyntheticExecutor::new(1.0, 0.0);
+    let (store, expansion, stop) =
+        (synthetic.store(&path, 1), synthetic.expansion(1), AtomicBool::new(false));
+    let mut slow = Slow { synthetic, path, silent: Duration::ZERO, given_back: 0 };
     let ended = expansion.run(&store, &mut slow, &stop, |p| stop.store(p.solved_now >= 4, Ordering::Relaxed));
     assert!(matches!(ended, Err(ExpansionError::Interrupted)), "{ended:?}");
     assert!(slow.given_back >= 4);
@@ -138,9 +139,9 @@ fn outcomes(store: &Store, active: usize) -> Vec<Outcome> {
 #[test]
 fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut made_up = MadeUp::new(1.0, 1.3);
-    let whole = made_up.store(&folder.path().join("whole.space"), 1);
-    made_up.expand(&whole, 1);
+    let mut synthetic = SyntheticExecutor::new(1.0, 1.3);
+    let whole = synthetic.store(&folder.path().join("whole.space"), 1);
+    synthetic.expand(&whole, 1);
     let outcomes = outcomes(&whole, 0);
     let some_try =
         |wanted: u32| outcomes.iter().position(|o| o.record.attempt == wanted && o.record.round > 1);
@@ -156,16 +157,16 @@ fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
         (first, |record| record.parent = Some(([0; 3], 0))),
     ];
     for (n, (at, alter)) in altered.into_iter().enumerate() {
-        let store = made_up.store(&folder.path().join(format!("{n}.space")), 1);
+        let store = synthetic.store(&folder.path().join(format!("{n}.space")), 1);
         let mut outcomes = outcomes.clone();
         alter(&mut outcomes[at].record);
         outcomes.iter().for_each(|outcome| store.add(outcome, None).expect("added"));
-        made_up.given.clear();
-        let expansion = made_up.expansion(1);
-        let ended = expansion.run(&store, &mut made_up, &AtomicBool::new(false), |_| ());
+        synthetic.given.clear();
+        let expansion = synthetic.expansion(1);
+        let ended = expansion.run(&store, &mut synthetic, &AtomicBool::new(false), |_| ());
         if n == 0 {
             ended.expect("the copy is accepted");
-            assert_eq!(made_up.given.len(), 0, "nothing is solved again");
+            assert_eq!(synthetic.given.len(), 0, "nothing is solved again");
             continue;
         }
         let line = ended.expect_err("the outcome does not match the plan").to_string();
@@ -182,9 +183,9 @@ fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
 fn two_nodes_of_one_store_are_resumed_and_salvaged_each_by_itself() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = |name: &str| folder.path().join(name);
-    let mut made_up = MadeUp::new(1.0, 1.3);
-    let whole = made_up.store(&at("whole.space"), 2);
-    made_up.expand(&whole, 2);
+    let mut synthetic = SyntheticExecutor::new(1.0, 1.3);
+    let whole = synthetic.store(&at("whole.space"), 2);
+    synthetic.expand(&whole, 2);
     let expected = [0, 1].map(|active| whole.attempts(active).expect("records"));
     let [one, other] = &expected;
     assert!(one.len() > 100 && other.len() > 100);
@@ -193,16 +194,16 @@ fn two_nodes_of_one_store_are_resumed_and_salvaged_each_by_itself() {
     };
     assert!(energy(other) > 1.5 * energy(one), "each node has its own energy");
 
-    let torn = made_up.store(&at("torn.space"), 2);
+    let torn = synthetic.store(&at("torn.space"), 2);
     for tries in [1, one.len() / 2, one.len() / 2 + 10, other.len() / 2] {
-        stopped(&mut made_up, &torn, 2, tries);
+        stopped(&mut synthetic, &torn, 2, tries);
     }
-    made_up.expand(&torn, 2);
+    synthetic.expand(&torn, 2);
     let found = [0, 1].map(|active| torn.attempts(active).expect("records"));
     assert!(found == expected, "the store of an interrupted run differs");
     drop(torn);
 
-    let (identity, nodes) = (made_up.identity(), actives(2));
+    let (identity, nodes) = (synthetic.identity(), actives(2));
     let (saved, report) =
         Store::salvage(&at("torn.space"), &identity, &mesh(), &[0], &nodes).expect("is salvaged");
     assert_eq!((report.saved, report.damaged), (one.len() + other.len(), 0));
@@ -213,11 +214,11 @@ fn two_nodes_of_one_store_are_resumed_and_salvaged_each_by_itself() {
 #[test]
 fn a_body_without_a_rest_is_refused_the_second_time_too() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut made_up = MadeUp::new(1.0, 0.0);
-    made_up.restless = true;
-    let (store, expansion) = (made_up.store(&folder.path().join("a.space"), 1), made_up.expansion(1));
+    let mut synthetic = SyntheticExecutor::new(1.0, 0.0);
+    synthetic.rest_fails = true;
+    let (store, expansion) = (synthetic.store(&folder.path().join("a.space"), 1), synthetic.expansion(1));
     for time in ["first", "second"] {
-        let ended = expansion.run(&store, &mut made_up, &AtomicBool::new(false), |_| ());
+        let ended = expansion.run(&store, &mut synthetic, &AtomicBool::new(false), |_| ());
         assert!(matches!(&ended, Err(ExpansionError::Rest(why)) if why == "singular"), "{time}: {ended:?}");
     }
     assert_eq!(store.records(0).expect("read")[0].tag(), ConfigTag::Failed);

@@ -4,11 +4,11 @@ use std::collections::{HashMap, VecDeque};
 
 use super::SolvesLeft;
 use super::switched::Switched;
-use crate::adaptive::{AdaptiveFit, Found, PASSES, Search, Step, Target, Verdict};
+use crate::adaptive::{AdaptiveFit, STREAK, Search, SolveResult, Step, Target, Verdict};
 use crate::num::jet::EnergyJet;
 use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
-use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
+use crate::spec::{GridIndex, Requirements, displacement_m, nearest_index};
 
 /// The rest point.
 const REST: GridIndex = [0; 3];
@@ -16,14 +16,14 @@ const REST: GridIndex = [0; 3];
 /// The plan of one adaptive space: the counterpart of [`super::Plan`].
 #[derive(Debug)]
 pub(crate) struct ScatteredPlan {
-    wanted: Wanted,
+    wanted: Requirements,
     /// `None` before rest is solved.
     search: Option<Search>,
     /// The points of the search in its order. Parents are indices into this list.
     learned: Vec<GridIndex>,
     /// The batch in progress.
     batch: Vec<Target>,
-    found: HashMap<GridIndex, Found>,
+    found: HashMap<GridIndex, SolveResult>,
     ready: VecDeque<Task>,
     counts: TagCounts,
     round: u32,
@@ -36,7 +36,7 @@ pub(crate) struct ScatteredPlan {
 
 impl ScatteredPlan {
     /// Plan with nothing solved.
-    pub(crate) fn new(wanted: Wanted) -> Self {
+    pub(crate) fn new(wanted: Requirements) -> Self {
         Self {
             wanted,
             search: None,
@@ -89,8 +89,8 @@ impl ScatteredPlan {
         match (&self.switched, &self.search) {
             (Some(lattice), _) => SolvesLeft::About(lattice.left()),
             _ if self.verdict.is_some() => SolvesLeft::About(0),
-            (None, Some(search)) => SolvesLeft::AtLeast(search.short_of_passing().max(1)),
-            (None, None) => SolvesLeft::AtLeast(1 + PASSES),
+            (None, Some(search)) => SolvesLeft::AtLeast(search.predictions_missing().max(1)),
+            (None, None) => SolvesLeft::AtLeast(1 + STREAK),
         }
     }
 
@@ -115,7 +115,7 @@ impl ScatteredPlan {
         match search.step() {
             Step::Done(verdict) => {
                 self.verdict = Some(verdict);
-                if verdict == Verdict::Stalled {
+                if verdict == Verdict::Stagnated {
                     let rest = self.rest.as_ref();
                     self.switched = rest.and_then(|rest| Switched::new(self.wanted, rest));
                 }
@@ -151,16 +151,16 @@ impl ScatteredPlan {
         };
         *self.counts.of(record.tag()) += 1;
         let found = match (jet, record.equilibrium()) {
-            (Some(jet), Some(at)) if at.switched => Found::Elsewhere(jet),
-            (Some(jet), _) => Found::Solved(jet),
-            (None, _) => Found::Failed,
+            (Some(jet), Some(at)) if at.switched => SolveResult::OtherBranch(jet),
+            (Some(jet), _) => SolveResult::Solved(jet),
+            (None, _) => SolveResult::Failed,
         };
         self.found.insert(record.index, found);
         if self.batch.iter().all(|target| self.found.contains_key(&target.index)) {
             let batch = std::mem::take(&mut self.batch);
-            let found: Vec<Found> = batch
+            let found: Vec<SolveResult> = batch
                 .iter()
-                .map(|target| self.found.remove(&target.index).unwrap_or(Found::Failed))
+                .map(|target| self.found.remove(&target.index).unwrap_or(SolveResult::Failed))
                 .collect();
             search.take(&found);
             let at = |jet: &EnergyJet| nearest_index(jet.control_m);
@@ -172,9 +172,9 @@ impl ScatteredPlan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::made_up;
+    use crate::fit::synthetic;
+    use crate::space::branch_jumps;
     use crate::space::fallback::FallbackLattice;
-    use crate::space::folds;
     use crate::space::record::Solution;
     use crate::spec::{Tolerance, UNIT_M};
 
@@ -182,7 +182,7 @@ mod tests {
 
     /// A body whose force jumps by `jump_n` to another branch, at a plane oblique to every axis.
     fn record(task: &Task, jump_n: f64) -> Record {
-        let jet = made_up::jet(displacement_m(task.target));
+        let jet = synthetic::jet(displacement_m(task.target));
         let [x, y, z] = jet.control_m;
         let beyond = x + 0.4 * y - 0.3 * z - 0.011;
         let jump_n = if beyond > 0.0 { jump_n } else { 0.0 };
@@ -195,8 +195,8 @@ mod tests {
         Record::new(task, Ok(Solution::of_jet(&jet, false)))
     }
 
-    const ANYWHERE: Wanted = Wanted {
-        tolerance: Tolerance::CANNOT_BE_FELT,
+    const ANYWHERE: Requirements = Requirements {
+        tolerance: Tolerance::IMPERCEPTIBLE,
         radius_m: RADIUS_M,
         max_force_n: 8.0,
         push: None,
@@ -205,7 +205,7 @@ mod tests {
     };
 
     /// Solves to the end with `width` tasks in flight. Returns the solved records in the order of the points.
-    fn solved(wanted: Wanted, jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
+    fn solved(wanted: Requirements, jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
         let (mut plan, mut records) = (ScatteredPlan::new(wanted), Vec::new());
         while !plan.is_done() {
             let tasks: Vec<Task> = std::iter::from_fn(|| plan.next_task()).take(width).collect();
@@ -226,7 +226,7 @@ mod tests {
         assert!(few.len() < 60, "{}", few.len());
 
         let (plan, records) = solved(ANYWHERE, 2.0, 1);
-        assert_eq!(plan.verdict, Some(Verdict::Stalled));
+        assert_eq!(plan.verdict, Some(Verdict::Stagnated));
         let jets = plan.fit().expect("a fit").jets.len();
         let lattice = FallbackLattice::within(RADIUS_M).expect("a lattice");
         assert!((40..160).contains(&jets), "{jets}");
@@ -240,9 +240,9 @@ mod tests {
         assert_eq!(plan.counts().solved(), all.len() - 1);
         // Its branch jumps are at the plane and nowhere else.
         let kept: Vec<Record> = own.into_iter().filter(|r| r.attempt == 0).collect();
-        let folds = folds(&lattice.grid, &kept);
-        assert!(folds.len() > 50, "{}", folds.len());
-        for fold in folds {
+        let branch_jumps = branch_jumps(&lattice.grid, &kept);
+        assert!(branch_jumps.len() > 50, "{}", branch_jumps.len());
+        for fold in branch_jumps {
             let beyond = [fold.from, fold.to].map(|index| {
                 let [x, y, z] = lattice.grid.displacement_m(index);
                 x + 0.4 * y - 0.3 * z > 0.011
@@ -258,7 +258,8 @@ mod tests {
     fn the_lattice_goes_no_further_than_a_step_beyond_the_tool_s_reach() {
         let [low, high] = [[-0.004, -0.012, -0.02], [0.02, 0.03, 0.03]];
         let push = Some([0.0, 0.0, -1.0]);
-        let (plan, records) = solved(Wanted { workspace_m: Some([low, high]), push, ..ANYWHERE }, 2.0, 1);
+        let (plan, records) =
+            solved(Requirements { workspace_m: Some([low, high]), push, ..ANYWHERE }, 2.0, 1);
         assert!(plan.switched.is_some());
         let lattice = FallbackLattice::within(RADIUS_M).expect("a lattice");
         let own: HashMap<GridIndex, Record> =

@@ -13,7 +13,7 @@
 //! **Retries.** When no expansion is left, every failed point is tried from its other solved neighbours, one
 //! after the other until one succeeds. A point that becomes expandable then opens a new level.
 //!
-//! **Branch jumps.** When no retry is left, the points of flagged pairs ([`crate::fit::Fold`]) are solved
+//! **Branch jumps.** When no retry is left, the points of flagged pairs ([`crate::fit::BranchJump`]) are solved
 //! again from another parent. A second repetition follows where the other end of such a pair has found a
 //! better solution. The solution of lowest energy of each point is kept, and every attempt is recorded.
 
@@ -28,13 +28,13 @@ use crate::space::task::{TagCounts, Task};
 use crate::spec::{Domain, REST, SpaceGrid};
 
 /// Maximum number of repeated solves of a point of a flagged pair.
-const FOLD_TRIES: usize = 2;
+const MAX_JUMP_ATTEMPTS: usize = 2;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
     Expand,
     Retry,
-    Fold,
+    BranchJump,
     Done,
 }
 
@@ -134,17 +134,19 @@ impl Plan {
 
     /// Whether failed points or those at branch jumps are being solved again.
     pub(crate) fn is_solving_again(&self) -> bool {
-        matches!(self.phase, Phase::Retry | Phase::Fold)
+        matches!(self.phase, Phase::Retry | Phase::BranchJump)
     }
 
     /// Estimate of the solves that are still needed: the undecided points, and the attempts of the present
     /// round of repeated solves.
     pub fn left(&self) -> usize {
-        let is_fold = self.phase == Phase::Fold;
+        let is_fold = self.phase == Phase::BranchJump;
         let again = self.points.iter().filter(|point| is_fold || !point.tag().is_solved());
         match self.phase {
             Phase::Expand => self.counts.unknown,
-            Phase::Retry | Phase::Fold => self.pending + again.map(|point| point.left.len()).sum::<usize>(),
+            Phase::Retry | Phase::BranchJump => {
+                self.pending + again.map(|point| point.left.len()).sum::<usize>()
+            }
             Phase::Done => 0,
         }
     }
@@ -158,7 +160,7 @@ impl Plan {
     pub fn next_task(&mut self) -> Option<Task> {
         loop {
             if let Some(point) = self.ready.pop_front() {
-                return Some(self.hand_out(point));
+                return Some(self.begin_task(point));
             }
             if self.phase == Phase::Expand && self.floors_stale {
                 self.raise_floors();
@@ -171,18 +173,18 @@ impl Plan {
             }
             self.phase = match self.phase {
                 Phase::Expand => Phase::Retry,
-                Phase::Retry => Phase::Fold,
-                Phase::Fold | Phase::Done => Phase::Done,
+                Phase::Retry => Phase::BranchJump,
+                Phase::BranchJump | Phase::Done => Phase::Done,
             };
             match self.phase {
                 Phase::Retry => self.begin_retries(),
-                Phase::Fold => self.begin_folds(),
+                Phase::BranchJump => self.begin_jump_attempts(),
                 Phase::Expand | Phase::Done => {}
             }
         }
     }
 
-    fn hand_out(&mut self, p: u32) -> Task {
+    fn begin_task(&mut self, p: u32) -> Task {
         let parent = match self.phase {
             Phase::Expand => {
                 let level = self.points[p as usize].floor;
@@ -197,7 +199,7 @@ impl Plan {
         let point = &mut self.points[p as usize];
         let attempt = point.tried.len() as u32;
         point.tried.push(parent.unwrap_or((REST, 0)));
-        if self.phase == Phase::Fold {
+        if self.phase == Phase::BranchJump {
             point.first_at_fold.get_or_insert(attempt);
         }
         point.pending = true;
@@ -250,15 +252,15 @@ impl Plan {
             Phase::Expand if opens => {
                 let domain = self.domain.clone();
                 for &child in domain.children(p) {
-                    self.release_if_certain(child);
+                    self.release_if_decided(child);
                 }
             }
             Phase::Expand => self.floors_stale |= in_ball,
-            Phase::Retry | Phase::Fold => {
+            Phase::Retry | Phase::BranchJump => {
                 if opens {
                     self.points[p as usize].level = self.round;
                 }
-                let settled = self.phase == Phase::Fold || after.is_solved();
+                let settled = self.phase == Phase::BranchJump || after.is_solved();
                 if !settled && !self.points[p as usize].left.is_empty() {
                     self.queue(p);
                 } else if self.pending == 0 && self.ready.is_empty() {
@@ -272,7 +274,7 @@ impl Plan {
     }
 
     /// Queues a point whose level and parent can no longer change.
-    fn release_if_certain(&mut self, p: u32) {
+    fn release_if_decided(&mut self, p: u32) {
         let point = &self.points[p as usize];
         if point.pending || point.kept.is_some() || point.floor == 0 || point.floor == NEVER {
             return;
@@ -338,7 +340,7 @@ impl Plan {
             level += 1;
         }
         for p in 1..self.points.len() as u32 {
-            self.release_if_certain(p);
+            self.release_if_decided(p);
         }
     }
 
@@ -372,7 +374,7 @@ impl Plan {
     /// In the first repetition that is the other end of a flagged pair, or any other neighbour if the point
     /// was solved from there. The second repetition requires that the other end has found a better solution
     /// since: a persistent branch jump is not tried again.
-    fn begin_folds(&mut self) {
+    fn begin_jump_attempts(&mut self) {
         let solved = |record: &Record| record.jet(self.grid.displacement_m(record.index));
         let at = |index| solved(self.points[self.domain.position(index)? as usize].kept.as_ref()?);
         let kept = self.points.iter().filter_map(|p| p.kept.as_ref());
@@ -387,7 +389,7 @@ impl Plan {
         for p in 1..self.points.len() as u32 {
             let (point, partners) = (&self.points[p as usize], &partners[p as usize]);
             let tries = point.first_at_fold.map_or(0, |first| point.tried.len() - first as usize);
-            if partners.is_empty() || tries >= FOLD_TRIES {
+            if partners.is_empty() || tries >= MAX_JUMP_ATTEMPTS {
                 continue;
             }
             let first_time = tries == 0;

@@ -10,7 +10,7 @@ pub use lattice::Plan;
 use super::record::Record;
 use super::state::SpaceState;
 use super::task::{TagCounts, Task};
-use crate::adaptive::PASSES;
+use crate::adaptive::STREAK;
 
 /// What is solved in a space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -133,8 +133,8 @@ impl SpacePlan {
     pub(crate) fn passes(&self) -> Option<usize> {
         match self {
             Self::Lattice(_) => None,
-            Self::Scattered(plan) => Some(plan.passes().min(PASSES)),
-            Self::Finished(state) => state.fit.as_ref().map(|_| PASSES),
+            Self::Scattered(plan) => Some(plan.passes().min(STREAK)),
+            Self::Finished(state) => state.fit.as_ref().map(|_| STREAK),
         }
     }
 

@@ -10,12 +10,12 @@ use super::Plan;
 use crate::space::fallback::FallbackLattice;
 use crate::space::record::{Record, Solution};
 use crate::space::task::{TagCounts, Task};
-use crate::spec::{Domain, GridIndex, Wanted};
+use crate::spec::{Domain, GridIndex, Requirements};
 
 /// The plan of the fallback lattice.
 #[derive(Debug)]
 pub(super) struct Switched {
-    wanted: Wanted,
+    wanted: Requirements,
     plan: Plan,
     lattice: FallbackLattice,
 }
@@ -23,7 +23,7 @@ pub(super) struct Switched {
 impl Switched {
     /// The plan for `wanted` with its rest point solved. `None` if the radius is not a valid multiple of the
     /// spacing.
-    pub(super) fn new(wanted: Wanted, rest: &Record) -> Option<Self> {
+    pub(super) fn new(wanted: Requirements, rest: &Record) -> Option<Self> {
         let lattice = FallbackLattice::within(wanted.radius_m)?;
         let mut plan = Plan::new(Arc::new(Domain::new(&lattice.grid, true)), lattice.grid);
         // The first task is the rest point, which the search has solved.

@@ -5,25 +5,25 @@ use serde::{Deserialize, Serialize};
 
 use super::rows::{self, CHECKSUM};
 use super::{Store, StoreError};
-use crate::adaptive::{AdaptiveFit, LinearSuits, Test, Verdict};
+use crate::adaptive::{AdaptiveFit, LinearModelErrors, Test, Verdict};
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::space::state::SpaceState;
 use crate::space::task::TagCounts;
-use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
+use crate::spec::{GridIndex, Requirements, displacement_m, nearest_index};
 
 /// The stored form of the fit, in postcard. The jets of its configurations are in their rows.
 #[derive(Serialize, Deserialize)]
 struct StoredFit {
-    wanted: Wanted,
+    wanted: Requirements,
     verdict: Verdict,
     length_m: f64,
     /// Indices and weights of the configurations of the fit, rest first.
     configurations: Vec<(GridIndex, [f64; 20])>,
     tests: Vec<Test>,
-    left_out: Vec<f64>,
+    leave_one_out: Vec<f64>,
     deviation: Option<f64>,
-    linear: LinearSuits,
+    linear: LinearModelErrors,
     condition: f64,
 }
 
@@ -37,7 +37,7 @@ impl StoredFit {
             length_m: fit.fit.length_m(),
             configurations: fit.jets.iter().zip(fit.fit.weights()).map(configuration).collect(),
             tests: fit.tests.clone(),
-            left_out: fit.left_out.clone(),
+            leave_one_out: fit.leave_one_out.clone(),
             deviation: fit.deviation,
             linear: fit.linear,
             condition: fit.condition,
@@ -49,9 +49,9 @@ impl StoredFit {
         let weighed =
             self.configurations.iter().zip(&jets).map(|((_, weights), jet)| (jet.control_m, *weights));
         let fit = KernelFit::of_weights(self.length_m, jets.first()?.stiffness_n_m, weighed);
-        let Self { wanted, verdict, tests, left_out, deviation, linear, condition, .. } = self;
+        let Self { wanted, verdict, tests, leave_one_out, deviation, linear, condition, .. } = self;
         let verdict = Some(verdict);
-        Some(AdaptiveFit { wanted, verdict, jets, fit, tests, left_out, deviation, linear, condition })
+        Some(AdaptiveFit { wanted, verdict, jets, fit, tests, leave_one_out, deviation, linear, condition })
     }
 }
 
@@ -128,9 +128,9 @@ fn checksum(active: usize, whole: &[u32; 5], fit: Option<&[u8]>) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::made_up::{jet, spread};
-    use crate::space::made_up::{MadeUp, actives, mesh};
+    use crate::fit::synthetic::{jet, spread};
     use crate::space::plan::SpacePlan;
+    use crate::space::synthetic::{SyntheticExecutor, actives, mesh};
     use crate::space::{Outcome, Plans, Record, Solution, Task};
     use crate::spec::{Sampling, Scattered, Tolerance};
 
@@ -150,11 +150,11 @@ mod tests {
     fn solved(folder: &std::path::Path, radius_m: f64, jump_n: f64) -> (Store, SpacePlan) {
         let scattered = Scattered {
             radius_m,
-            tolerance: Tolerance::CANNOT_BE_FELT,
+            tolerance: Tolerance::IMPERCEPTIBLE,
             only_push: radius_m < 0.01,
             workspace_m: Some([[-1.0; 3], [1.0; 3]]),
         };
-        let mut identity = MadeUp::new(1.0, 0.0).identity();
+        let mut identity = SyntheticExecutor::new(1.0, 0.0).identity();
         identity.sampling = Sampling::Scattered(scattered);
         identity.max_force_n = 8.0;
         identity.normals = vec![[0.0, 0.0, 1.0]];
@@ -171,10 +171,10 @@ mod tests {
     }
 
     /// All fields of a fit and the bits of its predictions.
-    fn bits(state: &SpaceState) -> (TagCounts, Wanted, Option<Verdict>, Vec<u64>, Vec<Test>) {
+    fn bits(state: &SpaceState) -> (TagCounts, Requirements, Option<Verdict>, Vec<u64>, Vec<Test>) {
         let fit = state.fit.as_ref().expect("a fit");
         let answers = (0..50).map(|n| spread(n, fit.wanted.radius_m)).flat_map(|at| {
-            let (jet, known) = (fit.fit.jet(at), fit.knows(at));
+            let (jet, known) = (fit.fit.jet(at), fit.is_valid_at(at));
             jet.numbers().into_iter().chain([f64::from(u8::from(known))])
         });
         let places = fit.places(700).into_iter().flatten();
@@ -182,7 +182,7 @@ mod tests {
         let whole = [fit.condition, fit.deviation.unwrap_or(-1.0), fit.fit.length_m()];
         let jets = fit.jets.iter().flat_map(|jet| jet.control_m.into_iter().chain(jet.numbers()));
         let numbers = answers.chain(places).chain(linear).chain(whole).chain(jets);
-        let numbers = numbers.chain(fit.left_out.iter().copied());
+        let numbers = numbers.chain(fit.leave_one_out.iter().copied());
         (state.counts, fit.wanted, fit.verdict, numbers.map(f64::to_bits).collect(), fit.tests.clone())
     }
 
@@ -190,7 +190,7 @@ mod tests {
     fn a_fit_comes_back_from_the_store_to_the_bit() {
         let folder = tempfile::tempdir().expect("a folder");
         for (radius_m, jump_n, verdict) in
-            [(0.04, 0.0, Verdict::Passed), (0.0005, 0.0, Verdict::Linear), (0.04, 2.0, Verdict::Stalled)]
+            [(0.04, 0.0, Verdict::Passed), (0.0005, 0.0, Verdict::Linear), (0.04, 2.0, Verdict::Stagnated)]
         {
             let (store, plan) = solved(folder.path(), radius_m, jump_n);
             assert!(store.finished(0).expect("read").is_none());

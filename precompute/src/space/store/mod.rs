@@ -42,7 +42,7 @@ const SCHEMA: &str = include_str!("schema.sql");
 /// attempts.
 const COMMIT_AFTER: Duration = Duration::from_millis(100);
 /// Outcomes further apart than this are committed one by one.
-const SLOW: Duration = Duration::from_millis(50);
+const MAX_UNCOMMITTED_TIME: Duration = Duration::from_millis(50);
 
 /// An open `.space` file.
 #[derive(Debug)]
@@ -308,7 +308,7 @@ impl Store {
             let _ = self.commit();
             return added;
         }
-        let slow = now.duration_since(self.added.replace(now)) > SLOW;
+        let slow = now.duration_since(self.added.replace(now)) > MAX_UNCOMMITTED_TIME;
         if slow || now.duration_since(self.begun.get()) > COMMIT_AFTER { self.commit() } else { Ok(()) }
     }
 

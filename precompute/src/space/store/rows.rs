@@ -175,7 +175,7 @@ pub(in crate::space) fn record(
     index: GridIndex,
     attempt: u32,
 ) -> rusqlite::Result<Row> {
-    let sql = format!("SELECT {COLUMNS} FROM configuration WHERE {TRY}");
+    let sql = format!("SELECT {COLUMNS} FROM configuration WHERE {ATTEMPT}");
     let key = params![active as i64, index[0], index[1], index[2], attempt];
     connection.prepare_cached(&sql)?.query_row(key, read)
 }
@@ -187,13 +187,13 @@ pub(in crate::space) fn state(
     index: GridIndex,
     attempt: u32,
 ) -> rusqlite::Result<State> {
-    let sql = format!("SELECT {STATE} FROM state WHERE {TRY}");
+    let sql = format!("SELECT {STATE} FROM state WHERE {ATTEMPT}");
     let key = params![active as i64, index[0], index[1], index[2], attempt];
     connection.prepare_cached(&sql)?.query_row(key, read_state)
 }
 
 /// Selects one attempt.
-const TRY: &str = "active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5";
+const ATTEMPT: &str = "active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5";
 
 /// A state with its stored checksum.
 pub(in crate::space) struct State {

@@ -15,7 +15,7 @@ use crate::failure::Failure;
 use crate::output;
 
 /// Positions along the trajectory of the hand.
-const PLACES: u32 = 4_096;
+const POSITIONS: u32 = 4_096;
 /// Number of rounds, of which the median is reported.
 const ROUNDS: usize = 21;
 /// One byte in this number is damaged.
@@ -66,7 +66,7 @@ fn way() -> Vec<[f64; 3]> {
         let t = f64::from(n) * 1e-3;
         [0.04 * (13.0 * t).sin(), 0.04 * (11.0 * t).cos(), 0.12 + 0.03 * (17.0 * t).sin()]
     };
-    (0..PLACES).map(at).collect()
+    (0..POSITIONS).map(at).collect()
 }
 
 fn decoder(counts: &[[i16; 3]]) -> [Figure; 2] {

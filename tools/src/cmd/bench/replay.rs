@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, Store, Work, state};
+use palpate_precompute::space::{Done, Executor, ExecutorError, Outcome, Record, Store, Work, state};
 use palpate_precompute::spec::{Lattice, SpaceGrid};
 use serde::Serialize;
 
@@ -89,19 +89,19 @@ impl Replay {
     /// Times `expand` with an executor that has every outcome immediately.
     pub(super) fn measure(
         &self,
-        expand: impl FnOnce(&mut dyn Crew) -> Result<(), Failure>,
+        expand: impl FnOnce(&mut dyn Executor) -> Result<(), Failure>,
     ) -> Result<RankZero, Failure> {
-        let mut crew =
+        let mut executor =
             AtOnce { replay: self, done: VecDeque::new(), tries: 0, job_bytes: 0, outcome_bytes: 0 };
         let start = Instant::now();
-        expand(&mut crew)?;
+        expand(&mut executor)?;
         let seconds = start.elapsed().as_secs_f64();
-        let tries = crew.tries.max(1) as f64;
+        let tries = executor.tries.max(1) as f64;
         Ok(RankZero {
             tries_per_second: tries / seconds,
             us_per_try: 1e6 * seconds / tries,
-            job_bytes: crew.job_bytes as f64 / tries,
-            outcome_bytes: crew.outcome_bytes as f64 / tries,
+            job_bytes: executor.job_bytes as f64 / tries,
+            outcome_bytes: executor.outcome_bytes as f64 / tries,
         })
     }
 }
@@ -115,26 +115,29 @@ struct AtOnce<'r> {
     outcome_bytes: usize,
 }
 
-impl Crew for AtOnce<'_> {
+impl Executor for AtOnce<'_> {
     fn size(&self) -> usize {
         8
     }
 
-    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
-        let bytes = postcard::to_stdvec(&work).map_err(|error| CrewError::Lost(error.to_string()))?;
-        let Work::Point(job) = work else { return Err(CrewError::Lost("only points are replayed".into())) };
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), ExecutorError> {
+        let bytes = postcard::to_stdvec(&work).map_err(|error| ExecutorError::Lost(error.to_string()))?;
+        let Work::Point(job) = work else {
+            return Err(ExecutorError::Lost("only points are replayed".into()));
+        };
         self.job_bytes += bytes.len();
         self.tries += 1;
         self.done.push_back((worker, (job.active, job.task.target, job.task.attempt)));
         Ok(())
     }
 
-    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        let (worker, at) = self.done.pop_front().ok_or_else(|| CrewError::Lost("nothing is out".into()))?;
-        let unknown = || CrewError::Lost(format!("the file has no attempt {} at {:?}", at.2, at.1));
+    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, ExecutorError> {
+        let (worker, at) =
+            self.done.pop_front().ok_or_else(|| ExecutorError::Lost("nothing is out".into()))?;
+        let unknown = || ExecutorError::Lost(format!("the file has no attempt {} at {:?}", at.2, at.1));
         let bytes = self.replay.messages.get(&at).ok_or_else(unknown)?;
         self.outcome_bytes += bytes.len();
-        let done = postcard::from_bytes(bytes).map_err(|error| CrewError::Lost(error.to_string()))?;
+        let done = postcard::from_bytes(bytes).map_err(|error| ExecutorError::Lost(error.to_string()))?;
         Ok(Some((worker, done)))
     }
 

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use clap::Args as ClapArgs;
 use palpate_core::Method;
 use palpate_core::grid::CORNERS;
-use palpate_precompute::adaptive::{Alone, alone, resample};
+use palpate_precompute::adaptive::{SingleSolverSearch, resample, search_alone};
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::fit::{Centre, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
 use palpate_precompute::mesh::Surface;
@@ -22,7 +22,7 @@ use palpate_precompute::num::parallel::in_parallel;
 use palpate_precompute::num::sequence::{on_sphere, r3};
 use palpate_precompute::num::vector::{distance, norm};
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::spec::{Domain, GridIndex, Lattice, SpaceGrid, Tolerance, Wanted};
+use palpate_precompute::spec::{Domain, GridIndex, Lattice, Requirements, SpaceGrid, Tolerance};
 use serde::Serialize;
 
 use crate::analysis::{self, threads};
@@ -56,17 +56,17 @@ pub(crate) struct Args {
 }
 
 /// Required share of the positions within the tolerance.
-const ENOUGH: f64 = 0.99;
+const REQUIRED_SHARE: f64 = 0.99;
 /// Refinement factor from one lattice, or set of centres, to the next.
-const FINER: f64 = 1.08;
-const MORE: f64 = 1.15;
+const REFINEMENT: f64 = 1.08;
+const CENTRE_GROWTH: f64 = 1.15;
 /// Largest number of points, or centres, that is tried.
-const MOST_POINTS: usize = 20_000;
-const MOST_CENTRES: usize = 1_500;
+const MAX_POINTS: usize = 20_000;
+const MAX_CENTRES: usize = 1_500;
 /// Ratios of the reference's force limit to that of the scene; the first sufficiently accurate one is used.
-const WIDER: [f64; 3] = [1.5, 1.2, 1.0];
+const LIMIT_RATIOS: [f64; 3] = [1.5, 1.2, 1.0];
 /// Sufficient accuracy: the 99th percentile of its error relative to the tolerance.
-const GOOD: f64 = 0.2;
+const MAX_REFERENCE_ERROR: f64 = 0.2;
 /// Candidate positions for centres.
 const CANDIDATES: u32 = 6000;
 
@@ -121,7 +121,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 impl Case<'_> {
-    pub(super) fn wanted(&self) -> Result<Wanted, Failure> {
+    pub(super) fn wanted(&self) -> Result<Requirements, Failure> {
         let scene = &self.bench.scene;
         let sampling = self.bench.sampling()?;
         let Some(scattered) = sampling.scattered() else {
@@ -137,20 +137,20 @@ impl Case<'_> {
         Solver::new(self.bench.problem(&self.bench.scene.active[self.active]))
     }
 
-    fn searched(&self, wanted: Wanted) -> Result<Alone, Failure> {
-        alone(&mut self.solver(), wanted).map_err(Failure::work)
+    fn searched(&self, wanted: Requirements) -> Result<SingleSolverSearch, Failure> {
+        search_alone(&mut self.solver(), wanted).map_err(Failure::work)
     }
 
     fn measured(&self, args: &Args) -> Result<Row, Failure> {
         let wanted = self.wanted()?;
         let own = self.searched(wanted)?;
-        let mut best: Option<(Alone, f64, Vec<Place>, f64)> = None;
-        for wider in WIDER {
+        let mut best: Option<(SingleSolverSearch, f64, Vec<Place>, f64)> = None;
+        for wider in LIMIT_RATIOS {
             let Tolerance { relative, absolute_n } = wanted.tolerance;
             let tolerance = Tolerance { relative: 0.25 * relative, absolute_n: 0.25 * absolute_n };
             let (max_force_n, radius_m) = (wider * wanted.max_force_n, wider.cbrt() * wanted.radius_m);
             let reference =
-                self.searched(Wanted { tolerance, max_force_n, radius_m, push: None, ..wanted })?;
+                self.searched(Requirements { tolerance, max_force_n, radius_m, push: None, ..wanted })?;
             let places = self.truths(&reference, &wanted, args.uniform);
             let fit = reference.search.fit();
             let error = |place: &Place| {
@@ -162,7 +162,7 @@ impl Case<'_> {
             if best.as_ref().is_none_or(|(.., least)| p99 < *least) {
                 best = Some((reference, wider, places, p99));
             }
-            if p99 <= GOOD {
+            if p99 <= MAX_REFERENCE_ERROR {
                 break;
             }
         }
@@ -170,7 +170,7 @@ impl Case<'_> {
         let on = resample(&own.search.fitted(Some(own.verdict))).map_err(Failure::work)?;
         let table = Tables::of(&on.grid, &on.samples, Some(&on.derivatives));
         let within = table.share_within(Method::Energy, &places, &wanted.tolerance).unwrap_or(0.0);
-        let baselines = Baselines { reference: reference.search.fit().as_it_is(), wanted, places: &places };
+        let baselines = Baselines { reference: reference.search.fit().read_only(), wanted, places: &places };
         let real = args.real.then_some((self, &reference));
         let scene = &self.bench.scene;
         Ok(Row {
@@ -186,7 +186,12 @@ impl Case<'_> {
     }
 
     /// Solves new positions within reach.
-    pub(super) fn truths(&self, reference: &Alone, wanted: &Wanted, count: usize) -> Vec<Place> {
+    pub(super) fn truths(
+        &self,
+        reference: &SingleSolverSearch,
+        wanted: &Requirements,
+        count: usize,
+    ) -> Vec<Place> {
         let mut solver = self.solver();
         let mut places = Vec::new();
         // Sequence numbers that the candidates do not use.
@@ -211,12 +216,12 @@ impl Case<'_> {
 /// The paper's methods, and the data for their tables.
 struct Baselines<'p> {
     reference: KernelFit,
-    wanted: Wanted,
+    wanted: Requirements,
     places: &'p [Place],
 }
 
 /// The solver for real configurations, if requested.
-type Real<'r> = Option<(&'r Case<'r>, &'r Alone)>;
+type Real<'r> = Option<(&'r Case<'r>, &'r SingleSolverSearch)>;
 
 impl Baselines<'_> {
     fn all(&self, rest: EnergyJet, real: Real<'_>) -> Vec<Need> {
@@ -245,10 +250,10 @@ impl Baselines<'_> {
         real: Real<'_>,
     ) -> Need {
         let (mut cells, mut last, mut before) = (1.0_f64, 0.0, 0);
-        let most = if method == Method::RbfCubic { MOST_CENTRES } else { MOST_POINTS };
+        let most = if method == Method::RbfCubic { MAX_CENTRES } else { MAX_POINTS };
         loop {
             let grid = SpaceGrid::new(self.wanted.radius_m / cells, self.wanted.radius_m);
-            cells *= FINER;
+            cells *= REFINEMENT;
             let Ok(grid) = grid else { continue };
             let samples = samples(grid);
             if samples.len() > most {
@@ -259,7 +264,7 @@ impl Baselines<'_> {
             }
             before = samples.len();
             last = self.share(&grid, &samples, method);
-            if last >= ENOUGH {
+            if last >= REQUIRED_SHARE {
                 let solved = real.map(|real| solved(real, &grid, &samples));
                 let within_real = solved.flatten().map(|solved| self.share(&grid, &solved, method));
                 return Need { way, configurations: Some(samples.len()), within: last, within_real };
@@ -326,7 +331,7 @@ impl Baselines<'_> {
         let (mut next, mut last) = (8.0_f64, 0.0);
         let unit_m = self.wanted.radius_m / 5.0;
         let centre = |at: [f64; 3], force_n| Centre { position: at.map(|x| x / unit_m), force_n };
-        while chosen.len() < MOST_CENTRES.min(candidates.len()) {
+        while chosen.len() < MAX_CENTRES.min(candidates.len()) {
             let taken = chosen[chosen.len() - 1];
             for (gap, &at) in gaps.iter_mut().zip(&candidates) {
                 *gap = gap.min(distance(at, taken));
@@ -336,12 +341,12 @@ impl Baselines<'_> {
             if (chosen.len() as f64) < next {
                 continue;
             }
-            next *= MORE;
+            next *= CENTRE_GROWTH;
             let said =
                 |&at: &[f64; 3]| centre(at, if norm(at) == 0.0 { at } else { self.reference.force_n(at) });
             let centres: Vec<Centre> = chosen.iter().map(said).collect();
             last = self.share_of_centres(&centres, unit_m).unwrap_or(0.0);
-            if last >= ENOUGH {
+            if last >= REQUIRED_SHARE {
                 let within_real = real.and_then(|real| {
                     let forces = solve_all(real, &chosen)?;
                     let pairs = chosen.iter().zip(forces);
@@ -372,14 +377,21 @@ impl Baselines<'_> {
 }
 
 /// Solves the same samples by finite elements, each from the nearest known state.
-fn solved(real: (&Case<'_>, &Alone), grid: &SpaceGrid, samples: &[Sample]) -> Option<Vec<Sample>> {
+fn solved(
+    real: (&Case<'_>, &SingleSolverSearch),
+    grid: &SpaceGrid,
+    samples: &[Sample],
+) -> Option<Vec<Sample>> {
     let places: Vec<[f64; 3]> = samples.iter().map(|s| grid.displacement_m(s.index)).collect();
     let jets = solve_all(real, &places)?;
     let of = |(old, jet): (&Sample, EnergyJet)| sample(old.index, &jet, old.terminating);
     Some(samples.iter().zip(jets).map(of).collect())
 }
 
-fn solve_all((case, searched): (&Case<'_>, &Alone), places: &[[f64; 3]]) -> Option<Vec<EnergyJet>> {
+fn solve_all(
+    (case, searched): (&Case<'_>, &SingleSolverSearch),
+    places: &[[f64; 3]],
+) -> Option<Vec<EnergyJet>> {
     let mut solver = case.solver();
     let mut jets = Vec::new();
     for &at in places {
@@ -392,12 +404,12 @@ fn solve_all((case, searched): (&Case<'_>, &Alone), places: &[[f64; 3]]) -> Opti
     Some(jets)
 }
 
-fn is_inside(wanted: &Wanted, at: [f64; 3]) -> bool {
+fn is_inside(wanted: &Requirements, at: [f64; 3]) -> bool {
     wanted.workspace_m.is_none_or(|[low, high]| (0..3).all(|i| (low[i]..=high[i]).contains(&at[i])))
 }
 
 /// Whether the tool can cause this force.
-fn is_reached(wanted: &Wanted, force_n: [f64; 3]) -> bool {
+fn is_reached(wanted: &Requirements, force_n: [f64; 3]) -> bool {
     let along = |normal: [f64; 3]| force_n.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
     norm(force_n) <= wanted.max_force_n && wanted.push.is_none_or(|normal| along(normal) <= 0.0)
 }
@@ -443,9 +455,10 @@ mod tests {
     fn positions_fill_the_ball_and_what_a_tool_meets_has_a_side() {
         let inside = (0..4000).filter(|&n| norm(in_ball(n, 1.0)) < 0.5).count();
         assert!((450..550).contains(&inside), "{inside}: an eighth is in the inner half");
-        let tolerance = Tolerance::CANNOT_BE_FELT;
+        let tolerance = Tolerance::IMPERCEPTIBLE;
         let push = Some([0.0, 0.0, 1.0]);
-        let wanted = Wanted { tolerance, radius_m: 1.0, max_force_n: 2.0, push, workspace_m: None, most: 9 };
+        let wanted =
+            Requirements { tolerance, radius_m: 1.0, max_force_n: 2.0, push, workspace_m: None, most: 9 };
         assert!(is_reached(&wanted, [0.0, 0.0, -1.0]) && !is_reached(&wanted, [0.0, 0.0, 1.0]));
         assert!(!is_reached(&wanted, [0.0, 0.0, -2.1]));
     }

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::space::{Crew, Expansion, Store, StoreIdentity};
+use palpate_precompute::space::{Executor, Expansion, Store, StoreIdentity};
 use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid};
 use serde::Serialize;
 
@@ -192,24 +192,24 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
     Ok(Store::create_or_resume(path, &identity, &mesh, &[], &active)?)
 }
 
-fn expand(store: &Store, crew: &mut dyn Crew, actives: &[usize]) -> Result<(), Failure> {
+fn expand(store: &Store, executor: &mut dyn Executor, actives: &[usize]) -> Result<(), Failure> {
     let expansion = Expansion { actives: actives.to_vec() };
-    expansion.run(store, crew, &AtomicBool::new(false), |_| ())?;
+    expansion.run(store, executor, &AtomicBool::new(false), |_| ())?;
     Ok(())
 }
 
 fn measure(replay: &Replay, dir: &Path) -> Result<RankZero, Failure> {
     let store =
         scratch(&dir.join("replay.space"), &replay.grid, replay.complete_cells, replay.actives.len())?;
-    replay.measure(|crew| expand(&store, crew, &replay.actives))
+    replay.measure(|executor| expand(&store, executor, &replay.actives))
 }
 
 fn simulate(case: &Case<'_>, workers: usize, costs: Costs, path: &Path) -> Result<Row, Failure> {
     let store = scratch(path, &case.grid, case.complete_cells, case.actives.len())?;
-    let mut crew = Simulated::new(workers, costs, &case.solves, case.grid);
-    expand(&store, &mut crew, &case.actives)?;
+    let mut executor = Simulated::new(workers, costs, &case.solves, case.grid);
+    expand(&store, &mut executor, &case.actives)?;
     let seconds = |ns: u64| ns as f64 * 1e-9;
-    let ran = crew.ran();
+    let ran = executor.ran();
     let (makespan, work, chain) = (seconds(ran.makespan), seconds(ran.work), seconds(ran.chain));
     let mean = work / ran.tries.max(1) as f64;
     let rounds = ran.levels.values().map(|tries| tries.div_ceil(workers)).sum::<usize>();

@@ -8,7 +8,9 @@ use palpate_precompute::fem::boundary::Pose;
 use palpate_precompute::fem::solve::Seed;
 use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::num::sequence::split_mix;
-use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, Solution, StoredSeed, Task, Work};
+use palpate_precompute::space::{
+    Done, Executor, ExecutorError, Outcome, Record, Solution, StoredSeed, Task, Work,
+};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 /// Costs other than the solves, ns.
@@ -37,7 +39,7 @@ pub(super) enum Solves<'a> {
 
 /// Times of a simulated run, ns.
 #[derive(Debug)]
-pub(super) struct Ran {
+pub(super) struct SimulatedRun {
     /// Time from the first job to the last stored outcome.
     pub makespan: u64,
     /// Sum of all solves.
@@ -68,7 +70,7 @@ pub(super) struct Simulated<'a> {
     outcomes: HashMap<usize, Outcome>,
     /// End of the chain that leads to an attempt.
     chains: HashMap<Try, u64>,
-    ran: Ran,
+    ran: SimulatedRun,
 }
 
 /// `seconds` in ns.
@@ -99,16 +101,23 @@ impl<'a> Simulated<'a> {
             under_way: BinaryHeap::new(),
             outcomes: HashMap::new(),
             chains: HashMap::new(),
-            ran: Ran { makespan: 0, work: 0, chain: 0, rank0_busy: 0, tries: 0, levels: BTreeMap::new() },
+            ran: SimulatedRun {
+                makespan: 0,
+                work: 0,
+                chain: 0,
+                rank0_busy: 0,
+                tries: 0,
+                levels: BTreeMap::new(),
+            },
         }
     }
 
     /// The result of the run.
-    pub(super) fn ran(self) -> Ran {
-        Ran { makespan: self.now, ..self.ran }
+    pub(super) fn ran(self) -> SimulatedRun {
+        SimulatedRun { makespan: self.now, ..self.ran }
     }
 
-    fn solve(&self, active: u32, task: &Task) -> Result<(u64, Record), CrewError> {
+    fn solve(&self, active: u32, task: &Task) -> Result<(u64, Record), ExecutorError> {
         match self.solves {
             Solves::Drawn(pool) => {
                 let [i, j, k] = task.target.map(|n| n as u32 as u64);
@@ -118,7 +127,10 @@ impl<'a> Simulated<'a> {
             }
             Solves::Known(records) => {
                 let record = records.get(&(active, task.target, task.attempt)).ok_or_else(|| {
-                    CrewError::Lost(format!("the file has no attempt {} at {:?}", task.attempt, task.target))
+                    ExecutorError::Lost(format!(
+                        "the file has no attempt {} at {:?}",
+                        task.attempt, task.target
+                    ))
                 })?;
                 Ok((nanoseconds(record.seconds), record.clone()))
             }
@@ -138,13 +150,15 @@ fn harmonic(task: &Task, grid: &SpaceGrid) -> Record {
     Record { iterations: 1, factorisations: 1, increments: 1, ..record }
 }
 
-impl Crew for Simulated<'_> {
+impl Executor for Simulated<'_> {
     fn size(&self) -> usize {
         self.free.len()
     }
 
-    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
-        let Work::Point(job) = work else { return Err(CrewError::Lost("only points are simulated".into())) };
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), ExecutorError> {
+        let Work::Point(job) = work else {
+            return Err(ExecutorError::Lost("only points are simulated".into()));
+        };
         self.now += self.costs.give;
         self.ran.rank0_busy += self.costs.give;
         let (duration, record) = self.solve(job.active, &job.task)?;
@@ -164,8 +178,8 @@ impl Crew for Simulated<'_> {
         Ok(())
     }
 
-    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        let idle = || CrewError::Lost("no message is in flight".into());
+    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, ExecutorError> {
+        let idle = || ExecutorError::Lost("no message is in flight".into());
         let Reverse((arrival, number, worker)) = self.under_way.pop().ok_or_else(idle)?;
         self.now = self.now.max(arrival) + self.costs.take;
         self.ran.rank0_busy += self.costs.take;
@@ -191,17 +205,17 @@ mod tests {
     fn time_passes_as_on_a_machine() {
         let grid = SpaceGrid::new(0.01, 0.02).expect("a grid");
         let solves = Solves::Drawn(&[1000]);
-        let mut crew = Simulated::new(2, Costs { give: 10, take: 20, message: 5 }, &solves, grid);
+        let mut executor = Simulated::new(2, Costs { give: 10, take: 20, message: 5 }, &solves, grid);
         // The jobs arrive at 10 and 20. The third waits for the first, which ends at 10 + 5 + 1000.
         for (worker, target) in [(0, [0, 0, 1]), (1, [0, 0, 2]), (0, [0, 1, 0])] {
             let parent = (target == [0, 0, 2]).then_some([0, 0, 1]);
-            crew.give(worker, job(target, parent)).expect("it is taken");
+            executor.give(worker, job(target, parent)).expect("it is taken");
         }
-        let mut take = || crew.take(Duration::ZERO).map(|done| done.expect("it never waits").0);
+        let mut take = || executor.take(Duration::ZERO).map(|done| done.expect("it never waits").0);
         let order: Vec<usize> = (0..3).map(|_| take().expect("three are out")).collect();
         assert_eq!(order, [0, 1, 0]);
         assert!(take().is_err());
-        let ran = crew.ran();
+        let ran = executor.ran();
         // The last job ends at 2015, arrives at 2020 and is stored at 2040.
         assert_eq!((ran.makespan, ran.work, ran.chain, ran.rank0_busy), (2040, 3000, 2000, 90));
     }

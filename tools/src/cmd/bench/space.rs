@@ -156,7 +156,7 @@ fn measure(
     let attempts = store.attempts(0)?;
     let sum =
         |value: fn(&palpate_precompute::space::Record) -> f64| -> f64 { attempts.iter().map(value).sum() };
-    let folds = palpate_precompute::space::folds(&bench.lattice()?.grid, &store.records(0)?).len();
+    let folds = palpate_precompute::space::branch_jumps(&bench.lattice()?.grid, &store.records(0)?).len();
     let points = palpate_precompute::space::Plans::of(&store)?.points().unwrap_or(0);
     drop(store);
     let solved = counts.solved().max(1) as f64;

@@ -21,7 +21,7 @@ use crate::output;
 /// Radius of the synthetic organ, m.
 const RADIUS_M: f64 = 0.06;
 /// Maximum number of ticks before contact; the hand comes down once in 830.
-const PATIENCE: u64 = 2_000;
+const MAX_APPROACH_TICKS: u64 = 2_000;
 /// More than the last-level cache of most processors.
 const EVICTED_BYTES: usize = 64 << 20;
 
@@ -160,7 +160,7 @@ fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) 
         if records.pop().map_err(Failure::work)?.engaged.is_some() {
             break;
         }
-        if begin == PATIENCE {
+        if begin == MAX_APPROACH_TICKS {
             return Err(Failure::work(format!("{}: the stroke has no contact", method.name())));
         }
     }

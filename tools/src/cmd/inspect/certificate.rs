@@ -5,8 +5,8 @@ use std::path::Path;
 
 use palpate_core::{Method, Organ};
 use palpate_precompute::certificate::{
-    Apart, Certificate, Cost, DisplacementCertificate, Errors, Health, Ledger, Line, MethodCertificate,
-    Reason, SpaceCertificate, TwoSolutions, Verdict, Within, certified_share,
+    BranchDifference, Certificate, Cost, DisplacementCertificate, Errors, Health, Ledger, Line,
+    MethodCertificate, Reason, SpaceCertificate, SurfaceDistances, Verdict, Within, certified_share,
 };
 
 use super::scattered::in_words as linear_in_words;
@@ -23,13 +23,13 @@ pub(crate) fn of(path: &Path, organ: &Organ<'_>) -> Result<Option<Certificate>, 
 
 /// With more spaces than this the table combines them, and only those that are not green are shown
 /// separately.
-const MOST_TABLES: usize = 8;
+const MAX_TABLES: usize = 8;
 /// Maximum number of spaces shown separately.
-const MOST_SHOWN: usize = 5;
+const MAX_SHOWN: usize = 5;
 
 /// The tables of a certificate as text.
 pub(crate) fn in_words(certificate: &Certificate) -> String {
-    if certificate.spaces.len() <= MOST_TABLES {
+    if certificate.spaces.len() <= MAX_TABLES {
         return tables(&certificate.spaces.iter().collect::<Vec<_>>());
     }
     let mut text = together(certificate);
@@ -43,7 +43,7 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
         std::cmp::Reverse((verdict(space), space.switched_to_spacing_m.is_some(), felt(space)))
     });
     worst.retain(|space| verdict(space) > Verdict::Green);
-    worst.truncate(MOST_SHOWN);
+    worst.truncate(MAX_SHOWN);
     if !worst.is_empty() {
         let _ = writeln!(text, "the {} worst nodes:\n", worst.len());
     }
@@ -174,7 +174,7 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
                 100.0 * work.max
             );
         }
-        let TwoSolutions { points, apart_n } = space.two_solutions;
+        let BranchDifference { points, apart_n } = space.two_solutions;
         if points > 0 {
             let _ = writeln!(
                 text,
@@ -368,7 +368,7 @@ fn of_surface(surface: &DisplacementCertificate) -> String {
         ("held-out at jumps", &surface.folded),
     ];
     for (name, apart) in rows {
-        let Apart { count, rms_mean_mm, rms_max_mm, max_mean_mm, max_mm } = apart;
+        let SurfaceDistances { count, rms_mean_mm, rms_max_mm, max_mean_mm, max_mm } = apart;
         if *count > 0 && (*slopes > 0 || name != "  without slopes") {
             let _ = writeln!(
                 text,

@@ -1,13 +1,15 @@
 //! Results of the search of a scattered space.
 
-use palpate_precompute::adaptive::{AdaptiveFit, LeftOut, LinearSuits, PASSES, Test, Verdict};
+use palpate_precompute::adaptive::{
+    AdaptiveFit, LeaveOneOutErrors, LinearModelErrors, STREAK, Test, Verdict,
+};
 use palpate_precompute::space::{FallbackLattice, Record};
 use palpate_precompute::spec::RADII_M;
 use serde_json::json;
 
 /// A message that the linear body suffices.
-pub(crate) fn in_words(linear: &LinearSuits) -> String {
-    let LinearSuits { tests, worst, from_fit } = linear;
+pub(crate) fn in_words(linear: &LinearModelErrors) -> String {
+    let LinearModelErrors { tests, worst, from_fit } = linear;
     format!(
         "linear model suffices: largest error of its {tests} tests {:.0} % of tolerance, largest difference from the fit {:.0} %",
         100.0 * worst,
@@ -21,7 +23,7 @@ pub(crate) fn too_stiff(fit: &AdaptiveFit) -> String {
         "{} N move the node by {:.2} um at most, and a space needs {:.0} um; check the units of the material and of the mesh, or raise \
          `max_force_n`",
         fit.wanted.max_force_n,
-        1e6 * fit.softest_reach_m(),
+        1e6 * fit.softest_displacement_m(),
         1e6 * RADII_M[0]
     )
 }
@@ -32,7 +34,7 @@ pub(super) fn describe(
     fallback: Option<(&FallbackLattice, &[Record])>,
 ) -> (String, serde_json::Value) {
     let Some(fit) = fit else { return (String::new(), json!(null)) };
-    let LeftOut { configurations: left_out, beyond, worst } = fit.left_out();
+    let LeaveOneOutErrors { configurations: left_out, beyond, worst } = fit.leave_one_out();
     let verdict = match fit.verdict {
         Some(Verdict::Linear) => in_words(&fit.linear),
         Some(Verdict::Passed) => {
@@ -44,11 +46,11 @@ pub(super) fn describe(
             });
             format!(
                 "passed: the last {} predictions were within tolerance, and {} of {left_out} leave-one-out errors{sure}",
-                fit.passes().min(PASSES),
+                fit.passes().min(STREAK),
                 left_out - beyond
             )
         }
-        Some(Verdict::Stalled) => {
+        Some(Verdict::Stagnated) => {
             let on = fallback.map_or_else(String::new, |(lattice, records)| {
                 let solved = |r: &&Record| r.tag().is_solved() && r.index != [0; 3];
                 let solved = lattice.records(records).iter().filter(solved).count();
@@ -59,13 +61,13 @@ pub(super) fn describe(
         }
         Some(Verdict::NotReached) => "NOT REACHED: the predictions are not within tolerance".into(),
         Some(Verdict::TooStiff) => format!("TOO STIFF: {}", too_stiff(fit)),
-        None => format!("not finished: {} of {PASSES} predictions in a row", fit.passes()),
+        None => format!("not finished: {} of {STREAK} predictions in a row", fit.passes()),
     };
     let share = |test: &Test| test.error_n / test.tolerance_n;
     let counted: Vec<&Test> = fit.tests.iter().filter(|test| test.within).collect();
     let last: Vec<String> = counted
         .iter()
-        .skip(counted.len().saturating_sub(PASSES))
+        .skip(counted.len().saturating_sub(STREAK))
         .map(|test| format!("{:.2}", share(test)))
         .collect();
     let words = format!(

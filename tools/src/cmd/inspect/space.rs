@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-use palpate_precompute::fit::Fold;
+use palpate_precompute::fit::BranchJump;
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::mesh::write::vtu::{self, Cells, Field, Grid};
-use palpate_precompute::space::{Equilibrium, FallbackLattice, Plans, Record, Store, folds};
+use palpate_precompute::space::{Equilibrium, FallbackLattice, Plans, Record, Store, branch_jumps};
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
@@ -22,7 +22,7 @@ struct Space {
     attempts: Vec<Record>,
     /// The record that counts of every point.
     records: Vec<Record>,
-    folds: Vec<Fold>,
+    branch_jumps: Vec<BranchJump>,
     /// Number of open attempts.
     open: usize,
 }
@@ -95,12 +95,12 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         store.check_states(active)?;
         let state = plans.state(&store, active)?;
         let fallback = state.fallback();
-        let folds = match (&sampling, &fallback) {
-            (Sampling::Lattice(lattice), _) => folds(&lattice.grid, &records),
+        let branch_jumps = match (&sampling, &fallback) {
+            (Sampling::Lattice(lattice), _) => branch_jumps(&lattice.grid, &records),
             (_, Some(lattice)) => in_units(lattice, &records),
             _ => Vec::new(),
         };
-        let space = Space { name, node, folds, attempts, records, open: state.open };
+        let space = Space { name, node, branch_jumps, attempts, records, open: state.open };
         let (words, mut numbers) = space.describe(plans.points());
         text.push_str(&words);
         if sampling.scattered().is_some() {
@@ -139,10 +139,10 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
 }
 
 /// The branch jumps of a replacement lattice, with their ends numbered as in the store.
-fn in_units(lattice: &FallbackLattice, records: &[Record]) -> Vec<Fold> {
+fn in_units(lattice: &FallbackLattice, records: &[Record]) -> Vec<BranchJump> {
     let own = |index: GridIndex| index.map(|n| n * lattice.spacing);
-    let found = folds(&lattice.grid, &lattice.records(records));
-    found.into_iter().map(|fold| Fold { from: own(fold.from), to: own(fold.to), ..fold }).collect()
+    let found = branch_jumps(&lattice.grid, &lattice.records(records));
+    found.into_iter().map(|fold| BranchJump { from: own(fold.from), to: own(fold.to), ..fold }).collect()
 }
 
 /// `dir/file-NAME.vtu` for `dir/file.vtu`.
@@ -203,7 +203,7 @@ impl Space {
                  {} pairs of neighbours flagged as branch jumps\n  {inverted} with inverted elements, {unstable} unstable\n  \
                  |h| {least:.3} to {largest:.3} N, residual up to {residual:.1e} N\n  {:.2} Newton iterations and {:.2} \
                  factorisations a configuration, {seconds:.1} s of solving\n",
-                self.folds.len(),
+                self.branch_jumps.len(),
                 per(iterations),
                 per(factorisations),
             ));
@@ -211,7 +211,7 @@ impl Space {
         let figures = json!({
             "name": self.name, "node": self.node, "complete": self.open == 0, "expandable": expandable,
             "terminating": terminating, "failed": failed, "unknown": unknown, "failures": reasons,
-            "solved_again": again, "superseded": superseded, "folds": self.folds.len(), "inverted": inverted,
+            "solved_again": again, "superseded": superseded, "branch_jumps": self.branch_jumps.len(), "inverted": inverted,
             "unstable": unstable, "max_force_n": largest, "max_residual_n": residual, "iterations": iterations,
             "factorisations": factorisations, "seconds": seconds,
         });
@@ -221,7 +221,7 @@ impl Space {
     /// Largest excesses (rho, rho_h) of the flagged pairs of each point.
     fn excesses(&self) -> HashMap<GridIndex, [f64; 2]> {
         let mut worst: HashMap<GridIndex, [f64; 2]> = HashMap::new();
-        for fold in &self.folds {
+        for fold in &self.branch_jumps {
             for end in [fold.from, fold.to] {
                 let here = worst.entry(end).or_default();
                 *here = [here[0].max(fold.rho_n), here[1].max(fold.rho_h_n)];

@@ -32,7 +32,7 @@ use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Sampling, Tolerance};
 use serde_json::json;
 
-use self::model::{Beside, Model};
+use self::model::{ComparedModel, Model};
 use self::node::{NodePlan, mean};
 use self::prediction::{Basis, Prediction};
 use self::probe::{MOST_SOLVES, Order, Probed, probe};
@@ -46,12 +46,12 @@ use crate::progress::WorkProgress;
 pub(crate) use palpate_precompute::num::vector::norm;
 
 /// Maximum number of probed nodes; the others are assumed to equal their mean.
-const MOST_NODES: usize = 4;
+const MAX_NODES: usize = 4;
 /// Time limit for the probes of all nodes together, after each node has its minimum number.
-const PATIENCE: Duration = Duration::from_millis(2400);
+const PROBE_TIME: Duration = Duration::from_millis(2400);
 /// Cells along the radius of a step whose time is measured, for a scene without a lattice: those of the
 /// paper's coarsest grid.
-const CELLS_OF_A_STEP: f64 = 5.0;
+const CELLS_PER_STEP: f64 = 5.0;
 
 /// Predict the cost of a scene before it is solved: configurations, seconds, memory, bytes, query time and
 /// error of the reasonable choices.
@@ -158,7 +158,7 @@ fn run_check(args: &Args, space: &Path) -> Result<(), Failure> {
 /// All results.
 struct Plan {
     nodes: Vec<NodePlan>,
-    besides: Vec<Beside>,
+    besides: Vec<ComparedModel>,
     tolerance: Tolerance,
     spacing_m: Option<f64>,
     skin: [usize; 2],
@@ -170,7 +170,7 @@ impl Plan {
         let (scene, sampling) = (&bench.scene, bench.sampling()?);
         let surface = Surface::of(&scene.mesh).seen(&scene.mesh);
         let tolerance =
-            sampling.scattered().map_or(Tolerance::CANNOT_BE_FELT, |scattered| scattered.tolerance);
+            sampling.scattered().map_or(Tolerance::IMPERCEPTIBLE, |scattered| scattered.tolerance);
         let orders = orders(bench, &sampling, tolerance, &surface, threads);
         let steps = Steps::new(progress, "probing solves", orders.len() * MOST_SOLVES);
         let probed = in_parallel(&orders, threads, |order| {
@@ -314,7 +314,7 @@ fn orders(
 ) -> Vec<Order> {
     let scene = &bench.scene;
     let positions: Vec<[f64; 3]> = scene.active.iter().map(|a| bench.body.rest_position_m(a.node)).collect();
-    let chosen = node::spread(&positions, MOST_NODES);
+    let chosen = node::spread(&positions, MAX_NODES);
     let share = (threads as f64 / chosen.len() as f64).min(1.0);
     let order = |&active: &usize| Order {
         active,
@@ -326,8 +326,8 @@ fn orders(
             (positions[active], surface.normal(scene.active[active].node)),
         ),
         surface: if scene.visual { surface.nodes.clone() } else { Vec::new() },
-        step_m: sampling.lattice().map_or(sampling.radius_m() / CELLS_OF_A_STEP, |l| l.grid.spacing_m),
-        patience: PATIENCE.mul_f64(share),
+        step_m: sampling.lattice().map_or(sampling.radius_m() / CELLS_PER_STEP, |l| l.grid.spacing_m),
+        patience: PROBE_TIME.mul_f64(share),
     };
     chosen.iter().map(order).collect()
 }
@@ -383,7 +383,7 @@ fn wanted(
     max_force_n: f64,
     tolerance: Tolerance,
     (rest_m, normal): ([f64; 3], Option<[f64; 3]>),
-) -> palpate_precompute::spec::Wanted {
+) -> palpate_precompute::spec::Requirements {
     let scattered = sampling.scattered().copied().unwrap_or(palpate_precompute::spec::Scattered {
         radius_m: sampling.radius_m(),
         tolerance,

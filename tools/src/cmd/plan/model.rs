@@ -9,7 +9,7 @@ use palpate_precompute::scene::ResolvedScene;
 use super::probe::{Probed, rest_of};
 
 /// Meshes with more tets are not factorised with quadratic elements, which would take too long for a plan.
-const MOST_TETS: usize = 3000;
+const MAX_TETS: usize = 3000;
 /// Assumed ratios of time and memory to those of linear elements for such meshes. Measured on a mesh of 1,800
 /// tets: 4.8 times the unknowns, and a factorisation whose time is proportional to their square. Memory is
 /// proportional to the entries of the factor.
@@ -26,7 +26,7 @@ pub(super) struct Model {
 
 /// A model compared with that of the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Beside {
+pub(super) struct ComparedModel {
     /// The model.
     pub model: Model,
     /// Seconds of a solve relative to the scene's model.
@@ -68,16 +68,21 @@ impl Model {
 
 /// Data of another model of the scene, from its solve at rest with the same active node; `None` if the scene
 /// cannot have it.
-pub(super) fn beside(scene: &ResolvedScene, active: usize, model: Model, probed: &Probed) -> Option<Beside> {
-    if model.order == 2 && scene.mesh.tets.len() > MOST_TETS {
+pub(super) fn beside(
+    scene: &ResolvedScene,
+    active: usize,
+    model: Model,
+    probed: &Probed,
+) -> Option<ComparedModel> {
+    if model.order == 2 && scene.mesh.tets.len() > MAX_TETS {
         let [times, memory] = QUADRATIC_TIMES;
-        return Some(Beside { model, times, stiffness_n_m: None, memory });
+        return Some(ComparedModel { model, times, stiffness_n_m: None, memory });
     }
     let other = ResolvedScene { order: model.order, pressure_pair: model.pair, ..scene.clone() };
     let body = Arc::new(other.body().ok()?);
     let problem = Arc::new(Problem::with(body, Some(scene.active[active].handle()), scene.constraints));
     let (seconds, trace, size) = rest_of(&problem)?;
-    Some(Beside {
+    Some(ComparedModel {
         model,
         times: seconds / probed.rest_s,
         stiffness_n_m: Some(trace / 3.0),

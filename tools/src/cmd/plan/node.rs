@@ -11,15 +11,15 @@ use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, Spa
 use super::draws::{self, Fallback, Known, OpenSearch, Outlook, SolveTimes};
 use super::probe::Probed;
 use super::surrogate::{Scattered, Surrogate};
-use super::tables::{Error, Eye, Place, Tables, percentile_99, space_bytes};
+use super::tables::{Error, Place, Tables, VisualModel, percentile_99, space_bytes};
 use crate::failure::Failure;
 
 /// Cells along the radius of the paper's grids.
 const CELLS: [f64; 4] = [5.0, 7.0, 10.0, 15.0];
 /// Lattices with more points are not built. Their values are extrapolated from the coarser ones.
-const MOST_POINTS: usize = 2500;
+const MAX_POINTS: usize = 2500;
 /// Number of positions where tables are compared with the surrogate.
-const PLACES: u32 = 600;
+const POSITIONS: u32 = 600;
 /// Convergence order of rbf-cubic on a lattice, used if only one lattice was fitted (measured).
 const RBF_ORDER: f64 = 3.0;
 /// Range to which the observed order of two lattices is limited.
@@ -48,9 +48,9 @@ pub(super) struct Choice {
 }
 
 /// Added to the number of probes when their failures are extrapolated.
-const FEW: f64 = 16.0;
+const MAX_SEPARATE_NODES: f64 = 16.0;
 /// A linear body with a smaller share of the positions within the tolerance is not evaluated further.
-const WORTH_A_LOOK: f64 = 0.9;
+const MIN_SHARE: f64 = 0.9;
 
 /// All results of one node.
 #[derive(Debug)]
@@ -64,14 +64,14 @@ pub(super) struct NodePlan {
     /// Configurations of a scattered space of the linear body; NaN if its error is large.
     pub linear_configurations: f64,
     /// The displacement planes for display; `None` if no display is needed.
-    pub eye: Option<Eye>,
+    pub eye: Option<VisualModel>,
     /// The possible outcomes of the sampling that the scene specifies.
     pub outlook: Outlook,
 }
 
 impl Choice {
     /// Bytes of the space with the tables of these methods.
-    pub(super) fn bytes(&self, methods: &[Method], eye: Option<&Eye>) -> usize {
+    pub(super) fn bytes(&self, methods: &[Method], eye: Option<&VisualModel>) -> usize {
         space_bytes(&self.grid, self.solved, methods, eye)
     }
 
@@ -110,7 +110,7 @@ pub(super) fn plan(
         Failure::work("the probing solves failed or coincide; use a larger radius_m or check the scene with `palpate path`")
     })?;
     let search = truth.scattered();
-    let places = truth.places(&search.fit, PLACES);
+    let places = truth.places(&search.fit, POSITIONS);
     let resampled = resample(&search.fit).map_err(Failure::work)?;
     let eye = bound.and_then(|bound| eye(&probed, search.fit.fit.length_m(), &resampled, bound));
     let mut choices = vec![scattered(&probed, &truth, &search, &resampled, &places)];
@@ -132,7 +132,7 @@ pub(super) fn plan(
     };
     let (linear, share) = linear_error(&truth, &places, &probed.wanted.tolerance);
     let linear_configurations =
-        if share >= WORTH_A_LOOK { truth.linear().scattered().configurations } else { f64::NAN };
+        if share >= MIN_SHARE { truth.linear().scattered().configurations } else { f64::NAN };
     let outlook = Outlook { times: SolveTimes::of(&probed), known };
     Ok(NodePlan { linear, linear_configurations, probed, choices, eye, outlook })
 }
@@ -194,7 +194,7 @@ fn of_search(
     search: &Scattered,
     choice: &Choice,
     resampled: &Resampled,
-    eye: Option<&Eye>,
+    eye: Option<&VisualModel>,
 ) -> Known {
     let tried = 1.0 + probed.far_s.len() as f64;
     if probed.has_ended {
@@ -217,7 +217,7 @@ fn of_search(
     Known::Open(OpenSearch {
         tried,
         lengths: [search.solved as f64, search.configurations],
-        failing: probed.failed as f64 / (tried + FEW),
+        failing: probed.failed as f64 / (tried + MAX_SEPARATE_NODES),
         is_lost: probed.lost + probed.forked > 0,
         cells: grid.radius_m / grid.spacing_m,
         bytes: (2..=12).map(with_cells).filter(|bytes| bytes.is_finite()).collect(),
@@ -239,7 +239,7 @@ fn on_lattices(
         let grid = lattice.grid;
         let points = Domain::new(&grid, lattice.complete_cells).len();
         let parts = f64::from(lattice.increments.unwrap_or(1));
-        let choice = if points <= MOST_POINTS || shares.is_empty() {
+        let choice = if points <= MAX_POINTS || shares.is_empty() {
             let samples = truth.lattice(&lattice).samples;
             shares.push((grid.spacing_m, samples.len() as f64 / points as f64));
             let methods = measured(&Tables::of(&grid, &samples, None), places, &probed.wanted.tolerance);
@@ -277,14 +277,14 @@ fn linear_error(truth: &Surrogate, places: &[Place], tolerance: &Tolerance) -> (
 }
 
 /// Size of the displacement planes, by the packer's fit of the surface at the probes.
-fn eye(probed: &Probed, length_m: f64, on: &Resampled, bound: DisplacementBound) -> Option<Eye> {
+fn eye(probed: &Probed, length_m: f64, on: &Resampled, bound: DisplacementBound) -> Option<VisualModel> {
     let vertices = probed.moved.first()?.1.displacement_m.len() / 3;
     let motion = ScatteredMotion::new(length_m, &probed.moved)?;
     let solved: Vec<_> = on.samples.iter().map(|sample| sample.index).collect();
     let read = |at: usize| Ok::<_, std::convert::Infallible>(motion.at(on.grid.displacement_m(solved[at])));
     let fit = fit_displacement(&on.grid, &solved, &[], bound.at_points_of_a_fit(), read).ok()?;
     let outliers = fit.outlier_row.len() as f64 / solved.len().max(1) as f64;
-    Some(Eye { vertices, modes: fit.scale.len(), slopes: fit.slopes, outliers })
+    Some(VisualModel { vertices, modes: fit.scale.len(), slopes: fit.slopes, outliers })
 }
 
 /// The methods of a lattice: as built, or extrapolated from the coarser lattices by their observed order.

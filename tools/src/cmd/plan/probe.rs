@@ -7,20 +7,20 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate_precompute::adaptive::{Found, Search, Step, Verdict};
+use palpate_precompute::adaptive::{Search, SolveResult, Step, Verdict};
 use palpate_precompute::fem::solve::{Configuration, Problem, Seed, Solver};
-use palpate_precompute::fit::Moved;
+use palpate_precompute::fit::SurfaceMotionSample;
 use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::num::vector::norm;
-use palpate_precompute::spec::Wanted;
+use palpate_precompute::spec::Requirements;
 
 use crate::cmd::inspect::scattered::too_stiff;
 use crate::failure::Failure;
 
 /// Minimum number of probes of a node, for any time limit.
-const LEAST: usize = 2;
+const MIN_PROBES: usize = 2;
 /// Maximum number of probes of a node: more would not improve the plan enough for their time.
-const MOST: usize = 16;
+const MAX_PROBES: usize = 16;
 
 /// Results of one active node.
 #[derive(Debug, Clone)]
@@ -28,11 +28,11 @@ pub(super) struct Probed {
     /// Its number in the scene.
     pub active: usize,
     /// The sampling parameters of its space.
-    pub wanted: Wanted,
+    pub wanted: Requirements,
     /// Rest first, then every probe on its branch.
     pub jets: Vec<EnergyJet>,
     /// The surface at each of them.
-    pub moved: Vec<([f64; 3], Moved)>,
+    pub moved: Vec<([f64; 3], SurfaceMotionSample)>,
     /// Wall seconds of the solve at rest: one factorisation and the derivatives.
     pub rest_s: f64,
     /// Wall seconds of each probe of adaptive sampling.
@@ -73,7 +73,7 @@ pub(super) struct Order {
     /// Its problem.
     pub problem: Arc<Problem>,
     /// The sampling parameters of its space.
-    pub wanted: Wanted,
+    pub wanted: Requirements,
     /// The surface nodes for display; empty if no display is needed.
     pub surface: Vec<u32>,
     /// Length of the lattice step whose time is measured, m.
@@ -83,7 +83,7 @@ pub(super) struct Order {
 }
 
 /// Largest number of solves of [`probe`] before the probes are solved again, with rest and lattice steps.
-pub(super) const MOST_SOLVES: usize = 1 + MOST + 2;
+pub(super) const MOST_SOLVES: usize = 1 + MAX_PROBES + 2;
 
 /// Probes one active node. Calls `solved` after each of the first [`MOST_SOLVES`] solves.
 pub(super) fn probe(order: &Order, solved: &dyn Fn()) -> Result<Probed, Failure> {
@@ -159,7 +159,7 @@ impl Probing<'_> {
             let mut found = Vec::new();
             let mut learned = Vec::new();
             for target in &targets {
-                if probed.far_s.len() >= MOST || (self.is_late() && probed.far_s.len() >= LEAST) {
+                if probed.far_s.len() >= MAX_PROBES || (self.is_late() && probed.far_s.len() >= MIN_PROBES) {
                     return;
                 }
                 // A parent outside the stored seeds would be known only to the search. This does not occur;
@@ -179,16 +179,16 @@ impl Probing<'_> {
                             self.kept.push(Solved { at: jet, seed: c.seed.clone(), is_from_rest });
                         }
                         learned.push((jet, c.seed));
-                        Found::Solved(jet)
+                        SolveResult::Solved(jet)
                     }
                     Ok(c) => {
                         probed.lost += 1;
-                        Found::Elsewhere(*c.jet())
+                        SolveResult::OtherBranch(*c.jet())
                     }
                     Err(_) => {
                         probed.lost += 1;
                         probed.failed += 1;
-                        Found::Failed
+                        SolveResult::Failed
                     }
                 });
             }
@@ -267,7 +267,7 @@ impl Probed {
         };
         let displacement_m = of(&at.seed.state, Some(&rest.seed.state));
         let slopes = at.seed.sensitivity.each_ref().map(|column| of(column, None));
-        self.moved.push((jet.control_m, Moved { displacement_m, slopes }));
+        self.moved.push((jet.control_m, SurfaceMotionSample { displacement_m, slopes }));
     }
 }
 

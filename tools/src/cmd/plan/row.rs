@@ -4,10 +4,10 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use super::model::Beside;
+use super::model::ComparedModel;
 
 /// Required share of the positions within the tolerance.
-const ENOUGH: f64 = 0.99;
+const REQUIRED_SHARE: f64 = 0.99;
 
 /// One choice for all active nodes of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -55,7 +55,7 @@ impl Row {
 
     /// A message that this row of another model is both faster and softer than the chosen row, which has the
     /// scene's model; empty if it is not.
-    pub(super) fn speaks_against(&self, chosen: &Self) -> String {
+    pub(super) fn reason_against(&self, chosen: &Self) -> String {
         let is_softer = matches!((self.stiffer, chosen.stiffer), (Some(own), Some(other)) if own <= other);
         if self.solving_s >= chosen.solving_s || !is_softer {
             return String::new();
@@ -68,11 +68,17 @@ impl Row {
     }
 
     fn is_enough(&self) -> bool {
-        self.within >= ENOUGH
+        self.within >= REQUIRED_SHARE
     }
 
     /// The same sampling of another model.
-    pub(super) fn with(&self, words: &str, beside: &Beside, stiffer: Option<f64>, memory_bytes: f64) -> Self {
+    pub(super) fn with(
+        &self,
+        words: &str,
+        beside: &ComparedModel,
+        stiffer: Option<f64>,
+        memory_bytes: f64,
+    ) -> Self {
         Self {
             model: words.into(),
             solving_s: self.solving_s * beside.times,
@@ -103,12 +109,13 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     row.recommended = true;
     let (mn, share) = (1e3 * row.p99_n, 100.0 * row.within);
     // The errors are against the finite elements of the same model.
-    let beside = row.stiffer.filter(|stiffer| stiffer.abs() > FAR).map_or_else(String::new, |stiffer| {
-        format!(
-            " of that model, which itself is {:+.0} % stiffer at rest than quadratic elements",
-            100.0 * stiffer
-        )
-    });
+    let beside =
+        row.stiffer.filter(|stiffer| stiffer.abs() > MIN_DIFFERENCE).map_or_else(String::new, |stiffer| {
+            format!(
+                " of that model, which itself is {:+.0} % stiffer at rest than quadratic elements",
+                100.0 * stiffer
+            )
+        });
     let why = match cheapest {
         Some(_) if row.model == LINEAR => {
             format!(
@@ -129,7 +136,7 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
 }
 
 /// Models whose stiffness differs more than this from that of quadratic elements are mentioned.
-const FAR: f64 = 0.1;
+const MIN_DIFFERENCE: f64 = 0.1;
 
 /// The name of the row with the linear law.
 pub(super) const LINEAR: &str = "linear law";

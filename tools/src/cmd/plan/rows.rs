@@ -39,7 +39,7 @@ impl Plan {
             let memory = rows[chosen].memory_bytes
                 + prediction.threads as f64 * (beside.memory - 1.0) * model::solver_bytes(size);
             let row = rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory);
-            why.push_str(&row.speaks_against(&rows[chosen]));
+            why.push_str(&row.reason_against(&rows[chosen]));
             rows.push(row);
         }
         why.push_str(&self.signs());
@@ -142,6 +142,6 @@ impl Plan {
     }
 
     fn tolerance_in_words(&self) -> &'static str {
-        if self.tolerance == Tolerance::CANNOT_BE_FELT { "the JND of force" } else { "the scene's tolerance" }
+        if self.tolerance == Tolerance::IMPERCEPTIBLE { "the JND of force" } else { "the scene's tolerance" }
     }
 }

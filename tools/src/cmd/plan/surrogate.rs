@@ -7,33 +7,33 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use palpate_precompute::adaptive::{AdaptiveFit, Found, Search, Step};
+use palpate_precompute::adaptive::{AdaptiveFit, Search, SolveResult, Step};
 use palpate_precompute::fit::{KernelFit, Sample};
 use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::num::vector::norm;
 use palpate_precompute::space::{Plan, Record, Solution};
-use palpate_precompute::spec::{Domain, GridIndex, Lattice, Tolerance, Wanted};
+use palpate_precompute::spec::{Domain, GridIndex, Lattice, Requirements, Tolerance};
 
 use super::probe::Probed;
 use super::tables::Place;
 
 /// Trial lengths of the kernel as shares of the initial reach, over the range of the search.
-const LENGTHS: [f64; 3] = [0.5, 0.9, 1.5];
+const LENGTH_SHARES: [f64; 3] = [0.5, 0.9, 1.5];
 /// Ratio of the surrogate's length to that of the fit with the best predictions.
-const ROUGHER: f64 = 0.75;
+const LENGTH_RATIO: f64 = 0.75;
 
 /// Convergence order of a fit by energy, force, stiffness and third derivatives, in the distance of its data.
 const ORDER: f64 = 6.0;
 /// With this number of probes the leave-one-out errors are used as they are. With fewer they are scaled to
 /// this number.
-const ENOUGH: f64 = 16.0;
+const FULL_PROBES: f64 = 16.0;
 
 /// The energy fitted to the probes.
 #[derive(Debug, Clone)]
 pub(crate) struct Surrogate {
     fit: KernelFit,
     rest: EnergyJet,
-    wanted: Wanted,
+    wanted: Requirements,
     /// Ratio of the errors of a fit on the body to those on the surrogate; 1 if the probes show all features.
     doubt: f64,
 }
@@ -62,20 +62,20 @@ impl Surrogate {
         let (rest, wanted) = (*probed.jets.first()?, probed.wanted);
         let mean = (rest.stiffness_n_m.trace() / 3.0).max(f64::MIN_POSITIVE);
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m);
-        let scores = LENGTHS.iter().filter_map(|share| {
+        let scores = LENGTH_SHARES.iter().filter_map(|share| {
             let mut fit = KernelFit::new(share * reach, rest.stiffness_n_m);
             fit.add(&probed.jets).ok()?;
             Some((left_out(&fit, &probed.jets), share))
         });
         let (score, share) = scores.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let mut fit = KernelFit::new(ROUGHER * share * reach, rest.stiffness_n_m);
+        let mut fit = KernelFit::new(LENGTH_RATIO * share * reach, rest.stiffness_n_m);
         fit.add(&probed.jets).ok()?;
         let doubt = doubt(score.sqrt(), probed.jets.len() - 1);
         Some(Self { fit, rest, wanted, doubt })
     }
 
     /// A body that is exactly this fit.
-    pub(crate) fn exact(fit: KernelFit, rest: EnergyJet, wanted: Wanted) -> Self {
+    pub(crate) fn exact(fit: KernelFit, rest: EnergyJet, wanted: Requirements) -> Self {
         Self { fit, rest, wanted, doubt: 1.0 }
     }
 
@@ -122,8 +122,8 @@ impl Surrogate {
                 }
                 Step::Solve(targets) => {
                     solved += targets.len();
-                    let found_at = |at: [f64; 3]| Found::Solved(self.fit.jet(at));
-                    let found: Vec<Found> =
+                    let found_at = |at: [f64; 3]| SolveResult::Solved(self.fit.jet(at));
+                    let found: Vec<SolveResult> =
                         targets.iter().map(|target| found_at(target.displacement_m())).collect();
                     search.take(&found);
                 }
@@ -166,8 +166,8 @@ pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sa
 /// Mean square of the leave-one-out errors of the probes, relative to the human just-noticeable difference:
 /// the roughness of a body does not depend on the scene's tolerance.
 fn left_out(fit: &KernelFit, jets: &[EnergyJet]) -> f64 {
-    let missed = fit.left_out_n().zip(jets).skip(1);
-    let felt = |force_n| Tolerance::CANNOT_BE_FELT.at(force_n);
+    let missed = fit.leave_one_out_n().zip(jets).skip(1);
+    let felt = |force_n| Tolerance::IMPERCEPTIBLE.at(force_n);
     let sum: f64 = missed.map(|(missed, jet)| (norm(missed) / felt(jet.force_n)).powi(2)).sum();
     sum / (jets.len() - 1).max(1) as f64
 }
@@ -176,7 +176,7 @@ fn left_out(fit: &KernelFit, jets: &[EnergyJet]) -> f64 {
 /// leave-one-out error relative to the just-noticeable difference, with `probes` probes. An error below it
 /// needs no correction.
 fn doubt(error: f64, probes: usize) -> f64 {
-    let fewer = (probes as f64 / ENOUGH).min(1.0);
+    let fewer = (probes as f64 / FULL_PROBES).min(1.0);
     (error * fewer.powf(ORDER / 3.0)).max(1.0)
 }
 
@@ -207,9 +207,9 @@ pub(super) mod tests {
     }
 
     pub(in crate::cmd::plan) fn probed(batches: usize, max_force_n: f64) -> Probed {
-        let tolerance = Tolerance::CANNOT_BE_FELT;
+        let tolerance = Tolerance::IMPERCEPTIBLE;
         let wanted =
-            Wanted { tolerance, radius_m: 0.05, max_force_n, push: None, workspace_m: None, most: 160 };
+            Requirements { tolerance, radius_m: 0.05, max_force_n, push: None, workspace_m: None, most: 160 };
         let rest = stiffening([0.0; 3]);
         let mut search = Search::new(wanted, &rest);
         let mut jets = vec![rest];
@@ -217,7 +217,7 @@ pub(super) mod tests {
             let Step::Solve(targets) = search.step() else { break };
             let solved: Vec<EnergyJet> = targets.iter().map(|t| stiffening(t.displacement_m())).collect();
             jets.extend(&solved);
-            search.take(&solved.into_iter().map(Found::Solved).collect::<Vec<_>>());
+            search.take(&solved.into_iter().map(SolveResult::Solved).collect::<Vec<_>>());
         }
         Probed {
             active: 0,
@@ -244,8 +244,9 @@ pub(super) mod tests {
         let mut count = 1;
         while let Step::Solve(targets) = search.step() {
             count += targets.len();
-            let solved =
-                |t: &palpate_precompute::adaptive::Target| Found::Solved(stiffening(t.displacement_m()));
+            let solved = |t: &palpate_precompute::adaptive::Target| {
+                SolveResult::Solved(stiffening(t.displacement_m()))
+            };
             search.take(&targets.iter().map(solved).collect::<Vec<_>>());
         }
         count

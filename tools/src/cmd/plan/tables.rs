@@ -15,7 +15,7 @@ use palpate_precompute::num::vector::norm;
 use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid, Tolerance};
 
 /// With more centres than this a dense fit of weights would take too long for a plan.
-const MOST_CENTRES: usize = 1100;
+const MAX_CENTRES: usize = 1100;
 
 /// Every table of one space.
 #[derive(Debug)]
@@ -56,7 +56,7 @@ impl Tables {
             None => hermite_nodes(grid, samples, &[]),
         };
         let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
-        let few = known.is_none() && centres.len() <= MOST_CENTRES;
+        let few = known.is_none() && centres.len() <= MAX_CENTRES;
         let fit = few.then(|| fit_rbf(Kernel::Cubic, &centres, 1).ok()).flatten();
         let padded = |planes: [Vec<f64>; 3]| -> Vec<Vec<f64>> {
             planes
@@ -147,7 +147,7 @@ pub(super) fn percentile_99(values: &mut [f64]) -> f64 {
 
 /// Content of the displacement planes for display.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-pub(super) struct Eye {
+pub(super) struct VisualModel {
     /// Surface vertices.
     pub vertices: usize,
     /// Modes.
@@ -160,7 +160,12 @@ pub(super) struct Eye {
 
 /// Bytes of a space's planes (docs/formats.md, section 4): flags, the tables of `methods`, and the
 /// displacement planes.
-pub(super) fn space_bytes(grid: &SpaceGrid, solved: usize, methods: &[Method], eye: Option<&Eye>) -> usize {
+pub(super) fn space_bytes(
+    grid: &SpaceGrid,
+    solved: usize,
+    methods: &[Method],
+    eye: Option<&VisualModel>,
+) -> usize {
     let slots = grid.lattice.slots();
     let rows = Domain::new(grid, true).points().filter(|&p| grid.lattice.slot(p).is_some()).count();
     let has = |any: &[Method]| any.iter().any(|method| methods.contains(method));
@@ -179,7 +184,7 @@ pub(super) fn space_bytes(grid: &SpaceGrid, solved: usize, methods: &[Method], e
     if energy {
         planes.extend([size_of::<u32>() * slots, size_of::<Node>() * rows]);
     }
-    if let Some(&Eye { vertices, modes, slopes, outliers }) = eye {
+    if let Some(&VisualModel { vertices, modes, slopes, outliers }) = eye {
         let beyond = (outliers * solved as f64).round() as usize;
         if !energy {
             planes.push(size_of::<u32>() * slots);
@@ -221,7 +226,7 @@ mod tests {
             let grid = SpaceGrid::new(0.05 / cells, 0.05).unwrap();
             let expanded = truth.lattice(&Lattice { grid, complete_cells: true, increments: None });
             let tables = Tables::of(&grid, &expanded.samples, None);
-            ALL.map(|m| tables.error(m, &places, &Tolerance::CANNOT_BE_FELT).map(|e| e.p99_n))
+            ALL.map(|m| tables.error(m, &places, &Tolerance::IMPERCEPTIBLE).map(|e| e.p99_n))
         };
         let (coarse, fine) = (p99(3.0), p99(5.0));
         for (coarse, fine) in coarse.iter().zip(&fine) {
@@ -242,7 +247,7 @@ mod tests {
             (12 * slots).next_multiple_of(ALIGNMENT),
             "methods of one table come together"
         );
-        let eye = Eye { vertices: 300, modes: 30, slopes: 10, outliers: 0.0 };
+        let eye = VisualModel { vertices: 300, modes: 30, slopes: 10, outliers: 0.0 };
         let [energy, seen] = [None, Some(&eye)].map(|eye| space_bytes(&grid, 1015, &[Method::Energy], eye));
         assert!(energy > bare + 144 * 1015 && seen > energy + 6 * 300 * 30);
     }

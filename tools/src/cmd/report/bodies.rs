@@ -59,13 +59,13 @@ struct Solved {
 }
 
 /// One discretisation.
-struct Way<'f> {
+struct Model<'f> {
     family: &'f Family,
     order: u8,
     stabilised: bool,
 }
 
-impl Way<'_> {
+impl Model<'_> {
     fn element(&self, bench: &Analysis) -> String {
         match (bench.body.has_pressure(), self.order, self.stabilised) {
             (false, 1, _) => "tet4".into(),
@@ -78,16 +78,16 @@ impl Way<'_> {
 }
 
 /// The discretisations of each family from coarse to fine, with the finer mesh after the coarser one.
-fn ways(plan: &Plan) -> Result<Vec<(&Family, Vec<Way<'_>>)>, Failure> {
+fn ways(plan: &Plan) -> Result<Vec<(&Family, Vec<Model<'_>>)>, Failure> {
     let mut all = Vec::new();
     for family in &plan.families {
         let pressure = family.bench.body.has_pressure();
         let on = |family| {
-            let plain = |order| Way { family, order, stabilised: false };
-            let stabilised = pressure.then_some(Way { family, order: 1, stabilised: true });
+            let plain = |order| Model { family, order, stabilised: false };
+            let stabilised = pressure.then_some(Model { family, order: 1, stabilised: true });
             [Some(plain(1)), stabilised, Some(plain(2))].into_iter().flatten()
         };
-        let mut ways: Vec<Way<'_>> = on(family).collect();
+        let mut ways: Vec<Model<'_>> = on(family).collect();
         let law = family.bench.body.law_names();
         let finer = plan.finer.iter().find(|finer| finer.bench.body.law_names() == law);
         ways.extend(finer.into_iter().flat_map(on));

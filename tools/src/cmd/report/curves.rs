@@ -20,7 +20,7 @@ const LAWS: [&str; 3] = ["st-venant-kirchhoff", "modified-st-venant-kirchhoff", 
 /// The fixed sets of the bundled organs.
 const HELD: [&str; 2] = ["F1", "F2"];
 /// Maximum number of active nodes per scene.
-const MOST_NODES: usize = 2;
+const MAX_NODES: usize = 2;
 /// Number of points of a curve.
 const STEPS: u32 = 25;
 
@@ -50,7 +50,7 @@ pub(super) fn measured(plan: &Plan, family: &Family, steps: &mut Steps) -> Resul
         for law in LAWS {
             // Laws that are no counterpart of the scene's law are omitted.
             let Ok(bench) = by_law(bench, law) else { continue };
-            for node in bench.scene.active.iter().take(MOST_NODES) {
+            for node in bench.scene.active.iter().take(MAX_NODES) {
                 rows.extend(curve(plan, family, &bench, node, (held, law), steps)?);
             }
         }

@@ -18,7 +18,7 @@ pub(super) const STEPS: usize = 3;
 /// Samples the body to the just-noticeable difference, and measures every form; empty if there is only rest
 /// to fit.
 pub(super) fn measured(plan: &Plan, family: &Family, steps: &mut Steps) -> Result<Vec<FormRow>, Failure> {
-    let case = family.sampled_by_feel()?;
+    let case = family.sampled_within_tolerance()?;
     let draw = Draw { regular_m: None, random: 0, ..plan.draw(family.radius_m()) };
     let path = solved(plan, &case, &draw, None, steps)?;
     steps.next(&format!("{}: forms of the fitted energy", case.name))?;

@@ -3,7 +3,7 @@
 
 use palpate_precompute::certificate::{Answer, Errors, answers};
 use palpate_precompute::held_out::{Draw, Summary};
-use palpate_precompute::space::{Kind, Store, folds};
+use palpate_precompute::space::{Kind, Store, branch_jumps};
 use palpate_precompute::spec::GridIndex;
 use serde::Serialize;
 
@@ -183,7 +183,7 @@ impl Hard {
         let (all, there) =
             solved.fold((0, 0), |(all, there), r| (all + 1, there + usize::from(hole.keeps(r.index))));
         let lattice = identity.sampling.lattice();
-        let folds = lattice.map_or_else(Vec::new, |lattice| folds(&lattice.grid, &records));
+        let branch_jumps = lattice.map_or_else(Vec::new, |lattice| branch_jumps(&lattice.grid, &records));
         let jump = folds.iter().map(|fold| fold.rho_h_n).fold(0.0, f64::max);
         let summary = Summary::of(store, 0)?;
         let choice = Choice { name: &hole.name, keep: &|index| hole.keeps(index), again: *again };

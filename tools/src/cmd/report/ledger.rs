@@ -1,7 +1,7 @@
 //! The ledger of the first body: the omissions of its blob, made or possible, with their effects and savings.
 
 use palpate_core::{Method, Organ};
-use palpate_precompute::certificate::{Effort, Ledger, Line, ledger};
+use palpate_precompute::certificate::{AdditionalSolves, Ledger, Line, ledger};
 use palpate_precompute::space::{Store, solver_version};
 use serde::{Deserialize, Serialize};
 
@@ -96,7 +96,7 @@ pub(super) fn measured(
     let file = plan.work.file(&format!("{}-ledger.json", case.name));
     kept(&file, key, || {
         let organ: Organ<'_> = Organ::read(fitted.file.bytes()).map_err(Failure::work)?;
-        let effort = Effort { positions, threads: plan.threads, stop: &steps.stop };
+        let effort = AdditionalSolves { positions, threads: plan.threads, stop: &steps.stop };
         let found = ledger(&store, 0, (&organ, fitted.space()), &case.bench.scene, effort)?;
         steps.go_on()?;
         let Ledger { lines, .. } = found.unwrap_or_default();

@@ -3,7 +3,7 @@
 
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::certificate::{Apart, Certificate, surface_by_rbf};
+use palpate_precompute::certificate::{Certificate, SurfaceDistances, surface_by_rbf};
 use palpate_precompute::fit::Kernel;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::pack::{PackOptions, pack};
@@ -107,7 +107,7 @@ fn surfaces(family: &Family, grid: u32, plan: &Plan, store: &Store) -> Result<Ve
     let Some(packed) = certificate.spaces.first().and_then(|space| space.displacement.clone()) else {
         return Err(Failure::work("a space for display without displacements"));
     };
-    let row = |how: &'static str, bytes: usize, apart: Apart, microseconds: f64| SurfaceRow {
+    let row = |how: &'static str, bytes: usize, apart: SurfaceDistances, microseconds: f64| SurfaceRow {
         scene: family.name.clone(),
         grid,
         nodes: packed.nodes,

@@ -85,7 +85,7 @@ struct Wish<'a> {
 const SMALL_RADIUS_M: f64 = 0.02;
 
 /// Maximum number of cells along the radius.
-const MOST_CELLS: u32 = 20;
+const MAX_CELLS: u32 = 20;
 
 /// Number of grid points of a ball with this number of cells along its radius, without rest: 514 for 5,
 /// 14,146 for 15.
@@ -101,7 +101,7 @@ pub(super) fn points_of(cells: u32) -> u32 {
 }
 
 fn grids(asked: &[u32]) -> Result<Vec<(u32, u32)>, Failure> {
-    let known: Vec<(u32, u32)> = (1..=MOST_CELLS).map(|cells| (points_of(cells), cells)).collect();
+    let known: Vec<(u32, u32)> = (1..=MAX_CELLS).map(|cells| (points_of(cells), cells)).collect();
     let mut grids = Vec::new();
     for &points in asked {
         let Some(&grid) = known.iter().find(|(n, _)| *n == points) else {
@@ -273,7 +273,7 @@ impl Family {
     }
 
     /// The body with adaptive sampling to the just-noticeable difference instead of a grid.
-    pub(super) fn sampled_by_feel(&self) -> Result<Case, Failure> {
+    pub(super) fn sampled_within_tolerance(&self) -> Result<Case, Failure> {
         self.case(&format!("{}-felt", self.name), (0, 1), |table| {
             let grid = [("radius_m", self.radius_m().into()), ("cannot_be_felt", Value::from(true))];
             let grid = grid.map(|(key, value): (&str, Value)| (key.to_string(), value));

@@ -170,7 +170,7 @@ fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
         // A corner of the shell may have only one parent. A point that its second attempt solved is not tried
         // again.
         let parents = domain.parents(domain.position(index).unwrap()).len();
-        let most = parents.min(1 + FOLD_TRIES);
+        let most = parents.min(1 + MAX_JUMP_ATTEMPTS);
         assert!((most.min(2)..=most).contains(&tries), "{index:?}: {tries} tries, {parents} parents");
     }
     let untouched = log.keys().filter(|(_, attempt)| *attempt == 0).count();

@@ -127,7 +127,7 @@ fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
     }
     #[cfg(feature = "peers")]
     peers.add_to(&mut runs);
-    let timings = timing::take_turns(&mut runs, &queries, rounds);
+    let timings = timing::interleave(&mut runs, &queries, rounds);
     let row = |(run, timing): (&mut Run<'_>, Timing)| {
         let radial = matches!(run.compared, Method::RbfLinear | Method::RbfCubic);
         let off_n = (fitted || !radial).then(|| largest_difference(space, run, &queries));

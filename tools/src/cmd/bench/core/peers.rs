@@ -12,7 +12,7 @@ use super::PEER;
 use super::timing::Run;
 
 /// rbf-interp computes a pseudo-inverse by singular values, which limits it to hundreds of centres.
-const MOST_CENTRES: usize = 600;
+const MAX_CENTRES: usize = 600;
 
 /// The data of the peers, in their own types.
 pub(super) struct Peers {
@@ -30,7 +30,7 @@ impl Peers {
         let lattice = space.lattice();
         let force_n = space.planes().force_n;
         let mut scattered = Vec::new();
-        if let (Some(force_n), true) = (force_n, grid <= MOST_CENTRES) {
+        if let (Some(force_n), true) = (force_n, grid <= MAX_CENTRES) {
             eprintln!("palpate: rbf-interp fits");
             for (method, exponent) in [(Method::RbfLinear, 1), (Method::RbfCubic, 3)] {
                 let solved = || (0..lattice.slots()).filter(|&slot| space.flags()[slot] & flags::SOLVED != 0);

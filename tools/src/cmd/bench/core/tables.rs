@@ -14,7 +14,7 @@ use crate::failure::Failure;
 /// r_G, m.
 const RADIUS_M: f64 = 0.05;
 /// With more centres than this a dense fit takes minutes and gigabytes.
-const MOST_FITTED: usize = 5_000;
+const MAX_FITTED: usize = 5_000;
 
 /// The data that a space refers to.
 #[derive(Clone)]
@@ -47,7 +47,7 @@ impl Tables {
             grid.lattice.points().chain([[0; 3]]).map(|index| sample(&grid, index)).collect();
         samples.sort_unstable_by_key(|sample| sample.index);
         let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
-        let fitted = samples.len() <= MOST_FITTED;
+        let fitted = samples.len() <= MAX_FITTED;
         let fit = |kernel| {
             if fitted { fit_rbf(kernel, &centres, 1).map_err(Failure::work) } else { Ok(unfitted(&samples)) }
         };

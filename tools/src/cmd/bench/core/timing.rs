@@ -87,7 +87,7 @@ pub(in crate::cmd::bench) fn queries(radius_m: f32) -> Vec<Vec3> {
 }
 
 /// Runs `rounds` batches of each function, interleaved.
-pub(in crate::cmd::bench) fn take_turns(
+pub(in crate::cmd::bench) fn interleave(
     runs: &mut [Run<'_>],
     queries: &[Vec3],
     rounds: usize,

@@ -141,7 +141,7 @@ fn of_space(
             runs.push(Run::new(form.into(), instructions, method, bytes, ask));
         }
     }
-    let timings = timing::take_turns(&mut runs, &shuffled(places), rounds);
+    let timings = timing::interleave(&mut runs, &shuffled(places), rounds);
     let row = |(run, timing): (&mut Run<'_>, timing::Timing)| {
         let mut compared = Vec::new();
         for truth in truths {

@@ -118,8 +118,8 @@ fn chart(report: &Report, family: usize, price: &Price, what: &str, error: fn(&M
     });
     let level = if what == "p99" {
         vec![(
-            1e3 * Tolerance::CANNOT_BE_FELT.absolute_n,
-            format!("{} mN: always below JND", milli(Tolerance::CANNOT_BE_FELT.absolute_n)),
+            1e3 * Tolerance::IMPERCEPTIBLE.absolute_n,
+            format!("{} mN: always below JND", milli(Tolerance::IMPERCEPTIBLE.absolute_n)),
         )]
     } else {
         vec![]
@@ -187,11 +187,11 @@ fn query_words(cases: &[Measured]) -> Vec<String> {
     lines
 }
 
-/// The lowest cost of a p99 that is at most the absolute part of `Tolerance::CANNOT_BE_FELT`.
+/// The lowest cost of a p99 that is at most the absolute part of `Tolerance::IMPERCEPTIBLE`.
 fn first_below(cases: &[Measured], price: &Price, word: &str) -> String {
     let rows = || cases.iter().flat_map(|case| &case.methods);
-    let limit = milli(Tolerance::CANNOT_BE_FELT.absolute_n);
-    match least(rows().filter(|row| row.p99_n <= Tolerance::CANNOT_BE_FELT.absolute_n), price.of) {
+    let limit = milli(Tolerance::IMPERCEPTIBLE.absolute_n);
+    match least(rows().filter(|row| row.p99_n <= Tolerance::IMPERCEPTIBLE.absolute_n), price.of) {
         Some(row) => format!(
             "{word} with a p99 of at most {limit} mN: {} on {} points, {} ({} mN).",
             row.method,

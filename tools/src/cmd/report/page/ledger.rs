@@ -111,8 +111,8 @@ fn chart(rows: &[LedgerRow], change: &Change, styles: [Style; 2]) -> Option<Stri
     );
     let levels = match change.title {
         "force" => vec![(
-            1e3 * Tolerance::CANNOT_BE_FELT.absolute_n,
-            format!("{} mN: always below JND", milli(Tolerance::CANNOT_BE_FELT.absolute_n)),
+            1e3 * Tolerance::IMPERCEPTIBLE.absolute_n,
+            format!("{} mN: always below JND", milli(Tolerance::IMPERCEPTIBLE.absolute_n)),
         )],
         _ => Vec::new(),
     };

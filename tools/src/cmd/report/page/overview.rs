@@ -41,8 +41,8 @@ pub(super) fn section(report: &Report) -> String {
              finite elements and never used for a fit; all methods use the same positions. Positions at branch jumps, where neighbouring \
              points lie on different branches, are excluded from the means and reported separately. \u{201c}Below JND\u{201d}: an error up to the larger of {} of |h| \
              and {} mN.",
-            percent(Tolerance::CANNOT_BE_FELT.relative),
-            milli(Tolerance::CANNOT_BE_FELT.absolute_n)
+            percent(Tolerance::IMPERCEPTIBLE.relative),
+            milli(Tolerance::IMPERCEPTIBLE.absolute_n)
         ),
     );
     if report.machine.is_shared() {

@@ -13,7 +13,7 @@ const MAX_HALVINGS: u32 = 6;
 ///
 /// The load is applied in the largest steps that converge, starting with the whole load. Displacements,
 /// energy and reaction of all configurations are relative to the rest state.
-pub fn settle(body: Body) -> Result<Body, SolveFailure> {
+pub fn solve_body_force(body: Body) -> Result<Body, SolveFailure> {
     if !body.is_loaded() {
         return Ok(body);
     }
@@ -31,7 +31,7 @@ pub fn settle(body: Body) -> Result<Body, SolveFailure> {
             match solver.equilibrate() {
                 Ok((residual_n, iterations)) => {
                     // The last correction brings the residual to its rounding floor.
-                    solver.polish(residual_n);
+                    solver.final_correction(residual_n);
                     settled.copy_from_slice(&solver.state);
                     spent += iterations;
                     done += step;

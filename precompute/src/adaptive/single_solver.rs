@@ -1,14 +1,14 @@
 //! An adaptive search by one solver in memory, for measurements.
 
-use super::{Found, Search, Step, Verdict};
+use super::{Search, SolveResult, Step, Verdict};
 use crate::fem::solve::{Seed, SolveFailure, Solver};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
-use crate::spec::Wanted;
+use crate::spec::Requirements;
 
 /// A completed search with its solved states.
 #[derive(Debug)]
-pub struct Alone {
+pub struct SingleSolverSearch {
     /// The search.
     pub search: Search,
     /// Result of the search.
@@ -26,13 +26,13 @@ pub(crate) fn at_rest(solver: &mut Solver) -> Result<(EnergyJet, Seed), SolveFai
 }
 
 /// Runs a search with one solver to its end.
-pub fn alone(solver: &mut Solver, wanted: Wanted) -> Result<Alone, SolveFailure> {
+pub fn search_alone(solver: &mut Solver, wanted: Requirements) -> Result<SingleSolverSearch, SolveFailure> {
     let (rest, seed) = at_rest(solver)?;
     let mut search = Search::new(wanted, &rest);
     let (mut seeds, mut solved) = (vec![([0.0; 3], seed)], 1);
     loop {
         let targets = match search.step() {
-            Step::Done(verdict) => return Ok(Alone { search, verdict, solved, seeds }),
+            Step::Done(verdict) => return Ok(SingleSolverSearch { search, verdict, solved, seeds }),
             Step::Solve(targets) => targets,
         };
         let parents: Vec<[f64; 3]> = search.jets().iter().map(|jet| jet.control_m).collect();
@@ -45,17 +45,17 @@ pub fn alone(solver: &mut Solver, wanted: Wanted) -> Result<Alone, SolveFailure>
                 Ok(c) if !c.switched => {
                     let jet = *c.jet();
                     seeds.push((at, c.seed));
-                    Found::Solved(jet)
+                    SolveResult::Solved(jet)
                 }
-                Ok(c) => Found::Elsewhere(*c.jet()),
-                Err(_) => Found::Failed,
+                Ok(c) => SolveResult::OtherBranch(*c.jet()),
+                Err(_) => SolveResult::Failed,
             });
         }
         search.take(&found);
     }
 }
 
-impl Alone {
+impl SingleSolverSearch {
     /// The state nearest to a displacement in m.
     pub fn nearest(&self, to: [f64; 3]) -> &Seed {
         nearest(&self.seeds, to)

@@ -1,5 +1,5 @@
 //! The executor of jobs: threads of this process or processes elsewhere. The expansion uses only the trait
-//! [`Crew`].
+//! [`Executor`].
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
@@ -10,12 +10,12 @@ use serde::{Deserialize, Serialize};
 
 use super::job::{Done, Work};
 use super::store::{Store, StoreError};
-use super::worker::{Worker, Workshop};
+use super::worker::{Worker, WorkerContext};
 use crate::num::parallel::ThreadError;
 
 /// Why an executor failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub enum CrewError {
+pub enum ExecutorError {
     /// A worker stopped on an internal error.
     Panicked,
     /// The start state of a job does not fit this body.
@@ -23,17 +23,17 @@ pub enum CrewError {
     /// The connection to a worker on another machine is lost.
     Lost(String),
     /// A worker returned a result that was not requested.
-    Confused,
+    UnexpectedResult,
     /// The operating system refuses to start so many threads.
     Threads(ThreadError),
 }
 
-impl std::fmt::Display for CrewError {
+impl std::fmt::Display for ExecutorError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Panicked => write!(f, "a worker stopped on an internal error; please report it"),
             Self::Seed => write!(f, "a stored state does not fit the body; the file is damaged"),
-            Self::Confused => {
+            Self::UnexpectedResult => {
                 write!(f, "a worker returned a result that was not requested; please report it")
             }
             Self::Threads(error) => write!(f, "{error}"),
@@ -45,37 +45,43 @@ impl std::fmt::Display for CrewError {
 }
 
 /// A pool of numbered workers. Results depend on the jobs alone, not on the worker or the time.
-pub trait Crew {
+pub trait Executor {
     /// Number of workers.
     fn size(&self) -> usize;
 
     /// Sends work to a worker, which may still be busy.
-    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError>;
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), ExecutorError>;
 
-    /// The next result with its worker; `None` if no result arrives within `patience`.
-    fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError>;
+    /// The next result with its worker; `None` if no result arrives within `timeout`.
+    fn take(&mut self, timeout: Duration) -> Result<Option<(usize, Done)>, ExecutorError>;
 
     /// Cancels what can be cancelled, which returns as [`Done::Abandoned`]. Later work is not executed.
     fn stop(&mut self);
 }
 
 /// Longest wait for the next result before finished results are committed.
-const PATIENCE: Duration = Duration::from_millis(100);
+const COMMIT_WAIT: Duration = Duration::from_millis(100);
 
 /// Dispatcher of an executor for one store.
-pub(crate) struct Shift<'a> {
-    crew: &'a mut dyn Crew,
+pub(crate) struct Dispatcher<'a> {
+    executor: &'a mut dyn Executor,
     store: &'a Store,
     stop: &'a AtomicBool,
     /// The executor was asked to stop.
     stopped: bool,
-    desks: Desks,
+    slots: InFlight,
 }
 
-impl<'a> Shift<'a> {
+impl<'a> Dispatcher<'a> {
     /// Dispatcher with no work in flight.
-    pub(crate) fn new(crew: &'a mut dyn Crew, store: &'a Store, stop: &'a AtomicBool) -> Self {
-        Self { desks: Desks(vec![Desk::default(); crew.size()]), crew, store, stop, stopped: false }
+    pub(crate) fn new(executor: &'a mut dyn Executor, store: &'a Store, stop: &'a AtomicBool) -> Self {
+        Self {
+            slots: InFlight(vec![InFlightSlot::default(); executor.size()]),
+            executor,
+            store,
+            stop,
+            stopped: false,
+        }
     }
 
     /// Whether a stop was requested.
@@ -86,42 +92,42 @@ impl<'a> Shift<'a> {
     /// The worker with the least work in flight and the active node of its last piece. `None` if every worker
     /// has enough work.
     pub(crate) fn free(&self) -> Option<(usize, Option<usize>)> {
-        if self.is_stopping() { None } else { self.desks.free() }
+        if self.is_stopping() { None } else { self.slots.free() }
     }
 
     /// Sends a worker a piece of work for this active node.
-    pub(crate) fn give(&mut self, worker: usize, active: usize, work: Work) -> Result<(), CrewError> {
-        self.crew.give(worker, work)?;
-        self.desks.0[worker].pieces += 1;
-        self.desks.0[worker].last = Some(active);
+    pub(crate) fn give(&mut self, worker: usize, active: usize, work: Work) -> Result<(), ExecutorError> {
+        self.executor.give(worker, work)?;
+        self.slots.0[worker].pieces += 1;
+        self.slots.0[worker].last = Some(active);
         Ok(())
     }
 
     /// Pieces of work in flight.
     pub(crate) fn out(&self) -> usize {
-        self.desks.0.iter().map(|desk| desk.pieces).sum()
+        self.slots.0.iter().map(|slot| slot.pieces).sum()
     }
 
     /// After a stop request: number of workers that still have work in flight. Their queued pieces are not
     /// started.
     pub(crate) fn stopping(&self) -> Option<usize> {
-        self.is_stopping().then(|| self.desks.0.iter().filter(|desk| desk.pieces > 0).count())
+        self.is_stopping().then(|| self.slots.0.iter().filter(|slot| slot.pieces > 0).count())
     }
 
-    /// The next result; `None` if none arrived within [`PATIENCE`] or it was abandoned. A wait without a
+    /// The next result; `None` if none arrived within [`COMMIT_WAIT`] or it was abandoned. A wait without a
     /// result commits the earlier ones.
-    pub(crate) fn take<E: From<StoreError> + From<CrewError>>(&mut self) -> Result<Option<Done>, E> {
+    pub(crate) fn take<E: From<StoreError> + From<ExecutorError>>(&mut self) -> Result<Option<Done>, E> {
         if self.is_stopping() && !std::mem::replace(&mut self.stopped, true) {
-            self.crew.stop();
+            self.executor.stop();
         }
-        let Some((worker, done)) = self.crew.take(PATIENCE)? else {
+        let Some((worker, done)) = self.executor.take(COMMIT_WAIT)? else {
             self.store.commit()?;
             return Ok(None);
         };
-        self.desks.0[worker].pieces -= 1;
+        self.slots.0[worker].pieces -= 1;
         match done {
             Done::Abandoned if self.stopped => Ok(None),
-            Done::Abandoned => Err(CrewError::Confused.into()),
+            Done::Abandoned => Err(ExecutorError::UnexpectedResult.into()),
             done => Ok(Some(done)),
         }
     }
@@ -129,22 +135,22 @@ impl<'a> Shift<'a> {
 
 /// Pieces of work per worker in flight: the current and the next one, so that a worker never waits for the
 /// store.
-const AT_A_DESK: usize = 2;
+const MAX_IN_FLIGHT: usize = 2;
 
 /// In-flight work of every worker.
-struct Desks(Vec<Desk>);
+struct InFlight(Vec<InFlightSlot>);
 
 #[derive(Clone, Copy, Default)]
-struct Desk {
+struct InFlightSlot {
     pieces: usize,
     /// Active node of its last piece.
     last: Option<usize>,
 }
 
-impl Desks {
+impl InFlight {
     fn free(&self) -> Option<(usize, Option<usize>)> {
-        let (worker, desk) = self.0.iter().enumerate().min_by_key(|(_, desk)| desk.pieces)?;
-        (desk.pieces < AT_A_DESK).then_some((worker, desk.last))
+        let (worker, slot) = self.0.iter().enumerate().min_by_key(|(_, slot)| slot.pieces)?;
+        (slot.pieces < MAX_IN_FLIGHT).then_some((worker, slot.last))
     }
 }
 
@@ -152,9 +158,9 @@ impl Desks {
 ///
 /// # Errors
 ///
-/// [`CrewError::Threads`] if the threads cannot be started; `work` then does not run.
-pub fn with_threads<R, E: From<CrewError>>(
-    workshop: &Arc<Workshop>,
+/// [`ExecutorError::Threads`] if the threads cannot be started; `work` then does not run.
+pub fn with_threads<R, E: From<ExecutorError>>(
+    context: &Arc<WorkerContext>,
     threads: usize,
     work: impl FnOnce(&mut Threads) -> Result<R, E>,
 ) -> Result<R, E> {
@@ -162,38 +168,39 @@ pub fn with_threads<R, E: From<CrewError>>(
     std::thread::scope(|scope| {
         let (sender, done) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
-        let desks: Result<Vec<_>, std::io::Error> = (0..wanted)
+        let slots: Result<Vec<_>, std::io::Error> = (0..wanted)
             .map(|number| {
-                let (desk, pieces) = mpsc::channel::<Work>();
-                let (sender, workshop, stop) = (sender.clone(), workshop.clone(), stop.clone());
+                let (slot, pieces) = mpsc::channel::<Work>();
+                let (sender, context, stop) = (sender.clone(), context.clone(), stop.clone());
                 Builder::new().spawn_scoped(scope, move || {
                     // Reports a panic. Otherwise the pool would wait for a result that never arrives.
-                    let alarm = Alarm { number, sender: &sender };
-                    let mut worker = Worker::new(workshop, stop);
+                    let panic_report = PanicReport { number, sender: &sender };
+                    let mut worker = Worker::new(context, stop);
                     for work in pieces {
-                        let done = worker.work(&work).map_err(|_| CrewError::Seed);
+                        let done = worker.work(&work).map_err(|_| ExecutorError::Seed);
                         if sender.send((number, done)).is_err() {
                             break;
                         }
                     }
-                    std::mem::forget(alarm);
+                    std::mem::forget(panic_report);
                 })?;
-                Ok(desk)
+                Ok(slot)
             })
             .collect();
         drop(sender);
         // On an error the started threads end because their queues are empty and closed.
-        let desks = desks.map_err(|why| CrewError::Threads(ThreadError { wanted, why: why.to_string() }))?;
+        let slots =
+            slots.map_err(|why| ExecutorError::Threads(ThreadError { wanted, why: why.to_string() }))?;
         // The queues are dropped with the pool, and a worker without a queue ends.
-        work(&mut Threads { desks, done, stop })
+        work(&mut Threads { slots, done, stop })
     })
 }
 
 /// Worker threads of this process.
 #[derive(Debug)]
 pub struct Threads {
-    desks: Vec<mpsc::Sender<Work>>,
-    done: mpsc::Receiver<(usize, Result<Done, CrewError>)>,
+    slots: Vec<mpsc::Sender<Work>>,
+    done: mpsc::Receiver<(usize, Result<Done, ExecutorError>)>,
     stop: Arc<AtomicBool>,
 }
 
@@ -204,31 +211,31 @@ impl Drop for Threads {
     }
 }
 
-struct Alarm<'s> {
+struct PanicReport<'s> {
     number: usize,
-    sender: &'s mpsc::Sender<(usize, Result<Done, CrewError>)>,
+    sender: &'s mpsc::Sender<(usize, Result<Done, ExecutorError>)>,
 }
 
-impl Drop for Alarm<'_> {
+impl Drop for PanicReport<'_> {
     fn drop(&mut self) {
-        let _ = self.sender.send((self.number, Err(CrewError::Panicked)));
+        let _ = self.sender.send((self.number, Err(ExecutorError::Panicked)));
     }
 }
 
-impl Crew for Threads {
+impl Executor for Threads {
     fn size(&self) -> usize {
-        self.desks.len()
+        self.slots.len()
     }
 
-    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
-        self.desks[worker].send(work).map_err(|_| CrewError::Panicked)
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), ExecutorError> {
+        self.slots[worker].send(work).map_err(|_| ExecutorError::Panicked)
     }
 
-    fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        match self.done.recv_timeout(patience) {
+    fn take(&mut self, timeout: Duration) -> Result<Option<(usize, Done)>, ExecutorError> {
+        match self.done.recv_timeout(timeout) {
             Ok((worker, done)) => Ok(Some((worker, done?))),
             Err(mpsc::RecvTimeoutError::Timeout) => Ok(None),
-            Err(mpsc::RecvTimeoutError::Disconnected) => Err(CrewError::Panicked),
+            Err(mpsc::RecvTimeoutError::Disconnected) => Err(ExecutorError::Panicked),
         }
     }
 

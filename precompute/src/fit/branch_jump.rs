@@ -6,7 +6,7 @@ use crate::spec::{GridIndex, neighbours, plus};
 
 /// A flagged pair of neighbouring points.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fold {
+pub struct BranchJump {
     /// First point.
     pub from: GridIndex,
     /// Second point.
@@ -22,8 +22,8 @@ pub struct Fold {
 pub(crate) fn flagged_pairs(
     points: impl Iterator<Item = (GridIndex, EnergyJet)>,
     at: impl Fn(GridIndex) -> Option<EnergyJet>,
-) -> Vec<Fold> {
-    let mut folds = Vec::new();
+) -> Vec<BranchJump> {
+    let mut branch_jumps = Vec::new();
     for (from, a) in points {
         // Half of the 26 offsets, so that each pair occurs once.
         for offset in neighbours().filter(|offset| *offset > [0; 3]) {
@@ -32,22 +32,22 @@ pub(crate) fn flagged_pairs(
             let excess = Excess::between(&a, &b);
             if excess.is_jump() {
                 let Excess { rho_n, rho_h_n, .. } = excess;
-                folds.push(Fold { from, to, rho_n, rho_h_n });
+                branch_jumps.push(BranchJump { from, to, rho_n, rho_h_n });
             }
         }
     }
-    folds
+    branch_jumps
 }
 
 /// The branch jumps at which tables must not be smooth: [`flagged_pairs`] of one space, without the pairs
 /// whose third derivatives show a strongly curved but continuous branch.
-pub(crate) fn folds(solved: &[(GridIndex, EnergyJet)]) -> Vec<Fold> {
+pub(crate) fn branch_jumps(solved: &[(GridIndex, EnergyJet)]) -> Vec<BranchJump> {
     let by_index: std::collections::HashMap<GridIndex, EnergyJet> = solved.iter().copied().collect();
     let at = |index| by_index.get(&index).copied();
-    let mut folds = flagged_pairs(solved.iter().copied(), at);
-    folds.retain(|fold| {
+    let mut branch_jumps = flagged_pairs(solved.iter().copied(), at);
+    branch_jumps.retain(|fold| {
         let (Some(a), Some(b)) = (at(fold.from), at(fold.to)) else { return true };
         Excess::with_thirds(&a, &b).is_jump()
     });
-    folds
+    branch_jumps
 }

@@ -7,11 +7,11 @@ use super::workspace::{Workspace, is_within};
 use crate::num::vector::norm;
 
 /// Largest ratio of pull to |h| at which a lattice still continues from a configuration.
-const ALL_BUT_PRESSES: f64 = 0.25;
+const MAX_PULL_SHARE: f64 = 0.25;
 
 /// Requirements of the sampling of one space.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Wanted {
+pub struct Requirements {
     /// Tolerance of the force error.
     pub tolerance: Tolerance,
     /// Largest displacement r_G, m.
@@ -26,7 +26,7 @@ pub struct Wanted {
     pub most: usize,
 }
 
-impl Wanted {
+impl Requirements {
     /// Whether pushing or the workspace limits the tool in addition to radius and force.
     pub(crate) fn is_kept_in(&self) -> bool {
         self.push.is_some() || self.workspace_m.is_some()
@@ -39,6 +39,6 @@ impl Wanted {
         let inside = self.workspace_m.is_none_or(|workspace| is_within(&workspace, &displacement_m));
         let pull_n =
             self.push.map_or(0.0, |normal| force_n.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>());
-        inside && pull_n <= ALL_BUT_PRESSES * norm(force_n)
+        inside && pull_n <= MAX_PULL_SHARE * norm(force_n)
     }
 }

@@ -10,7 +10,8 @@ use palpate_core::ConfigTag;
 
 use super::task::Task;
 use super::{
-    Crew, CrewError, Done, Expansion, Job, Outcome, Record, Store, StoreIdentity, StoredSeed, TagCounts, Work,
+    Done, Executor, ExecutorError, Expansion, Job, Outcome, Record, Store, StoreIdentity, StoredSeed,
+    TagCounts, Work,
 };
 use crate::mesh::TetMesh;
 use crate::num::jet::EnergyJet;
@@ -20,14 +21,14 @@ use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
 
 const SPACING_M: f64 = 0.01;
 /// The branch jump is at the plane halfway between the grid points i = 1 and i = 2.
-const FOLD_M: f64 = 1.5 * SPACING_M;
+const JUMP_M: f64 = 1.5 * SPACING_M;
 
 /// W = scale (k r^2 / 2 + c r^4 / 4). Beyond the jump plane there is a second branch of higher energy, whose
 /// force is larger by `jump_n` along x. The stiffness of active node n is multiplied by 1 + n.
 ///
 /// A transition perpendicular to the plane arrives on the upper branch, an oblique one on the lower branch.
 /// All other transitions keep the branch of the parent. The stored state contains the branch.
-pub(crate) struct MadeUp {
+pub(crate) struct SyntheticExecutor {
     pub(crate) grid: SpaceGrid,
     scale: f64,
     jump_n: f64,
@@ -36,15 +37,15 @@ pub(crate) struct MadeUp {
     /// Tag of a held-out position, by the number of its walk.
     pub(crate) tag_of_walk: fn(u32) -> ConfigTag,
     /// Whether the rest point fails.
-    pub(crate) restless: bool,
+    pub(crate) rest_fails: bool,
     done: VecDeque<Done>,
 }
 
-impl MadeUp {
+impl SyntheticExecutor {
     pub(crate) fn new(scale: f64, jump_n: f64) -> Self {
         let grid = SpaceGrid::new(SPACING_M, 3.2 * SPACING_M).expect("a valid grid");
         let tag_of_walk = |_| ConfigTag::Expandable;
-        Self { grid, scale, jump_n, given: Vec::new(), tag_of_walk, restless: false, done: VecDeque::new() }
+        Self { grid, scale, jump_n, given: Vec::new(), tag_of_walk, rest_fails: false, done: VecDeque::new() }
     }
 
     /// The outcome of `task`.
@@ -54,7 +55,7 @@ impl MadeUp {
         let d = Vector3::from(self.grid.displacement_m(task.target));
         let squared = d.norm_squared();
         let jump_n = if upper { self.jump_n } else { 0.0 };
-        let energy_j = 0.5 * k * squared + 0.25 * c * squared * squared + jump_n * (d.x - FOLD_M);
+        let energy_j = 0.5 * k * squared + 0.25 * c * squared * squared + jump_n * (d.x - JUMP_M);
         let force_n = d * (k + c * squared) + Vector3::x() * jump_n;
         let stiffness_n_m = Matrix3::identity() * (k + c * squared) + d * d.transpose() * (2.0 * c);
         let (control_m, third_n_m2) = (d.into(), [0.0; 10]);
@@ -78,7 +79,7 @@ impl MadeUp {
         let state = vec![u8::from(upper), 0, 0, 0];
         let seed = StoredSeed { sensitivity: state.repeat(3), state, numbers: [0.0; 20] };
         let (active, intermediate) = (job.active, Vec::new());
-        if self.restless {
+        if self.rest_fails {
             let record = Record { residual_n: 1.0, ..Record::new(&job.task, Err("singular".into())) };
             return Outcome { active, record, seed: None, intermediate };
         }
@@ -157,12 +158,12 @@ pub(crate) fn actives(nodes: u32) -> Vec<(String, u32)> {
     (0..nodes).map(|n| (format!("A{n}"), n + 1)).collect()
 }
 
-impl Crew for MadeUp {
+impl Executor for SyntheticExecutor {
     fn size(&self) -> usize {
         1
     }
 
-    fn give(&mut self, _: usize, work: Work) -> Result<(), CrewError> {
+    fn give(&mut self, _: usize, work: Work) -> Result<(), ExecutorError> {
         self.done.push_back(match &work {
             Work::Point(job) => Done::Point(Box::new(self.point(job))),
             Work::Walk(job) => Done::Walk(self.walk(job)),
@@ -171,8 +172,8 @@ impl Crew for MadeUp {
         Ok(())
     }
 
-    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        Ok(Some((0, self.done.pop_front().ok_or(CrewError::Panicked)?)))
+    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, ExecutorError> {
+        Ok(Some((0, self.done.pop_front().ok_or(ExecutorError::Panicked)?)))
     }
 
     fn stop(&mut self) {
