@@ -1,7 +1,7 @@
 //! Calls of the platform's transcendental functions in a crate.
 //!
-//! The standard library leaves the last bits of these functions to the platform. A solve, a search or a stored
-//! number that depends on them differs between machines; the crate `libm` gives the same bits on all.
+//! The standard library leaves the last bits of these functions to the platform. A solve, a search or a
+//! stored number that depends on them differs between machines; the crate `libm` gives the same bits on all.
 //! Square roots are exact by IEEE 754, and `powi` is a fixed sequence of products.
 //!
 //! Items and files under `#[cfg(test)]` are skipped.

@@ -246,8 +246,8 @@ impl Drop for WorkProgress {
     }
 }
 
-/// Prints the line of `state` every few seconds until the sender is dropped. Without a thread there are only the
-/// lines at changes of phase.
+/// Prints the line of `state` every few seconds until the sender is dropped. Without a thread there are only
+/// the lines at changes of phase.
 fn lines(state: Arc<Mutex<State>>) -> Option<(Sender<()>, JoinHandle<()>)> {
     let (end, ended) = channel();
     let print = move || {

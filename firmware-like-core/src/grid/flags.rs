@@ -1,9 +1,9 @@
 //! One byte per slot: which configurations are solved, and which cells and super-cells are therefore
 //! complete.
 //!
-//! [`CELL`], [`SUPERCELL`] and [`INTERIOR`] follow from [`SOLVED`], and [`SMOOTH`] from [`BRANCH_JUMP`]. The writer
-//! derives them with [`derive()`], the reader verifies them with [`first_inconsistent`]; a query only looks
-//! them up.
+//! [`CELL`], [`SUPERCELL`] and [`INTERIOR`] follow from [`SOLVED`], and [`SMOOTH`] from [`BRANCH_JUMP`]. The
+//! writer derives them with [`derive()`], the reader verifies them with [`first_inconsistent`]; a query only
+//! looks them up.
 
 use super::{BallLattice, CORNERS, Strides, corner_slots, corner_weights};
 use crate::num::vec3::{self, Vec3};

@@ -14,9 +14,9 @@
 //!
 //! - All of at least ten are within tolerance: a streak of [`BATCH`] suffices.
 //! - More than one in [`OUTLIER_DIVISOR`] is beyond the tolerance: no streak suffices.
-//! - Otherwise a streak of [`BATCH`] suffices if the kriging variance test passes ([`MAX_DEVIATION`]). At the boundary
-//!   of the data a leave-one-out prediction is an extrapolation and can fail although the fit is accurate.
-//!   The standard deviation of the fit, scaled by the leave-one-out errors, accounts for this.
+//! - Otherwise a streak of [`BATCH`] suffices if the kriging variance test passes ([`MAX_DEVIATION`]). At the
+//!   boundary of the data a leave-one-out prediction is an extrapolation and can fail although the fit is
+//!   accurate. The standard deviation of the fit, scaled by the leave-one-out errors, accounts for this.
 //!
 //! The leave-one-out errors also choose the kernel length.
 //!

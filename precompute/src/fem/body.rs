@@ -141,8 +141,8 @@ impl std::fmt::Display for DegenerateElement {
 impl std::error::Error for DegenerateElement {}
 
 impl Body {
-    /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve::solve_body_force`] must then
-    /// solve its rest state.
+    /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve::solve_body_force`] must
+    /// then solve its rest state.
     pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, DegenerateElement> {
         let vertex_count = mesh.nodes_m.len();
         let mut nodes_m = mesh.nodes_m.clone();

@@ -211,7 +211,7 @@ impl Space {
         let figures = json!({
             "name": self.name, "node": self.node, "complete": self.open == 0, "expandable": expandable,
             "terminating": terminating, "failed": failed, "unknown": unknown, "failures": reasons,
-            "solved_again": again, "superseded": superseded, "branch_jumps": self.branch_jumps.len(), "inverted": inverted,
+            "solved_again": again, "superseded": superseded, "folds": self.branch_jumps.len(), "inverted": inverted,
             "unstable": unstable, "max_force_n": largest, "max_residual_n": residual, "iterations": iterations,
             "factorisations": factorisations, "seconds": seconds,
         });

@@ -184,7 +184,7 @@ impl Hard {
             solved.fold((0, 0), |(all, there), r| (all + 1, there + usize::from(hole.keeps(r.index))));
         let lattice = identity.sampling.lattice();
         let branch_jumps = lattice.map_or_else(Vec::new, |lattice| branch_jumps(&lattice.grid, &records));
-        let jump = folds.iter().map(|fold| fold.rho_h_n).fold(0.0, f64::max);
+        let jump = branch_jumps.iter().map(|fold| fold.rho_h_n).fold(0.0, f64::max);
         let summary = Summary::of(store, 0)?;
         let choice = Choice { name: &hole.name, keep: &|index| hole.keeps(index), again: *again };
         let (all_fitted, _) = fitted(plan, store, &choice, |_| steps.go_on())?;
