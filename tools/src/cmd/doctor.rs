@@ -17,7 +17,7 @@ use crate::summary::percentiles;
 use crate::timing::Timing;
 use crate::{hardware, output};
 
-/// Checks this PC for 1 kHz operation and prints the fixes.
+/// Check this PC for 1 kHz operation and print the fixes.
 ///
 /// Checks kernel, rights, CPUs and ports in order of importance, starts a supervisor without a device, and
 /// measures the wake-up lateness with the rights of this user. It changes nothing. Exit code 1 only if 1 kHz

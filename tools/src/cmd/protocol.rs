@@ -21,8 +21,10 @@ use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Solve the paper's regular paths (section 5.2): 10 active nodes, 26 directions, 2 fixed sets, 520 paths of
-/// 10 cm in steps of 1 mm for the scene's law, and count those that do not converge.
+/// Solve the paper's regular paths (section 5.2) and count those that do not converge.
+///
+/// There are 520 paths of 10 cm in steps of 1 mm for the scene's law: 10 active nodes, 26 directions, 2 fixed
+/// sets.
 ///
 /// The active nodes are free surface nodes as far apart as possible, including the scene's first one. The
 /// scene's force limit is ignored, as in the paper. One .space file per fixed set holds every position. Run

@@ -21,8 +21,9 @@ const ROUNDS: usize = 21;
 /// One byte in this number is damaged.
 const DAMAGED: usize = 40;
 
-/// Measure decoder, kinematics and motor mapping of the Falcon's driver: nanoseconds each, pinned, median of
-/// 21 rounds.
+/// Measure decoder, kinematics and motor mapping of the Falcon's driver.
+///
+/// Nanoseconds each, pinned, median of 21 rounds.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     #[command(flatten)]

@@ -16,8 +16,9 @@ use serde::{Deserialize, Serialize};
 use super::common::{Out, assets};
 use crate::failure::Failure;
 
-/// Measure the solver on the five bodies of the paper's Table 1, on one thread: the parts of a Newton
-/// iteration, and a whole configuration 10 mm from a solved neighbour.
+/// Measure the solver on the five bodies of the paper's Table 1, on one thread.
+///
+/// Measured are the parts of a Newton iteration, and a whole configuration 10 mm from a solved neighbour.
 ///
 /// With --peer, GetFEM + MUMPS computes the same in the same run (tests/peers/install installs it). Its times
 /// are those of its own calls only. Other load affects absolute times: pin the run

@@ -31,10 +31,9 @@ use crate::cmd::plan::tables::{Place, Tables};
 use crate::failure::Failure;
 use crate::output;
 
-/// Count the configurations that a scene needs until the error is imperceptible: lattices and radial basis
-/// functions compared with adaptive sampling.
+/// Count the configurations that a scene needs until the error is imperceptible.
 ///
-/// All methods are evaluated at the same new random reachable positions. The counts of the lattices and of
+/// Lattices and radial basis functions are compared with adaptive sampling. All methods are evaluated at the same new random reachable positions. The counts of the lattices and of
 /// the centres are given with and without restriction to the reachable set.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {

@@ -15,8 +15,9 @@ use super::simulated::{Costs, Simulated, Solves, nanoseconds};
 use crate::failure::Failure;
 use crate::output;
 
-/// Simulate the makespan of configuration spaces on 1 to 4,096 workers: the real planner and dispatcher with
-/// workers in simulated time.
+/// Simulate the makespan of configuration spaces on 1 to 4,096 workers.
+///
+/// The real planner and dispatcher run with workers in simulated time.
 ///
 /// With --space the solve times are drawn from that file, and its own expansion is simulated too, with its
 /// failures and retries. The time of rank 0 per attempt is measured by a replay: plan, read the parent's

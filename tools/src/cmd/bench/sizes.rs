@@ -14,8 +14,9 @@ use crate::failure::Failure;
 use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 
-/// Measure time and memory of a Newton iteration for increasing numbers of equations: cubes of 0.1 m, touched
-/// at the top.
+/// Measure time and memory of a Newton iteration for increasing numbers of equations.
+///
+/// The bodies are cubes of 0.1 m, touched at the top.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Stop before the first body with more equations than this

@@ -19,8 +19,9 @@ use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Measure time, memory and iterations of whole configuration spaces of the bundled organ (A1, F1, r_G = 5
-/// cm, cells completed, no force limit): the paper's Fig. 7 on this machine.
+/// Measure time, memory and iterations of whole configuration spaces (paper, Fig. 7).
+///
+/// The body is the bundled organ: A1, F1, r_G = 5 cm, cells completed, no force limit.
 ///
 /// Every space is a separate temporary file under --dir. Ctrl-C ends the run without results, because a
 /// resumed run would not measure the whole time.

@@ -25,8 +25,9 @@ const MAX_APPROACH_TICKS: u64 = 2_000;
 /// More than the last-level cache of most processors.
 const EVICTED_BYTES: usize = 64 << 20;
 
-/// Measure the time of one whole tick: device, contact with the surface, sliding over blended spaces, limits,
-/// histograms, queues.
+/// Measure the time of one whole tick.
+///
+/// A tick has device, contact with the surface, sliding over blended spaces, limits, histograms and queues.
 ///
 /// A simulated hand touches a synthetic sphere near its top at random positions, presses, strokes over the
 /// triangles and leaves it again. Every active node has separate tables, so that they compete for the caches

@@ -21,8 +21,9 @@ use crate::{blob, output};
 use tables::Tables;
 use timing::{Run, Timing};
 
-/// Measure the time of one force query: every method with every vector instruction set of this processor, on
-/// the paper's four grids of a synthetic smooth field or on a blob.
+/// Measure the time of one force query with every method and vector instruction set.
+///
+/// The tables are the paper's four grids of a synthetic smooth field, or a blob.
 ///
 /// The positions are uniform in the ball, in random order. The methods run interleaved in small batches, so
 /// that other load affects all of them. Medians and minima are shown. `waits` is the median of dependent

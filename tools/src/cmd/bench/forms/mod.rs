@@ -20,8 +20,10 @@ use crate::failure::Failure;
 use crate::output;
 use cell::CellTable;
 
-/// Compare the storage forms of the fitted energy of a scattered space: one polynomial per cell (not in
-/// blobs), the derivatives at nodes (`energy`), and the fit itself (`kernel`).
+/// Compare the storage forms of the fitted energy of a scattered space.
+///
+/// The forms are one polynomial per cell (not in blobs), the derivatives at nodes (`energy`), and the fit
+/// itself (`kernel`).
 ///
 /// The positions are reachable by the tool, in random order. The forms run interleaved in small batches.
 /// Errors are those at the held-out positions of the space (`palpate pack` solves some, `palpate held-out`
