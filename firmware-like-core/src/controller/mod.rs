@@ -21,10 +21,10 @@ use crate::space::Space;
 use crate::touch::contact::{Contact, ContactKind, Engaged};
 use crate::touch::{Share, TouchSurface};
 
-/// Largest time of a tick in the slew limit, so that a late tick does not permit a large step.
+/// Largest duration of a tick that the slew limit uses: a late tick does not permit a large step.
 const MAX_SLEW_TIME_US: u64 = 2_000;
 
-/// An organ with the configuration to render it.
+/// An organ with the settings of its controller.
 #[derive(Debug, Clone, Copy)]
 pub struct Controller<'o, 'a, const N: usize = PC_SPACES> {
     organ: &'o Organ<'a, N>,
@@ -35,11 +35,11 @@ pub struct Controller<'o, 'a, const N: usize = PC_SPACES> {
 }
 
 impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
-    /// Checks the configuration and finds the largest stiffness of the organ.
+    /// Checks the settings and finds the largest stiffness of the organ.
     ///
     /// Contact is with the planes of the active nodes until [`Controller::on_surface`] is called.
     ///
-    /// Errors: [`ControllerError`] if a number is out of range, or if a space lacks the planes of the method.
+    /// Errors: [`ControllerError`] if a number is out of range, or if a space has no table for the method.
     pub fn new(organ: &'o Organ<'a, N>, config: Config) -> Result<Self, ControllerError> {
         config.check()?;
         let Config { method, limits, .. } = config;
@@ -59,7 +59,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         Self { surface, ..self }
     }
 
-    /// Largest stiffness of the organ, newtons per metre of the model; 0 if the configuration sets no limit.
+    /// Largest stiffness of the organ, N/m before the workspace scale; 0 if the settings have no limit.
     pub const fn stiffest_n_m(&self) -> f32 {
         self.stiffest_n_m
     }
@@ -75,7 +75,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         self.organ
     }
 
-    /// The configuration.
+    /// The settings.
     pub const fn config(&self) -> &Config {
         &self.config
     }
@@ -127,7 +127,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let limits = &self.config.limits;
         let before_us = state.now_us.unwrap_or(now_us);
         let elapsed_us = now_us.checked_sub(before_us).ok_or(Fault::Internal)?;
-        // The exchange that read this sample also sent the last force.
+        // The device transfer that read this sample also sent the force of the last tick.
         state.passivity.sent(now_us, state.last.hand_force_n);
         let armed_us = match state.armed_us {
             Some(armed_us) => armed_us,
@@ -163,14 +163,15 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let smooth_n = vec3::add(wanted_n, state.fade.remaining_n(now_us, limits.fade_s));
         let step_n = limits.max_slew_n_per_s * (elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6);
         let slewed_n = limit::slew(state.last.hand_force_n, smooth_n, step_n);
-        // The slew keeps the force inside the ball up to rounding; the clamp makes the limit exact.
+        // Damping and fade can carry the force beyond the limit; this clamp enforces it.
         let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
         let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
         Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp: share, ..model })
     }
 
-    /// Upper bound of the energy stored in the body as the hand feels it, J in metres of the device: |h| |d|,
-    /// twice the energy of a spring, for any force that increases with the displacement.
+    /// Upper bound of the energy stored in the body, J, with the force for the hand and the path of the
+    /// device: |h| |d|. It holds for any force that increases with the displacement; a linear spring stores
+    /// half of it.
     fn max_stored_j(&self, last: &Command) -> f32 {
         let felt_n = self.force_share * vec3::norm(last.reaction_n);
         felt_n * vec3::norm(last.displacement_m) / self.config.passivity.workspace_scale
@@ -250,8 +251,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         sum
     }
 
-    /// Whether a pushing tool would be pulled by the model, or a grasping tool exceeds the range or the force
-    /// of its grasp.
+    /// Whether the model would pull a pushing tool, or a grasp exceeds its largest distance or force.
     ///
     /// h . n is negative while the tool presses; a pushing tool cannot pull tissue.
     fn is_released(&self, at: &Engaged, displacement_m: Vec3, reaction_n: Vec3) -> bool {

@@ -5,12 +5,12 @@
 //! the solves.
 //!
 //! The error of a prediction is measured as a share of the tolerance. The basic stopping criterion is a
-//! validation streak: the last [`STREAK`] predictions are within tolerance. The predictions are independent
-//! of their true values, and they are made where the fit is least reliable. A streak of ten is evidence and
-//! not a certificate.
+//! validation streak: the last [`STREAK`] predictions are within tolerance. Each prediction is made before
+//! its position is solved, where the fit is least reliable. A streak of ten is evidence and not a
+//! certificate.
 //!
-//! Early predictions used fits with fewer data. The leave-one-out errors of the present fit are independent
-//! of the true values too, and they modify the criterion:
+//! Early predictions used fits with fewer data. Each leave-one-out error of the present fit also compares
+//! with a value that its fit does not contain. These errors modify the criterion:
 //!
 //! - All of at least ten are within tolerance: a streak of [`BATCH`] suffices.
 //! - More than one in [`OUTLIER_DIVISOR`] is beyond the tolerance: no streak suffices.
@@ -20,8 +20,8 @@
 //!
 //! The leave-one-out errors also choose the kernel length.
 //!
-//! The linear model is tested at the same positions without further solves. If at least ten of its
-//! predictions, and all of them, are within tolerance, it is stored instead of the fit: the cheapest model
+//! The linear model is tested at the same positions without further solves. If it has at
+//! least ten predictions and all are within tolerance, it is stored instead of the fit: the cheapest model
 //! within tolerance is used.
 
 use nalgebra::{Matrix3, Vector3};
@@ -39,8 +39,8 @@ use crate::spec::{GridIndex, RADII_M, Requirements, UNIT_M, displacement_m, near
 /// Maximum number of positions of a batch; also the length of the short validation streak.
 const BATCH: usize = 4;
 /// One leave-one-out error in this many may be beyond the tolerance. Errors at the boundary of the data are
-/// extrapolation errors and can be large. If more are large, the body is too rough for the data, and a streak
-/// of ten occurs by chance.
+/// extrapolation errors and can be large. If more are large, the energy varies too much between the data, and
+/// a streak of ten can be chance.
 const OUTLIER_DIVISOR: usize = 5;
 /// Kriging variance test: the largest standard deviation of the force over the reachable set, as a share of
 /// the tolerance.
@@ -52,7 +52,8 @@ const LENGTH_SHARES: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
 /// purpose; those just beyond it are the hardest tests.
 const MAX_FORCE_FACTOR: f64 = 1.15;
 
-/// Number of positions for the comparison of the linear model with the fit.
+/// Minimum number of positions for the comparison of the linear model with the fit and for the kriging
+/// variance test; rounded up to whole sets of rays (768).
 const POSITIONS: u32 = 600;
 
 /// A position to be solved.
@@ -99,13 +100,13 @@ pub struct Search {
     wanted: Requirements,
     /// The configurations in the fit; the first is rest.
     jets: Vec<EnergyJet>,
-    /// Other solved positions, beyond the limit or on a different branch. New positions keep a distance from
-    /// them.
+    /// Positions outside the fit: force beyond the limit, other branch, failed, or singular matrix of the
+    /// fit. New positions keep a distance from them.
     others: Vec<[f64; 3]>,
     fits: Vec<Candidate>,
     /// Index of the fit that makes the predictions.
     chosen: usize,
-    /// Square root of the metric for distances.
+    /// M of the distance |M (a - b)|: the fourth root of the normalised stiffness.
     metric: Matrix3<f64>,
     tests: Vec<Test>,
     /// Largest standard deviation of the fit's force over the reachable set, as a share of the tolerance;
@@ -113,7 +114,8 @@ pub struct Search {
     deviation: Option<f64>,
     /// The test of the linear model.
     linear: Linear,
-    /// Positions closer to rest, as replacements for positions beyond the limit, with their parents.
+    /// Replacements for positions that failed or exceed the limit: points between parent and target, with
+    /// their parents.
     replacements: Vec<([f64; 3], usize)>,
     out: Vec<Target>,
     round: u32,
@@ -377,8 +379,8 @@ impl Search {
         }
     }
 
-    /// Adds a replacement position where the linear interpolation between the parent's force and `came_out_n`
-    /// equals the limit.
+    /// Adds a point between parent and target: where the linearly interpolated force equals the limit, but at
+    /// 0.2 to 0.8 of the way; at 0.2 after a failure (`came_out_n` infinite).
     fn add_replacement(&mut self, target: &Target, came_out_n: f64) {
         let parent = &self.jets[target.parent];
         let (low, limit) = (norm(parent.force_n), self.wanted.max_force_n);

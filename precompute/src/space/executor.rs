@@ -38,7 +38,10 @@ impl std::fmt::Display for ExecutorError {
             }
             Self::Threads(error) => write!(f, "{error}"),
             Self::Lost(what) => {
-                write!(f, "{what}; its unfinished work is lost, run the same command to continue")
+                write!(
+                    f,
+                    "{what}; the unfinished work of this worker is lost. Run the same command to continue"
+                )
             }
         }
     }
@@ -55,14 +58,15 @@ pub trait Executor {
     /// The next result with its worker; `None` if no result arrives within `timeout`.
     fn take(&mut self, timeout: Duration) -> Result<Option<(usize, Done)>, ExecutorError>;
 
-    /// Cancels what can be cancelled, which returns as [`Done::Abandoned`]. Later work is not executed.
+    /// Cancels the work in flight where possible; cancelled work returns as [`Done::Abandoned`]. Work given
+    /// after this call is not executed.
     fn stop(&mut self);
 }
 
 /// Longest wait for the next result before finished results are committed.
 const COMMIT_WAIT: Duration = Duration::from_millis(100);
 
-/// Dispatcher of an executor for one store.
+/// Sends the work of one store to an executor and collects its results.
 pub(crate) struct Dispatcher<'a> {
     executor: &'a mut dyn Executor,
     store: &'a Store,
@@ -90,7 +94,7 @@ impl<'a> Dispatcher<'a> {
     }
 
     /// The worker with the least work in flight and the active node of its last piece. `None` if every worker
-    /// has enough work.
+    /// has two pieces or a stop was requested.
     pub(crate) fn free(&self) -> Option<(usize, Option<usize>)> {
         if self.is_stopping() { None } else { self.slots.free() }
     }
@@ -114,8 +118,8 @@ impl<'a> Dispatcher<'a> {
         self.is_stopping().then(|| self.slots.0.iter().filter(|slot| slot.pieces > 0).count())
     }
 
-    /// The next result; `None` if none arrived within [`COMMIT_WAIT`] or it was abandoned. A wait without a
-    /// result commits the earlier ones.
+    /// The next result; `None` if the work was abandoned or no result arrives within [`COMMIT_WAIT`]. In the
+    /// latter case the results stored so far are committed.
     pub(crate) fn take<E: From<StoreError> + From<ExecutorError>>(&mut self) -> Result<Option<Done>, E> {
         if self.is_stopping() && !std::mem::replace(&mut self.stopped, true) {
             self.executor.stop();

@@ -1,4 +1,4 @@
-//! `palpate pack`: fits the tables of a `.space` file, measures them, and writes the blob.
+//! `palpate pack`: fits the tables of a `.space` file, measures their errors, and writes the blob.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -17,7 +17,7 @@ use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Fit the tables of a .space file, measure them, and pack them into a .blob for the real-time loop.
+/// Fit the tables of a .space file, measure their errors, and pack them into a .blob.
 ///
 /// The tables are compared with finite-element solutions that no fit uses. The errors are stored in the blob
 /// as its certificate. Missing uniform positions are first solved into the .space file; `palpate held-out`
@@ -27,35 +27,37 @@ pub(crate) struct Args {
     /// The .space file
     space: PathBuf,
     /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite,
-    /// energy, kernel. Methods of one table are packed together: the first three; hermite and energy. kernel
-    /// is the fit of scattered positions itself: a smaller blob with slower queries than energy
+    /// energy, kernel. trilinear, tricubic and hybrid share a table, hermite and energy another; a shared
+    /// table is packed for all its methods. kernel is the fit of adaptive sampling itself: a smaller blob
+    /// with slower queries than energy
     #[arg(long = "method", value_delimiter = ',', value_parser = method, default_value = "energy")]
     methods: Vec<Method>,
     /// The .blob file to write
     #[arg(long)]
     out: PathBuf,
-    /// Pack an unfinished space. The force is extrapolated where it has no data. The blob has no certificate
+    /// Pack an unfinished space. Where it has no data, the force is extrapolated. The blob has no certificate
     #[arg(long)]
     partial: bool,
     /// Omit the certificate; `palpate run` then needs --uncertified. The same scene then gives the same file
     /// to the last bit with any number of threads; a certificate holds measured times
     #[arg(long)]
     no_certificate: bool,
-    /// Uniform positions away from branch jumps, solved for the certificate, per active node. If not given
-    /// 299, which can certify 99 % with 95 % confidence; with more than eight nodes 600 in all, which can
-    /// certify 99.5 % of a random position of a random node. 0: only the verdict of adaptive sampling, at
-    /// once; `palpate run` then needs --uncertified
+    /// Uniform positions away from branch jumps, solved for the certificate, per active node. Default: 299,
+    /// which can certify 99 % of the positions with 95 % confidence. With more than eight nodes: 600 in
+    /// total, which can certify 99.5 % of the positions of all nodes together. 0: no errors are measured;
+    /// `palpate run` then needs --uncertified
     #[arg(long, value_name = "N")]
     uniform: Option<u32>,
-    /// Add element order and mesh to the ledger (the omissions of the blob, their effect and saving: linear
-    /// body, f_max, modes, digits). Each other body solves this many of the certificate's positions; the
-    /// finer bodies take seconds each. With more than eight nodes the first has a ledger
+    /// Add the effects of element order and mesh refinement to the ledger. Each refined body is solved at
+    /// this many positions of the certificate, which takes seconds per position. With more than eight nodes
+    /// only the first node has a ledger
     #[arg(long, value_name = "POSITIONS", num_args = 0..=1, default_missing_value = "8")]
     ledger: Option<usize>,
-    /// Omit states between grid points (kept by a scene with `increments`) from the radial basis functions
+    /// Fit the radial basis functions without the states between grid points (a scene with `increments` has
+    /// such states)
     #[arg(long)]
     grid_only: bool,
-    /// Worker threads for those; one per core if not given
+    /// Worker threads for solves and fits; one per core if not given
     #[arg(long)]
     threads: Option<usize>,
     /// Print the certificate as JSON
@@ -131,8 +133,9 @@ fn expect_kernels(store: &Store) -> Result<(), Failure> {
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let state = state(store, active)?;
         let has_fit = state.fit.is_some() && state.fallback().is_none();
-        let is_empty = store.records(active)?.iter().filter(|record| record.tag().is_solved()).count() < 2;
-        if !has_fit && !is_empty {
+        let has_only_rest =
+            store.records(active)?.iter().filter(|record| record.tag().is_solved()).count() < 2;
+        if !has_fit && !has_only_rest {
             return Err(PackError::NoKernel { active: name }.into());
         }
     }

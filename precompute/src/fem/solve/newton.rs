@@ -1,4 +1,5 @@
-//! Newton-Raphson iteration with line search, frozen factors and quasi-Newton steps, at one prescribed pose.
+//! Newton-Raphson iteration with line search at one prescribed pose. Near the solution, frozen steps reuse
+//! the last factorisation with Broyden updates.
 
 use super::factor::STEP;
 use super::{Configuration, Solver};
@@ -10,7 +11,7 @@ pub struct NewtonOptions {
     /// Maximum number of iterations, including those with a frozen factor.
     pub max_iterations: u32,
     /// A state is converged if its residual is below this share of the force scale. One more correction
-    /// follows with the factor of the sensitivities, so that the final relative residual is about the square
+    /// reuses the factorisation made for the sensitivities, so that the final relative residual is about the square
     /// of this tolerance.
     pub tolerance: f64,
     /// Maximum number of halvings of a step that does not reduce the residual.
@@ -38,7 +39,7 @@ impl Default for NewtonOptions {
     }
 }
 
-/// Why a position could not be solved. The configuration space stores it as a tag.
+/// Why a position could not be solved. The configuration space stores it with the tag `failed`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FailureReason {
     /// The residual or the state is infinite or NaN.
@@ -103,8 +104,8 @@ const FROZEN_FROM: f64 = 0.1;
 const MIN_GAIN: f64 = 0.3;
 
 /// A residual below this multiple of the tolerance is accepted if no step reduces it further: it has reached
-/// its rounding floor. The forces of a part that is a million times stiffer leave a rounding error of 1e-16
-/// of their size.
+/// its rounding floor. Example: in a part a million times stiffer than the mean, internal forces are so large
+/// that their rounding error (1e-16 of them) exceeds the tolerance.
 const ROUNDING_FLOOR_FACTOR: f64 = 100.0;
 
 /// Kind of the next step.
@@ -115,7 +116,7 @@ enum Next {
 }
 
 impl Solver {
-    /// Equilibrium with the handle at `pose`, from the guess `state`.
+    /// Equilibrium with the prescribed nodes (the handle) at `pose`, from the guess `state`.
     pub fn solve_at(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
         self.state.copy_from_slice(state);
         self.hold(pose);
@@ -127,7 +128,7 @@ impl Solver {
     /// Newton iteration from `self.state` until the residual is below the tolerance; returns the residual and
     /// the number of iterations.
     ///
-    /// The first full step is always accepted: the prescribed displacement concentrates the residual in the
+    /// The first step need not reduce the residual: the prescribed displacement concentrates the residual in the
     /// handle's elements, and its distribution over the body can raise the norm. Later steps are halved until
     /// the residual decreases. Near the solution the steps use the current factor while this is estimated to
     /// be cheaper than a new factorisation.
@@ -234,8 +235,8 @@ impl Solver {
         Some(reached)
     }
 
-    /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual (without `must_fall`, the full step
-    /// in any case). Returns the new residual and whether the step was the full one.
+    /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual; without `must_fall` a finite
+    /// residual is enough. Returns the new residual and whether the step was the full one.
     fn line_search(&mut self, residual_n: f64, must_fall: bool) -> (Option<f64>, bool) {
         let mut omega = 1.0;
         for halvings in 0..=self.newton.max_halvings {
@@ -272,7 +273,8 @@ impl Solver {
         norm(&self.residual)
     }
 
-    /// Force scale of the residual: the reaction, plus the body force, plus 1e-6 mu l^2 for a body at rest.
+    /// Force scale of the residual: the reaction, plus the body force, plus 1e-6 mu l^2 so that it is not zero
+    /// at rest.
     pub(super) fn scale_n(&self) -> f64 {
         let body = &self.problem.body;
         let reaction_n = norm(&self.assembled.force_on(self.problem.handle_nodes()));
@@ -282,10 +284,10 @@ impl Solver {
     /// trial = state + omega step for the unknowns (pressures converted to Pa); updates the multipliers too.
     pub(super) fn move_by(&mut self, omega: f64) {
         let body = &self.problem.body;
-        let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
+        let (displacements, pressure_scale) = (body.displacement_len(), body.pressure_scale());
         self.trial.copy_from_slice(&self.state);
         for &(equation, position) in &self.problem.positions {
-            let unit = if position < forces { 1.0 } else { pressure_scale };
+            let unit = if position < displacements { 1.0 } else { pressure_scale };
             self.trial[position] += omega * unit * self.step[equation];
         }
         for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
@@ -299,7 +301,7 @@ impl Solver {
         std::mem::swap(&mut self.state, &mut self.trial);
     }
 
-    /// Undoes the last exchange.
+    /// Undoes the last exchange and the change of the multipliers.
     fn swap_trial_back(&mut self) {
         std::mem::swap(&mut self.state, &mut self.trial);
         for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
