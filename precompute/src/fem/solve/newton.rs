@@ -11,8 +11,8 @@ pub struct NewtonOptions {
     /// Maximum number of iterations, including those with a frozen factor.
     pub max_iterations: u32,
     /// A state is converged if its residual is below this share of the force scale. One more correction
-    /// reuses the factorisation made for the sensitivities, so that the final relative residual is about the square
-    /// of this tolerance.
+    /// reuses the factorisation made for the sensitivities, so that the final relative residual is about the
+    /// square of this tolerance.
     pub tolerance: f64,
     /// Maximum number of halvings of a step that does not reduce the residual.
     pub max_halvings: u32,
@@ -128,8 +128,8 @@ impl Solver {
     /// Newton iteration from `self.state` until the residual is below the tolerance; returns the residual and
     /// the number of iterations.
     ///
-    /// The first step need not reduce the residual: the prescribed displacement concentrates the residual in the
-    /// handle's elements, and its distribution over the body can raise the norm. Later steps are halved until
+    /// The first step need not reduce the residual: the prescribed displacement concentrates the residual in
+    /// the handle's elements, and its distribution over the body can raise the norm. Later steps are halved until
     /// the residual decreases. Near the solution the steps use the current factor while this is estimated to
     /// be cheaper than a new factorisation.
     pub(super) fn equilibrate(&mut self) -> Result<(f64, u32), SolveFailure> {
@@ -273,8 +273,8 @@ impl Solver {
         norm(&self.residual)
     }
 
-    /// Force scale of the residual: the reaction, plus the body force, plus 1e-6 mu l^2 so that it is not zero
-    /// at rest.
+    /// Force scale of the residual: the reaction, plus the body force, plus 1e-6 mu l^2 so that it is not
+    /// zero at rest.
     pub(super) fn scale_n(&self) -> f64 {
         let body = &self.problem.body;
         let reaction_n = norm(&self.assembled.force_on(self.problem.handle_nodes()));
