@@ -218,9 +218,8 @@ fn the_force_is_smooth_inside_the_reach() {
 }
 
 #[test]
-fn a_blob_without_a_kernel_is_version_3_and_one_with_it_version_4() {
+fn a_space_with_a_kernel_has_the_method_and_one_without_has_not() {
     let plain = recipe().blob();
-    assert_eq!(plain[8..12], 3_u32.to_le_bytes());
     assert!(!read(&plain).spaces[0].has(Method::Kernel));
     assert_eq!(read(&plain).spaces[0].force(Method::Kernel, [0.0; 3]), None);
     let blob = blob();

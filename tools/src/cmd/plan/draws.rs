@@ -11,6 +11,8 @@
 //!
 //! The numbers are pseudo-random with a fixed seed and do not depend on the platform.
 
+use palpate_precompute::num::sequence::{SPLIT_MIX_STEP, split_mix, unit_interval};
+
 use super::probe::Probed;
 
 /// Draws of a prediction.
@@ -75,17 +77,6 @@ pub(super) struct Draw {
     pub lattices: f64,
 }
 
-/// Step of the state of SplitMix64.
-const SPLIT_MIX_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
-
-/// The number that SplitMix64 (Steele, Lea and Flood 2014) gives in this state.
-fn split_mix(state: u64) -> u64 {
-    let mut z = state.wrapping_add(SPLIT_MIX_STEP);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
 /// A stream of pseudo-random numbers.
 #[derive(Debug)]
 pub(super) struct Random(u64);
@@ -99,7 +90,7 @@ impl Random {
     /// Uniform in [0, 1).
     pub(super) fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(SPLIT_MIX_STEP);
-        (split_mix(self.0) >> 11) as f64 / (1_u64 << 53) as f64
+        unit_interval(split_mix(self.0))
     }
 
     /// One of `count` numbers, each with the same probability.

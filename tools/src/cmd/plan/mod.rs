@@ -43,7 +43,6 @@ use crate::files::{FileKind, Files, Replace};
 use crate::interrupt::end_when_interrupted;
 use crate::output;
 use crate::progress::WorkProgress;
-pub(crate) use palpate_precompute::num::vector::norm;
 
 /// Maximum number of probed nodes; the others are assumed to equal their mean.
 const MAX_NODES: usize = 4;

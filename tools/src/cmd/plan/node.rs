@@ -4,7 +4,7 @@
 use palpate_core::Method;
 use palpate_precompute::adaptive::{Resampled, resample};
 use palpate_precompute::fit::{ScatteredMotion, fit_displacement};
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::vector::{distance, norm};
 use palpate_precompute::space::FallbackLattice;
 use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid, Tolerance};
 
@@ -268,7 +268,7 @@ fn linear_error(truth: &Surrogate, places: &[Place], tolerance: &Tolerance) -> (
     let mut within = 0;
     for &Place { at, exact } in places {
         let found = linear.force_n(at);
-        let error_n = norm(std::array::from_fn(|i| found[i] - exact[i]));
+        let error_n = distance(found, exact);
         within += usize::from(error_n <= tolerance.at(exact));
         errors.push(error_n);
     }

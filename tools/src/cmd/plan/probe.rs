@@ -11,7 +11,7 @@ use palpate_precompute::adaptive::{Search, SolveResult, Step, Verdict};
 use palpate_precompute::fem::solve::{Configuration, Problem, Seed, Solver};
 use palpate_precompute::fit::SurfaceMotionSample;
 use palpate_precompute::num::jet::EnergyJet;
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::vector::{distance, norm};
 use palpate_precompute::spec::Requirements;
 
 use crate::cmd::inspect::scattered::too_stiff;
@@ -251,7 +251,7 @@ struct Solved {
 fn nearest(solved: &[Solved], n: usize) -> Option<&Seed> {
     let away = |other: &Solved| -> f64 {
         let [a, b] = [other, &solved[n]].map(|probe| probe.at.control_m);
-        norm(std::array::from_fn(|i| a[i] - b[i]))
+        distance(a, b)
     };
     let others = solved.iter().enumerate().filter(|(other, _)| *other != n);
     others.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).map(|(_, probe)| &probe.seed)
