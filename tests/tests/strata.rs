@@ -113,7 +113,7 @@ const PRECOMPUTE: [&str; 40] = [
     "space::store",
     "space::motion",
     "space::worker",
-    "space::crew",
+    "space::executor",
     "space::plans",
     "space::salvage",
     "space::expansion",
