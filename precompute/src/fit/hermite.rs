@@ -298,8 +298,8 @@ impl Field<'_> {
         Some(w)
     }
 
-    /// The slots of the nodes for the fit at `index`, all on one branch, the nearest first; `None` if there are
-    /// too few.
+    /// The slots of the nodes for the fit at `index`, all on one branch, the nearest first; `None` if there
+    /// are too few.
     fn around(&self, index: GridIndex) -> Option<Vec<usize>> {
         let squared = |slot: usize| -> i32 { self.offset(index, slot).iter().map(|n| n * n).sum() };
         let mut order: Vec<(i32, usize)> = (0..self.solved.len())
