@@ -159,7 +159,7 @@ pub fn fit_displacement<E>(
         all.push(fetch(at)?.displacement_m);
     }
     let domain = Domain::new(grid, true);
-    let modes = PackedModes::pack(&choose(all, domain.len(), bound).ok_or(DisplacementFault::Modes)?);
+    let modes = PackedModes::pack(&choose(all, domain.count(), bound).ok_or(DisplacementFault::Modes)?);
 
     let mut fit = DisplacementFit { scale: modes.scale.clone(), ..DisplacementFit::default() };
     let mut rows = Vec::with_capacity(solved.len());

@@ -163,7 +163,7 @@ impl KernelFit {
     }
 
     /// Whether the fit has no configuration.
-    pub(crate) fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.centres.is_empty()
     }
 

@@ -47,7 +47,7 @@ impl Plans {
     /// advance.
     pub fn points(&self) -> Option<usize> {
         match &self.0 {
-            Kind::Lattice { domain, .. } => Some(domain.len() - 1),
+            Kind::Lattice { domain, .. } => Some(domain.count() - 1),
             Kind::Scattered(_) => None,
         }
     }

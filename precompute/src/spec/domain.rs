@@ -71,7 +71,7 @@ impl Domain {
     }
 
     /// Number of points, including the point at rest.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.points.len()
     }
 
@@ -162,8 +162,8 @@ mod tests {
     #[test]
     fn the_paper_s_grids_and_their_completions() {
         for (cells, ball, whole) in [(5, 514, 1014), (7, 1418, 2398), (10, 4168, 6204), (15, 14146, 18534)] {
-            assert_eq!(Domain::new(&grid(cells), false).len(), ball + 1);
-            assert_eq!(Domain::new(&grid(cells), true).len(), whole + 1);
+            assert_eq!(Domain::new(&grid(cells), false).count(), ball + 1);
+            assert_eq!(Domain::new(&grid(cells), true).count(), whole + 1);
         }
     }
 
@@ -189,7 +189,7 @@ mod tests {
     fn transitions_start_in_the_ball_and_reach_everything() {
         let domain = Domain::new(&grid(3), true);
         assert_eq!(domain.index(REST), [0; 3]);
-        for point in 1..domain.len() as u32 {
+        for point in 1..domain.count() as u32 {
             let parents = domain.parents(point);
             assert!(!parents.is_empty(), "{:?}", domain.index(point));
             for &parent in parents {

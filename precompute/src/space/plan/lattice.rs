@@ -108,9 +108,9 @@ impl Plan {
             left: Vec::new(),
             kept: None,
         };
-        let counts = TagCounts { unknown: domain.len() - 1, ..TagCounts::default() };
+        let counts = TagCounts { unknown: domain.count() - 1, ..TagCounts::default() };
         Self {
-            points: vec![blank; domain.len()],
+            points: vec![blank; domain.count()],
             domain,
             grid,
             phase: Phase::Expand,

@@ -217,7 +217,7 @@ fn simulate(case: &Case<'_>, workers: usize, costs: Costs, path: &Path) -> Resul
     let speed_up = work / makespan;
     Ok(Row {
         case: case.name.clone(),
-        points: case.actives.len() * (Domain::new(&case.grid, case.complete_cells).len() - 1),
+        points: case.actives.len() * (Domain::new(&case.grid, case.complete_cells).count() - 1),
         tries: ran.tries,
         levels: ran.levels.len(),
         workers,

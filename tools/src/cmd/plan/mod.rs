@@ -52,8 +52,9 @@ const PROBE_TIME: Duration = Duration::from_millis(2400);
 /// paper's coarsest grid.
 const CELLS_PER_STEP: f64 = 5.0;
 
-/// Predict the cost of a scene before it is solved: configurations, seconds, memory, bytes, query time and
-/// error of the reasonable choices.
+/// Predict the cost of a scene before it is solved.
+///
+/// The choices of sampling are compared by configurations, seconds, memory, bytes, query time and error.
 ///
 /// A few probing solves on each active node (at most four nodes) measure stiffness, nonlinearity and the time
 /// of a solve on this machine. The sampling, the plan and the fits of `precompute` and `pack` then run on a

@@ -106,6 +106,9 @@ pub(super) struct Line {
     pub lattice: Option<Takeover>,
 }
 
+/// Memory of the fits of searches with these numbers of configurations on this number of threads, bytes.
+type FitBytes = fn(&[f64], usize) -> f64;
+
 /// A saved prediction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -144,7 +147,7 @@ pub(super) struct Basis<'p> {
     /// Number of active nodes.
     pub nodes: usize,
     /// Memory without the fits of the searches, and that of the fits of these numbers of configurations.
-    pub memory_bytes: (f64, fn(&[f64], usize) -> f64),
+    pub memory_bytes: (f64, FitBytes),
     /// Bytes of the blob outside its spaces, and those of the certificate among them.
     pub other_bytes: [f64; 2],
     /// Time of the slowest query, ns.

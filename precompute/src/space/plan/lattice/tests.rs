@@ -138,7 +138,7 @@ fn a_failed_point_is_tried_from_every_solved_neighbour_before_it_is_given_up() {
     let solved =
         |index: &GridIndex| log.values().any(|t| t.target == *index && world.solve(t).tag().is_solved());
     let mut given_up = 0;
-    for point in 1..domain.len() as u32 {
+    for point in 1..domain.count() as u32 {
         let index = domain.index(point);
         let tries: Vec<&Task> = log.values().filter(|t| t.target == index).collect();
         if tries.is_empty() || solved(&index) {
