@@ -10,7 +10,7 @@ pub const STREAK: usize = 10;
 /// A prediction compared with the solution.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Test {
-    /// Position in units of [`crate::spec::UNIT_M`].
+    /// Position in units of `spec::UNIT_M`.
     pub index: GridIndex,
     /// Absolute error of the force, N.
     pub error_n: f64,

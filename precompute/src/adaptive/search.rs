@@ -59,7 +59,7 @@ const POSITIONS: u32 = 600;
 /// A position to be solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Target {
-    /// Position in units of [`crate::spec::UNIT_M`].
+    /// Position in units of `spec::UNIT_M`.
     pub index: GridIndex,
     /// Index of the configuration at which the solve starts: 0 is rest, then in the order of the solves.
     pub parent: usize,

@@ -72,7 +72,7 @@ pub struct Element {
     pub tet: Tetrahedron,
     /// Index of the region.
     pub region: u16,
-    /// Pressure unknowns of the four vertices; [`ABSENT`] if the law has no pressure.
+    /// Pressure unknowns of the four vertices; `ABSENT` if the law has no pressure.
     pub pressures: [u32; 4],
     /// Matrix of the pressure's quadratic form, m^3/Pa; zero for the unstabilised pairs.
     pub pressure_block: [[f64; 4]; 4],
@@ -98,7 +98,7 @@ pub struct Body {
     pub order: Order,
     /// One element per tetrahedron, in file order.
     pub elements: Vec<Element>,
-    /// Node indices, [`Order::nodes`] per element.
+    /// Node indices, `Order::nodes` per element.
     pub connectivity: Vec<u32>,
     /// Undeformed node positions, m.
     pub nodes_m: Vec<[f64; 3]>,

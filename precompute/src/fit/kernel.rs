@@ -192,7 +192,7 @@ impl KernelFit {
     ///
     /// # Panics
     ///
-    /// If the fit is [read-only](Self::as_it_is).
+    /// If the fit is [read-only](Self::read_only).
     pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), CoincidentData> {
         assert_eq!(self.factor.nrows(), DATA.len() * self.centres.len(), "the fit is read-only");
         let (old, more) = (DATA.len() * self.centres.len(), DATA.len() * jets.len());

@@ -55,11 +55,11 @@ pub struct MeshReport {
     pub dihedral_deg: Range,
     /// 0-based index of the tet with the smallest dihedral angle.
     pub worst_tet: usize,
-    /// Number of dihedral angles in each bin of [`BIN_DEG`] from 0 to 180.
+    /// Number of dihedral angles in each bin of `BIN_DEG` from 0 to 180.
     pub dihedral_histogram: [usize; BINS],
     /// Smallest dihedral angle of each tet, degrees.
     pub min_dihedral_deg: Range,
-    /// Number of tets by their smallest dihedral angle, in bins of [`MIN_BIN_DEG`] from 0 to 75.
+    /// Number of tets by their smallest dihedral angle, in bins of `MIN_BIN_DEG` from 0 to 75.
     pub min_dihedral_histogram: [usize; MIN_BINS],
     /// Tets with a very small dihedral angle.
     pub slivers: Slivers,

@@ -10,7 +10,7 @@ pub const SECOND_INDICES: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1,
 /// Components of a symmetric third-order tensor in three directions, in the order of [`THIRD_INDICES`].
 pub(crate) type SymmetricThird = [f64; 10];
 
-/// Index triples (i <= j <= k) of [`SymmetricThird`].
+/// Index triples (i <= j <= k) of `SymmetricThird`.
 pub const THIRD_INDICES: [[usize; 3]; 10] = [
     [0, 0, 0],
     [0, 0, 1],
@@ -52,7 +52,7 @@ impl EnergyJet {
         numbers
     }
 
-    /// The jet at `control_m` with the values of [`Self::numbers`].
+    /// The jet at `control_m` with the values of `Self::numbers`.
     pub fn from_numbers(control_m: [f64; 3], numbers: &[f64; 20]) -> Self {
         let [energy_j, hx, hy, hz, xx, xy, xz, yy, yz, zz, third @ ..] = *numbers;
         Self {

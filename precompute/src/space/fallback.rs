@@ -9,12 +9,12 @@ use crate::spec::{GridIndex, SpaceGrid, UNIT_M};
 /// solves.
 const CELLS: i32 = 4;
 
-/// The fallback lattice; its points are in units of [`UNIT_M`], as those of the search.
+/// The fallback lattice; its points are in units of `UNIT_M`, as those of the search.
 #[derive(Debug, Clone)]
 pub struct FallbackLattice {
     /// The lattice.
     pub grid: SpaceGrid,
-    /// Spacing in units of [`UNIT_M`].
+    /// Spacing in units of `UNIT_M`.
     pub spacing: i32,
 }
 

@@ -1,7 +1,7 @@
 //! The configuration space: positions of the active node, solved point by point (paper, 4.3 and 5.1).
 //!
-//! A [`SpacePlan`] selects the next point and its parent. A [`Job`] is one solve by a [`Worker`] of a
-//! [`executor`] of threads or processes. [`expansion`] connects them, and [`store`] keeps every attempt in
+//! A `SpacePlan` selects the next point and its parent. A [`Job`] is one solve by a worker of an
+//! [`Executor`], which has threads or processes. [`Expansion`] connects them, and the [`Store`] keeps every attempt in
 //! SQLite.
 
 pub(crate) mod executor;

@@ -17,7 +17,7 @@ pub struct NewtonOptions {
     /// Maximum number of halvings of a step that does not reduce the residual.
     pub max_halvings: u32,
     /// Maximum number of full steps that are accepted although no fraction of them reduces the residual. Zero
-    /// except for a snap-through, see [`super::LoadingOptions::snap_through`].
+    /// except for a snap-through, see `LoadingOptions::snap_through`.
     pub max_rising_steps: u32,
     /// Whether to use steps with a frozen factor if their estimated cost is lower.
     pub frozen_factor: bool,

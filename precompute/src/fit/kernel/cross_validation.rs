@@ -37,7 +37,7 @@ impl KernelFit {
     ///
     /// # Panics
     ///
-    /// If the fit is [read-only](Self::as_it_is).
+    /// If the fit is [read-only](Self::read_only).
     pub fn leave_one_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
         self.leave_one_out().map(|(missed_n, _)| missed_n)
     }
@@ -50,7 +50,7 @@ impl KernelFit {
     ///
     /// # Panics
     ///
-    /// If the fit is [read-only](Self::as_it_is).
+    /// If the fit is [read-only](Self::read_only).
     pub fn deviation_n(&self, places: &[[f64; 3]]) -> Vec<f64> {
         let by_its_own = |(missed_n, own): ([f64; 3], f64)| missed_n.iter().map(|e| e * e).sum::<f64>() / own;
         let shares: Vec<f64> = self.leave_one_out().skip(1).map(by_its_own).collect();
