@@ -15,9 +15,9 @@
 //! # let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/scenes/palpation.toml");
 //! let space = folder.path().join("organ.space");
 //! let analysis = Analysis::load(scene.as_ref())?;
-//! analysis.solve_all(&space, Run::to_the_end())?;
+//! analysis.solve_all(&space, Run::run_to_end())?;
 //! // Fitted, measured at 20 fresh solves, and packed. `None` solves the 299 that certify 99 %.
-//! let blob = certified_blob(&space, &[Method::Energy], Some(20), Run::to_the_end())?;
+//! let blob = certified_blob(&space, &[Method::Energy], Some(20), Run::run_to_end())?;
 //!
 //! let blob = AlignedBytes::from(&blob);
 //! let organ: Organ = Organ::read(&blob)?;
