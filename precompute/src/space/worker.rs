@@ -51,7 +51,7 @@ impl WorkerContext {
 
 impl std::fmt::Debug for WorkerContext {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Workshop")
+        f.debug_struct("WorkerContext")
             .field("sampling", &self.sampling)
             .field("max_force_n", &self.max_force_n)
             .finish()
