@@ -40,7 +40,7 @@ impl std::fmt::Display for ExecutorError {
             Self::Lost(what) => {
                 write!(
                     f,
-                    "{what}; the unfinished work of this worker is lost. Run the same command to continue"
+                    "{what}; the unfinished work of this worker is lost; run the same command to continue"
                 )
             }
         }
