@@ -40,11 +40,11 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
     let body = Arc::new(scene.body().expect("the body is valid"));
     let problem = |handle| Arc::new(Problem::with(body.clone(), Some(handle), scene.constraints));
     let problems: Vec<Arc<Problem>> = scene.active.iter().map(|active| problem(active.handle())).collect();
-    let workshop = WorkerContext::new(move |active| problems[active].clone(), sampling, scene.max_force_n);
+    let context = WorkerContext::new(move |active| problems[active].clone(), sampling, scene.max_force_n);
     let expansion = Expansion { actives: (0..active.len()).collect() };
     let threads = available_parallelism().map_or(1, std::num::NonZero::get);
-    let counts = with_threads(&Arc::new(workshop), threads, |crew| {
-        expansion.run(&store, crew, &AtomicBool::new(false), |_| ())
+    let counts = with_threads(&Arc::new(context), threads, |executor| {
+        expansion.run(&store, executor, &AtomicBool::new(false), |_| ())
     });
     for count in counts.expect("the run completes") {
         assert!(count.solved() >= 20, "{}: {count:?}", scene.name);

@@ -63,7 +63,7 @@ impl SpaceBench {
     }
 
     /// The context of the workers.
-    pub fn workshop(&self) -> Arc<WorkerContext> {
+    pub fn context(&self) -> Arc<WorkerContext> {
         let problem = self.problem.clone();
         Arc::new(WorkerContext::new(
             move |_| problem.clone(),
@@ -80,9 +80,10 @@ impl SpaceBench {
         stop: &AtomicBool,
         progress: impl FnMut(&Progress),
     ) -> Result<TagCounts, ExpansionError> {
-        let workshop = self.workshop();
+        let context = self.context();
         let expansion = Expansion { actives: vec![0] };
-        with_threads(&workshop, threads, |crew| expansion.run(store, crew, stop, progress)).map(|all| all[0])
+        with_threads(&context, threads, |executor| expansion.run(store, executor, stop, progress))
+            .map(|all| all[0])
     }
 
     /// Its store at `path`, complete.

@@ -42,8 +42,8 @@ fn the_certificate_separates_good_tables_from_bad_ones() {
     let actives = vec![(0, "A".to_string())];
     let held_out =
         HeldOut { actives, sampling: bench_of_truth.identity.sampling, draw: DRAW, keep_displacements: true };
-    with_threads(&bench_of_truth.workshop(), 2, |crew| {
-        held_out.run(&store, crew, &AtomicBool::new(false), |_| ())
+    with_threads(&bench_of_truth.context(), 2, |executor| {
+        held_out.run(&store, executor, &AtomicBool::new(false), |_| ())
     })
     .expect("the held-out truth is solved");
 

@@ -29,7 +29,7 @@ fn solve(
 ) -> Result<(), HeldOutError> {
     let actives = vec![(0, "A".to_string())];
     let held_out = HeldOut { actives, sampling: bench.identity.sampling, draw, keep_displacements: true };
-    with_threads(&bench.workshop(), threads, |crew| held_out.run(store, crew, stop, progress))
+    with_threads(&bench.context(), threads, |executor| held_out.run(store, executor, stop, progress))
 }
 
 fn solved(bench: &SpaceBench, path: &Path, draw: Draw, threads: usize) -> Store {
@@ -131,12 +131,12 @@ fn cancelled_workers_abandon_their_paths() {
             .collect(),
         keep_displacements: false,
     };
-    let let_go = with_threads(&bench.workshop(), 2, |crew| {
+    let let_go = with_threads(&bench.context(), 2, |executor| {
         for piece in 0..4 {
-            crew.give(piece % 2, Work::Walk(walk(piece as u32))).expect("taken");
+            executor.give(piece % 2, Work::Walk(walk(piece as u32))).expect("taken");
         }
         assert!(
-            crew.take(Duration::from_millis(300)).expect("no worker failed").is_none(),
+            executor.take(Duration::from_millis(300)).expect("no worker failed").is_none(),
             "still on the path"
         );
         Ok::<_, ExecutorError>(Instant::now())

@@ -59,8 +59,9 @@ fn small_displacements_are_stored_as_a_linear_body() {
         draw: Draw { uniform: 40, random: 0, regular_m: None, ..Draw::PAPER },
         keep_displacements: true,
     };
-    let workshop: Arc<_> = bench.workshop();
-    let solved = with_threads(&workshop, 2, |crew| held_out.run(&one, crew, &AtomicBool::new(false), |_| ()));
+    let context: Arc<_> = bench.context();
+    let solved =
+        with_threads(&context, 2, |executor| held_out.run(&one, executor, &AtomicBool::new(false), |_| ()));
     solved.expect("the held-out truth is solved");
     let options = PackOptions { methods: &[Method::Energy], intermediate: false, threads: 2 };
     let file = BlobFile::of(&pack(&one, &options).expect("the space packs").bytes().expect("bytes"));
@@ -103,8 +104,9 @@ fn nothing_is_solved_outside_the_workspace() {
         draw,
         keep_displacements: false,
     };
-    let workshop: Arc<_> = bench.workshop();
-    let solved = with_threads(&workshop, 2, |crew| held_out.run(&one, crew, &AtomicBool::new(false), |_| ()));
+    let context: Arc<_> = bench.context();
+    let solved =
+        with_threads(&context, 2, |executor| held_out.run(&one, executor, &AtomicBool::new(false), |_| ()));
     solved.expect("the held-out truth is solved");
     let mut outside = [0, 0];
     one.each_truth(0, |walk, _, truth| {
@@ -165,8 +167,9 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
         draw,
         keep_displacements: true,
     };
-    let workshop: Arc<_> = bench.workshop();
-    let solved = with_threads(&workshop, 2, |crew| held_out.run(&one, crew, &AtomicBool::new(false), |_| ()));
+    let context: Arc<_> = bench.context();
+    let solved =
+        with_threads(&context, 2, |executor| held_out.run(&one, executor, &AtomicBool::new(false), |_| ()));
     solved.expect("the held-out truth is solved");
     let methods = &[Method::Energy, Method::Kernel];
     let options = PackOptions { methods, intermediate: false, threads: 2 };

@@ -38,8 +38,8 @@ fn a_finished_space_is_solved_packed_and_certified_without_a_replay() {
         draw: Draw { uniform: 10, random: 0, regular_m: None, ..Draw::PAPER },
         keep_displacements: true,
     };
-    let solved = with_threads(&bench.workshop(), 2, |crew| {
-        held_out.run(&store, crew, &AtomicBool::new(false), |_| ())
+    let solved = with_threads(&bench.context(), 2, |executor| {
+        held_out.run(&store, executor, &AtomicBool::new(false), |_| ())
     });
     solved.expect("the held-out truth is solved");
     let options = PackOptions { methods: &[Method::Energy, Method::Kernel], intermediate: true, threads: 2 };

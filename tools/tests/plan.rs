@@ -104,12 +104,9 @@ fn a_search_that_ends_within_the_probes_is_predicted_exactly() {
     let prediction = solved.prediction();
     let tried = &prediction["nodes"][0]["tried"];
     assert_eq!(tried["low"], tried["high"]);
-    for line in solved.check(&prediction) {
-        if ["A1: solves tried", "A1: configurations kept", "blob"]
-            .contains(&line["what"].as_str().expect("text"))
-        {
-            assert_eq!(line["inside"], Value::Bool(true), "{line}");
-        }
+    let lines = solved.check(&prediction);
+    for what in ["A1: solves tried", "A1: configurations kept", "blob"] {
+        assert_eq!(of(&lines, what)["inside"], Value::Bool(true), "{}", of(&lines, what));
     }
     refusals(&solved, prediction);
 }

@@ -97,7 +97,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let space = args.space()?;
     let bench = analysis::load(&args.scene)?;
     run_with(args, (&bench, &space), &stop, &Workers::threads(threads), |expansion, store, stop, progress| {
-        Ok(with_threads(&bench.context()?, threads, |crew| expansion.run(store, crew, stop, progress))?)
+        Ok(with_threads(&bench.context()?, threads, |executor| {
+            expansion.run(store, executor, stop, progress)
+        })?)
     })
 }
 

@@ -110,8 +110,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let mut progress =
             WorkProgress::new(&format!("{} {fixed} ({number} of {sets})", scene.name), "paths");
         let held_out = bench.held_out(&all, draw.clone())?;
-        let solved = with_threads(&bench.context()?, threads, |crew| {
-            held_out.run(&store, crew, &stop, |p| progress.walks(p))
+        let solved = with_threads(&bench.context()?, threads, |executor| {
+            held_out.run(&store, executor, &stop, |p| progress.walks(p))
         });
         progress.finish();
         solved.map_err(|error| after(args.again, error.into()))?;
