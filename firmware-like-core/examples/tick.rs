@@ -10,7 +10,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args_os().nth(1).ok_or("usage: tick FILE.blob")?;
     let blob = AlignedBytes::from(&std::fs::read(path)?);
     let organ: Organ = Organ::read(&blob)?;
-    let node = organ.spaces.first().ok_or("the organ has no active node")?.active();
+    let node = &organ.spaces.first().ok_or("the organ has no active node")?.active;
     let controller = Controller::new(&organ, Config::new(Method::Energy))?;
     let mut state = State::new();
     state.arm();

@@ -106,7 +106,7 @@ fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
 /// A grasp at rest, then 30 displacements; sometimes no sample, an old one, or one that is not finite.
 fn sample(noise: &mut Noise, space: &Space<'_>, tick: u64) -> Option<Sample> {
     let phase = tick % 32;
-    let mut position_m = space.active().rest_position_m;
+    let mut position_m = space.active.rest_position_m;
     if phase > 1 {
         for (x, d) in position_m.iter_mut().zip(displacement(noise, space)) {
             *x += d;

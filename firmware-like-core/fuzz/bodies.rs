@@ -3,8 +3,7 @@
 
 use std::sync::LazyLock;
 
-use palpate_core::blob::PcOrgan;
-use palpate_core::blob::format::CHECKSUM;
+use palpate_core::format::CHECKSUM;
 use palpate_core::{
     AlignedBytes, Config, Controller, Limits, Method, Organ, Phase, Sample, Space, State, TouchSurface, Vec3,
     flags, vec3,
@@ -26,8 +25,9 @@ pub(crate) fn blob(data: &[u8]) {
         for method in Method::ALL {
             ask(space, method);
         }
-        let flags = flags::first_inconsistent(space.lattice(), space.flags());
-        assert_eq!(flags, None, "inconsistent flags");
+        let mut derived = space.flags().to_vec();
+        flags::derive(space.lattice(), &mut derived);
+        assert_eq!(derived, space.flags(), "inconsistent flags");
         let mut surface = vec![vec3::ZERO; organ.surface.node.len().min(1000)];
         for displacement_m in places(space) {
             space.displacement_into(displacement_m, &mut surface);
@@ -39,7 +39,7 @@ pub(crate) fn blob(data: &[u8]) {
         let mut state = State::new();
         state.arm();
         for (tick, space) in (1_u64..).zip(organ.spaces.iter().cycle().take(8)) {
-            let position_m = space.active().rest_position_m;
+            let position_m = space.active.rest_position_m;
             let sample = Sample { t_us: 1000 * tick, position_m, buttons: (tick & 1) as u32 };
             let command = controller.tick(&mut state, sample.t_us, Some(&sample));
             assert!(vec3::norm(command.hand_force_n) <= controller.config().limits.max_force_n);
@@ -86,24 +86,23 @@ static BYTES: LazyLock<AlignedBytes> =
     LazyLock::new(|| AlignedBytes::from(include_bytes!("../golden/organ-514.blob")));
 
 /// The golden organ: unsolved points, folds, and every method of a lattice.
-static GOLDEN: LazyLock<Box<PcOrgan<'static>>> =
-    LazyLock::new(|| Box::new(PcOrgan::read(&BYTES).expect("the golden blob is good")));
+static GOLDEN: LazyLock<Box<Organ<'static>>> =
+    LazyLock::new(|| Box::new(Organ::read(&BYTES).expect("the golden blob is good")));
 
 /// The golden organ with its space repeated at the 200 surface vertices nearest to its node, so that the tool
 /// slides.
-static EVERYWHERE: LazyLock<(Box<PcOrgan<'static>>, TouchSurface<'static>)> = LazyLock::new(|| {
+static EVERYWHERE: LazyLock<(Box<Organ<'static>>, TouchSurface<'static>)> = LazyLock::new(|| {
     let mut organ = GOLDEN.clone();
     let one = organ.spaces[0].clone();
     let [x, y, z] = organ.surface.position_m;
     let at = |vertex: usize| [x[vertex], y[vertex], z[vertex]];
     let mut vertices: Vec<usize> = (0..x.len()).collect();
-    let distance = |vertex: &usize| vec3::distance(at(*vertex), one.active().rest_position_m);
+    let distance = |vertex: &usize| vec3::distance(at(*vertex), one.active.rest_position_m);
     vertices.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
     organ.spaces.clear();
     for vertex in vertices.into_iter().take(200) {
         let mut space = one.clone();
-        (space.active_mut().node, space.active_mut().rest_position_m) =
-            (organ.surface.node[vertex], at(vertex));
+        (space.active.node, space.active.rest_position_m) = (organ.surface.node[vertex], at(vertex));
         organ.spaces.push(space).expect("512 fit");
     }
     let memory: &'static mut [u32] = vec![0; TouchSurface::words(&organ)].leak();
@@ -116,7 +115,7 @@ static EVERYWHERE: LazyLock<(Box<PcOrgan<'static>>, TouchSurface<'static>)> = La
 pub(crate) fn tick(data: &[u8]) {
     let (everywhere, surface) = &*EVERYWHERE;
     let Some((&[method, contact], mut rest)) = data.split_first_chunk::<2>() else { return };
-    let organ: &PcOrgan<'static> = if contact & 8 == 0 { &GOLDEN } else { everywhere };
+    let organ: &Organ<'static> = if contact & 8 == 0 { &GOLDEN } else { everywhere };
     let mut config = Config::new(Method::OF_LATTICE[usize::from(method) % Method::OF_LATTICE.len()]);
     config.contact.friction = if contact & 16 == 0 { 0.3 } else { 0.0 };
     config.limits.max_speed_m_s = if contact & 1 == 0 { 2.0 } else { 1e30 };
@@ -126,7 +125,7 @@ pub(crate) fn tick(data: &[u8]) {
     config.limits.ramp_s = if contact & 4 == 0 { 0.0 } else { 0.5 };
     let controller = Controller::new(organ, config).expect("the golden blob has every method of a lattice");
     let controller = controller.on_surface((contact & 8 != 0).then_some(*surface));
-    let node_m = organ.spaces[0].active().rest_position_m;
+    let node_m = organ.spaces[0].active.rest_position_m;
     let (mut state, mut now_us, mut latched) = (State::new(), 1_000_000_u64, false);
     state.arm();
     while let Some((&step, after)) = rest.split_first_chunk::<17>() {

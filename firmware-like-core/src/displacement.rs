@@ -18,8 +18,8 @@
 //! The modes are sorted by size; only the first [`DisplacementPlanes::slopes`] have slopes, a number that the
 //! packer selects. The table is for pictures at 30 Hz; the tick does not evaluate it.
 
-use crate::grid::flags::{self, BRANCH_JUMP, SMOOTH};
-use crate::grid::{BallLattice, corner_slots, corner_weights};
+use crate::grid::flags::{BRANCH_JUMP, Ball, SMOOTH};
+use crate::grid::{BallLattice, corner_weights};
 use crate::num::vec3::{self, Vec3};
 use crate::plane::{LARGEST_VALUE, PlaneError, PlaneProblem, check_indices, check_len, check_values};
 
@@ -68,8 +68,8 @@ struct Part<'a> {
     slopes: [&'a [i16]; 3],
     /// Weights of the values and of the slopes along x, y and z, for modes that have slopes.
     weights: [f32; 4],
-    /// Weight of the other modes and of the residual of an outlier.
-    share: f32,
+    /// Tri-linear weight, of the other modes and of the residual of an outlier.
+    linear: f32,
 }
 
 impl<'a> DisplacementTable<'a> {
@@ -131,16 +131,14 @@ impl<'a> DisplacementTable<'a> {
         displacement_m: Vec3,
         out: &mut [Vec3],
     ) {
-        let at = lattice.locate(displacement_m);
-        let strides = lattice.strides();
-        let corners = corner_slots(strides, at.slot).into_iter().zip(corner_weights(at.t));
-        let folded = flags.get(at.slot).is_none_or(|bits| bits & BRANCH_JUMP != 0);
-        let hermite =
-            if self.used == 0 || folded { 0.0 } else { flags::share(flags, SMOOTH, strides, at.slot, at.t) };
-        let mut parts = corners.zip(hermite_weights(at.t)).map(|((slot, share), weights)| {
+        let (ball, at) = (Ball { lattice, flags }, lattice.locate(displacement_m));
+        let corners = lattice.corners(at.slot).into_iter().zip(corner_weights(at.t));
+        let is_smooth = self.used > 0 && ball.cell_flags(&at) & BRANCH_JUMP == 0;
+        let hermite = if is_smooth { ball.smooth(SMOOTH, &at) } else { 0.0 };
+        let mut parts = corners.zip(hermite_weights(at.t)).map(|((slot, linear), weights)| {
             let [value, x, y, z] = weights;
-            let value = share + hermite * (value - share);
-            self.part(slot, [value, hermite * x, hermite * y, hermite * z], share)
+            let value = linear + hermite * (value - linear);
+            self.part(slot, [value, hermite * x, hermite * y, hermite * z], linear)
         });
         let parts: [Option<Part<'_>>; 8] = core::array::from_fn(|_| parts.next().flatten());
         self.sum_parts(&parts, out);
@@ -151,14 +149,14 @@ impl<'a> DisplacementTable<'a> {
         self.sum_parts(&[self.part(slot, [1.0, 0.0, 0.0, 0.0], 1.0)], out);
     }
 
-    fn part(&self, slot: usize, weights: [f32; 4], share: f32) -> Option<Part<'a>> {
+    fn part(&self, slot: usize, weights: [f32; 4], linear: f32) -> Option<Part<'a>> {
         let index = *self.planes.row.get(slot)?;
         let start = (index as usize).saturating_mul(self.per_row);
         let row = self.planes.coefficients.get(start..start.saturating_add(self.per_row))?;
         let (values, slopes) = row.split_at_checked(self.planes.scale.len())?;
         let (x, slopes) = slopes.split_at_checked(self.planes.slopes)?;
         let (y, z) = slopes.split_at_checked(self.planes.slopes)?;
-        Some(Part { row: index, values, slopes: [x, y, z], weights, share })
+        Some(Part { row: index, values, slopes: [x, y, z], weights, linear })
     }
 
     /// Coefficient of mode `k`, in its units.
@@ -167,7 +165,7 @@ impl<'a> DisplacementTable<'a> {
         for part in parts.iter().flatten() {
             let value = part.values.get(k).map_or(0.0, |&value| f32::from(value));
             if k >= self.used {
-                sum += part.share * value;
+                sum += part.linear * value;
                 continue;
             }
             let [weight, along @ ..] = part.weights;
@@ -204,7 +202,7 @@ impl<'a> DisplacementTable<'a> {
             let scale = self.planes.outlier_scale.get(index).copied().unwrap_or(0.0);
             let residual = plane(self.planes.outliers, index);
             for (value, residual) in out.iter_mut().zip(residual) {
-                *value += part.share * scale * f32::from(*residual);
+                *value += part.linear * scale * f32::from(*residual);
             }
         }
     }
@@ -217,7 +215,7 @@ fn add_block(out: &mut [f32], [a, b, c, d]: [&[i16]; BLOCK], [fa, fb, fc, fd]: [
     }
 }
 
-/// Weights of the values and slopes at the corners, in the order of [`crate::grid::CORNERS`].
+/// Weights of the values and slopes at the corners, in the order of [`crate::CORNERS`].
 fn hermite_weights(t: Vec3) -> [[f32; 4]; 8] {
     // For the low and the high end of an axis: linear weight, cubic weight of the value, cubic weight of the
     // slope.

@@ -14,7 +14,7 @@
 //! let blob = AlignedBytes::from(include_bytes!("../golden/organ-514.blob"));
 //! let organ: Organ = Organ::read(&blob)?;
 //! let controller = Controller::new(&organ, Config::new(Method::Energy))?;
-//! let (mut state, node) = (State::new(), organ.spaces[0].active());
+//! let (mut state, node) = (State::new(), &organ.spaces[0].active);
 //! state.arm();
 //! // The tool moves from 1 mm above the active node to 2 mm below it, one sample per millisecond.
 //! for tick in 0..300 {
@@ -29,9 +29,8 @@
 //! ```
 //!
 //! Strata, lowest first; a module imports only from those before it (a test of the workspace asserts it):
-//! [`mod@vec3`] and [`lanes`] (numbers), [`plane`] (checks of arrays), [`grid`], [`method`] (the
-//! interpolants, behind one trait), [`displacement`] (the surface for pictures), [`space`], [`blob`],
-//! [`touch`] (contact), [`guard`] (limits), [`controller`].
+//! `num` (numbers), `plane` (checks of arrays), `grid`, `displacement` (the surface for pictures), `method`
+//! (the interpolants, behind one trait), `space`, `blob`, `touch` (contact), `guard` (limits), `controller`.
 //!
 //! Invariants:
 //! - a tick has no allocation, no `unsafe`, no panic, no unbounded loop, no clock and no I/O: time is an
@@ -50,27 +49,32 @@
 #[cfg(feature = "alloc")]
 extern crate alloc;
 
-pub mod blob;
-pub mod controller;
-pub mod displacement;
-pub mod grid;
-pub mod guard;
-pub mod method;
+mod blob;
+mod controller;
+mod displacement;
+mod grid;
+mod guard;
+mod method;
+mod named;
 mod num;
-pub mod plane;
-pub mod space;
+mod plane;
+mod space;
 mod tag;
-pub mod touch;
+mod touch;
 
 #[cfg(feature = "alloc")]
 pub use blob::AlignedBytes;
-pub use blob::{Aligned, BlobError, Limits, Organ, Surface};
+pub use blob::{Aligned, BlobError, Limits, Organ, Surface, format};
 pub use controller::{Command, Config, Controller, ControllerError, Fault, Phase, Sample, State};
-pub use grid::{BallLattice, LatticeError, flags};
-pub use guard::{LimitConfig, PassivityConfig, clamp_force, stiffness};
-pub use method::{Coverage, Estimate, ForceSample, Method};
+pub use displacement::{DisplacementPlanes, DisplacementTable};
+pub use grid::{BallLattice, CORNERS, LatticeError, Location, MAX_CELLS, flags};
+pub use guard::{LimitConfig, PassivityConfig, clamp_force};
+pub use method::baseline::rbf::{RBF_LANES, RbfPlanes};
+pub use method::hermite::{HermiteNode, HermitePlanes};
+pub use method::{Coverage, Estimate, ForceSample, Method, kernel};
 pub use num::vec3::Vec3;
 pub use num::{lanes, vec3};
-pub use space::{ActiveNode, Space, SpacePlanes};
+pub use plane::{PlaneError, PlaneProblem};
+pub use space::{ActiveNode, SPACE_NAME_LEN, Space, SpacePlanes};
 pub use tag::ConfigTag;
-pub use touch::{ContactConfig, Share, TouchSurface};
+pub use touch::{ContactConfig, Foot, NodeWeight, TouchSurface};

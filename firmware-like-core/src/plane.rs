@@ -1,13 +1,12 @@
 //! Checks of planes, the arrays of a blob: one error type, whatever table a plane belongs to.
 
-use core::fmt;
-
 /// Largest absolute value that a force or a position may have, newtons or metres: far beyond any organ, and
 /// small enough that no interpolation of such values overflows.
 pub(crate) const LARGEST_VALUE: f32 = 1e9;
 
 /// Why a plane was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("{plane}: {problem}")]
 pub struct PlaneError {
     /// Name of the plane.
     pub plane: &'static str,
@@ -16,9 +15,10 @@ pub struct PlaneError {
 }
 
 /// What is wrong with a plane.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PlaneProblem {
     /// It extends beyond the plane area of the blob.
+    #[error("{len} elements at byte {offset} extend beyond the file")]
     OutOfBounds {
         /// Byte offset in the plane area.
         offset: u32,
@@ -26,11 +26,13 @@ pub enum PlaneProblem {
         len: u32,
     },
     /// Its offset is not a multiple of 64.
+    #[error("byte {offset} is not a multiple of 64")]
     Misaligned {
         /// Byte offset in the plane area.
         offset: u32,
     },
     /// It has another length than the grid, the surface or the other planes of its table require.
+    #[error("{have} elements where {need} are needed")]
     Length {
         /// Elements found.
         have: usize,
@@ -38,48 +40,33 @@ pub enum PlaneProblem {
         need: usize,
     },
     /// A value is NaN, infinite or so large that its interpolation could overflow.
+    #[error("element {index} is NaN, infinite or too large")]
     Value {
         /// Element of the plane.
         index: usize,
     },
     /// An index refers to an element that does not exist, or a code has no meaning.
+    #[error("element {index} is out of range")]
     OutOfRange {
         /// Element of the plane.
         index: usize,
     },
     /// An index is not larger than its predecessor.
+    #[error("element {index} is not larger than its predecessor")]
     Order {
         /// Element of the plane.
         index: usize,
     },
     /// The flags of a slot contradict those of its neighbours.
+    #[error("the flags of slot {slot} contradict its neighbours")]
     Flags {
         /// The slot.
         slot: usize,
     },
     /// The rest point is not solved, or its energy or force is not zero.
+    #[error("the rest point must be solved and free of force")]
     RestPoint,
 }
-
-impl fmt::Display for PlaneError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: ", self.plane)?;
-        match self.problem {
-            PlaneProblem::OutOfBounds { offset, len } => {
-                write!(f, "{len} elements at byte {offset} extend beyond the file")
-            }
-            PlaneProblem::Misaligned { offset } => write!(f, "byte {offset} is not a multiple of 64"),
-            PlaneProblem::Length { have, need } => write!(f, "{have} elements where {need} are needed"),
-            PlaneProblem::Value { index } => write!(f, "element {index} is NaN, infinite or too large"),
-            PlaneProblem::OutOfRange { index } => write!(f, "element {index} is out of range"),
-            PlaneProblem::Order { index } => write!(f, "element {index} is not larger than its predecessor"),
-            PlaneProblem::Flags { slot } => write!(f, "the flags of slot {slot} contradict its neighbours"),
-            PlaneProblem::RestPoint => f.write_str("the rest point must be solved and free of force"),
-        }
-    }
-}
-
-impl core::error::Error for PlaneError {}
 
 impl PlaneProblem {
     /// The problem as the error of a plane.

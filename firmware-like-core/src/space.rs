@@ -8,13 +8,14 @@ use heapless::String;
 
 use crate::displacement::{DisplacementPlanes, DisplacementTable};
 use crate::grid::BallLattice;
-use crate::grid::flags::{self, SOLVED};
-use crate::method::baseline::rbf::{RbfCubic, RbfLinear, RbfPlanes, RbfTable};
+use crate::grid::flags::{self, Ball, SOLVED};
+use crate::method::baseline::rbf::{Rbf, RbfPlanes};
 use crate::method::baseline::{Forces, Hybrid, Tricubic, Trilinear};
 use crate::method::energy::Energy;
-use crate::method::hermite::{Hermite, HermitePlanes, HermiteTable};
+use crate::method::hermite::{Hermite, HermitePlanes};
+use crate::method::interpolant;
 use crate::method::kernel::{Kernel, KernelPlanes, KernelTable};
-use crate::method::{self, Ball, Estimate, ForceSample, Interpolant, Method};
+use crate::method::{Estimate, ForceSample, Method};
 use crate::num::lanes::{Baseline, Machine};
 use crate::num::vec3::{self, Vec3};
 use crate::plane::{PlaneError, PlaneProblem, check_finite, check_len};
@@ -58,15 +59,55 @@ pub struct SpacePlanes<'a> {
 /// An active node with its configuration space.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Space<'a> {
-    active: ActiveNode,
+    /// The active node.
+    pub active: ActiveNode,
     lattice: BallLattice,
-    flags: &'a [u8],
-    force_n: Option<&'a [Vec3]>,
-    rbf_linear: Option<RbfTable<'a, f32>>,
-    rbf_cubic: Option<RbfTable<'a, f64>>,
-    hermite: Option<HermiteTable<'a>>,
+    planes: SpacePlanes<'a>,
     kernel: Option<KernelTable<'a>>,
     displacement: Option<DisplacementTable<'a>>,
+}
+
+/// Evaluates an expression with the interpolant of a method; returns `None` from the function if the planes
+/// of the method are absent.
+macro_rules! with_interpolant {
+    ($space:expr, $method:expr, |$interpolant:ident| $answer:expr) => {{
+        let Space { lattice, planes, kernel, .. } = $space;
+        let ball = Ball { lattice, flags: planes.flags };
+        match $method {
+            Method::Trilinear => {
+                let $interpolant = Trilinear(Forces { ball, force_n: planes.force_n? });
+                $answer
+            }
+            Method::Tricubic => {
+                let $interpolant = Tricubic(Forces { ball, force_n: planes.force_n? });
+                $answer
+            }
+            Method::Hybrid => {
+                let $interpolant = Hybrid(Forces { ball, force_n: planes.force_n? });
+                $answer
+            }
+            Method::RbfLinear => {
+                let $interpolant = Rbf { ball, planes: planes.rbf_linear.as_ref()? };
+                $answer
+            }
+            Method::RbfCubic => {
+                let $interpolant = Rbf { ball, planes: planes.rbf_cubic.as_ref()? };
+                $answer
+            }
+            Method::Hermite => {
+                let $interpolant = Hermite { ball, planes: planes.hermite.as_ref()? };
+                $answer
+            }
+            Method::Energy => {
+                let $interpolant = Energy(Hermite { ball, planes: planes.hermite.as_ref()? });
+                $answer
+            }
+            Method::Kernel => {
+                let $interpolant = Kernel { table: kernel.as_ref()?, spacing_m: lattice.spacing_m() };
+                $answer
+            }
+        }
+    }};
 }
 
 impl<'a> Space<'a> {
@@ -80,45 +121,34 @@ impl<'a> Space<'a> {
         planes: SpacePlanes<'a>,
         vertices: usize,
     ) -> Result<Self, PlaneError> {
-        let SpacePlanes { flags, force_n, rbf_linear, rbf_cubic, hermite, kernel, displacement } = planes;
         let rest = lattice.rest_slot();
-        check_len("flags", flags, lattice.slots())?;
-        if let Some(slot) = flags::first_inconsistent(&lattice, flags) {
+        check_len("flags", planes.flags, lattice.slots())?;
+        if let Some(slot) = flags::first_inconsistent(&lattice, planes.flags) {
             return Err(PlaneProblem::Flags { slot }.of("flags"));
         }
-        if flags.get(rest).is_none_or(|bits| bits & SOLVED == 0) {
+        if planes.flags.get(rest).is_none_or(|bits| bits & SOLVED == 0) {
             return Err(PlaneProblem::RestPoint.of("flags"));
         }
-        if let Some(force_n) = force_n {
+        if let Some(force_n) = planes.force_n {
             check_len("force", force_n, lattice.slots())?;
             check_finite("force", force_n.as_flattened())?;
             if force_n.get(rest).is_none_or(|force_n| *force_n != vec3::ZERO) {
                 return Err(PlaneProblem::RestPoint.of("force"));
             }
         }
-        Ok(Self {
-            active,
-            lattice,
-            flags,
-            force_n,
-            rbf_linear: rbf_linear.map(|planes| RbfTable::new("rbf-linear", planes)).transpose()?,
-            rbf_cubic: rbf_cubic.map(|planes| RbfTable::new("rbf-cubic", planes)).transpose()?,
-            hermite: hermite.map(|planes| HermiteTable::new(&lattice, planes)).transpose()?,
-            kernel: kernel.map(|planes| KernelTable::new(lattice.radius_m(), planes)).transpose()?,
-            displacement: displacement
-                .map(|planes| DisplacementTable::new(&lattice, planes, vertices))
-                .transpose()?,
-        })
-    }
-
-    /// The active node.
-    pub const fn active(&self) -> &ActiveNode {
-        &self.active
-    }
-
-    /// The active node, to be moved or renamed.
-    pub const fn active_mut(&mut self) -> &mut ActiveNode {
-        &mut self.active
+        if let Some(rbf) = &planes.rbf_linear {
+            rbf.check("rbf-linear")?;
+        }
+        if let Some(rbf) = &planes.rbf_cubic {
+            rbf.check("rbf-cubic")?;
+        }
+        if let Some(hermite) = &planes.hermite {
+            hermite.check(&lattice)?;
+        }
+        let kernel = planes.kernel.map(|kernel| KernelTable::new(lattice.radius_m(), kernel)).transpose()?;
+        let displacement =
+            planes.displacement.map(|of| DisplacementTable::new(&lattice, of, vertices)).transpose()?;
+        Ok(Self { active, lattice, planes, kernel, displacement })
     }
 
     /// The grid of displacements.
@@ -128,7 +158,7 @@ impl<'a> Space<'a> {
 
     /// One byte per slot of the box, see [`crate::flags`].
     pub const fn flags(&self) -> &'a [u8] {
-        self.flags
+        self.planes.flags
     }
 
     /// The table of the method `kernel`.
@@ -142,21 +172,13 @@ impl<'a> Space<'a> {
     }
 
     /// All planes, for example for a reference evaluation.
-    pub fn planes(&self) -> SpacePlanes<'a> {
-        SpacePlanes {
-            flags: self.flags,
-            force_n: self.force_n,
-            rbf_linear: self.rbf_linear.as_ref().map(RbfTable::planes),
-            rbf_cubic: self.rbf_cubic.as_ref().map(RbfTable::planes),
-            hermite: self.hermite.as_ref().map(HermiteTable::planes),
-            kernel: self.kernel.as_ref().map(KernelTable::planes),
-            displacement: self.displacement.as_ref().map(|table| *table.planes()),
-        }
+    pub const fn planes(&self) -> SpacePlanes<'a> {
+        self.planes
     }
 
     /// Whether the planes of a method are present.
     pub fn has(&self, method: Method) -> bool {
-        self.ask(method, IsPresent).is_some()
+        self.force(method, vec3::ZERO).is_some()
     }
 
     /// Reaction force h at a displacement of the active node, metres in and newtons out.
@@ -176,7 +198,9 @@ impl<'a> Space<'a> {
         method: Method,
         displacement_m: Vec3,
     ) -> Option<ForceSample> {
-        match self.ask(method, Inside { machine, displacement_m: &displacement_m })? {
+        let inside =
+            with_interpolant!(self, method, |of| interpolant::force_inside(of, machine, &displacement_m));
+        match inside {
             Ok(sample) => Some(sample),
             // Passed as components, because an array would have to be in memory.
             Err([x, y, z]) => self.force_outside(method, x, y, z),
@@ -187,14 +211,14 @@ impl<'a> Space<'a> {
     #[cold]
     #[inline(never)]
     fn force_outside(&self, method: Method, x: f32, y: f32, z: f32) -> Option<ForceSample> {
-        self.ask(method, Outside { displacement_m: [x, y, z] })
+        Some(with_interpolant!(self, method, |of| interpolant::force_outside(of, [x, y, z])))
     }
 
     /// Force with stiffness, and with energy where the force is its gradient. `None` as for [`Space::force`].
     ///
     /// Costs a few times as much as the force alone; not for the tick.
     pub fn estimate(&self, method: Method, displacement_m: Vec3) -> Option<Estimate> {
-        self.ask(method, Everything { displacement_m })
+        Some(with_interpolant!(self, method, |of| interpolant::estimate(of, displacement_m)))
     }
 
     /// Surface displacement at a displacement of the active node, see
@@ -203,80 +227,9 @@ impl<'a> Space<'a> {
     /// Returns false, and sets `out` to zero, where the space has no surface displacements.
     pub fn displacement_into(&self, displacement_m: Vec3, out: &mut [Vec3]) -> bool {
         match &self.displacement {
-            Some(table) => table.displacement_into(&self.lattice, self.flags, displacement_m, out),
+            Some(table) => table.displacement_into(&self.lattice, self.planes.flags, displacement_m, out),
             None => out.fill(vec3::ZERO),
         }
         self.displacement.is_some()
-    }
-
-    /// Evaluates a query with the interpolant of a method; `None` if its planes are absent.
-    #[inline(always)]
-    fn ask<Q: Question>(&self, method: Method, question: Q) -> Option<Q::Answer> {
-        let ball = Ball { lattice: &self.lattice, flags: self.flags };
-        let forces = || self.force_n.map(|force_n| Forces { ball, force_n });
-        Some(match method {
-            Method::Trilinear => question.of(Trilinear(forces()?)),
-            Method::Tricubic => question.of(Tricubic(forces()?)),
-            Method::Hybrid => question.of(Hybrid(forces()?)),
-            Method::RbfLinear => question.of(RbfLinear { ball, table: self.rbf_linear.as_ref()? }),
-            Method::RbfCubic => question.of(RbfCubic { ball, table: self.rbf_cubic.as_ref()? }),
-            Method::Hermite => question.of(Hermite { ball, table: self.hermite.as_ref()? }),
-            Method::Energy => question.of(Energy { ball, table: self.hermite.as_ref()? }),
-            Method::Kernel => {
-                question.of(Kernel { table: self.kernel.as_ref()?, spacing_m: self.lattice.spacing_m() })
-            }
-        })
-    }
-}
-
-/// A query to the interpolant of any method: a closure that is generic in the interpolant.
-trait Question {
-    type Answer;
-    fn of<I: Interpolant>(self, method: I) -> Self::Answer;
-}
-
-struct IsPresent;
-
-impl Question for IsPresent {
-    type Answer = ();
-
-    fn of<I: Interpolant>(self, _: I) {}
-}
-
-struct Inside<'d, M> {
-    machine: M,
-    displacement_m: &'d Vec3,
-}
-
-impl<M: Machine> Question for Inside<'_, M> {
-    type Answer = Result<ForceSample, Vec3>;
-
-    #[inline(always)]
-    fn of<I: Interpolant>(self, method: I) -> Self::Answer {
-        method::force_inside(method, self.machine, self.displacement_m)
-    }
-}
-
-struct Outside {
-    displacement_m: Vec3,
-}
-
-impl Question for Outside {
-    type Answer = ForceSample;
-
-    fn of<I: Interpolant>(self, method: I) -> ForceSample {
-        method::force_outside(method, self.displacement_m)
-    }
-}
-
-struct Everything {
-    displacement_m: Vec3,
-}
-
-impl Question for Everything {
-    type Answer = Estimate;
-
-    fn of<I: Interpolant>(self, method: I) -> Estimate {
-        method::estimate(method, self.displacement_m)
     }
 }

@@ -2,38 +2,24 @@
 
 use serde::{Deserialize, Serialize};
 
-/// State of the configuration at one grid point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum ConfigTag {
-    /// Not solved yet.
-    Unknown,
-    /// Solved; its neighbours may be solved from it.
-    Expandable,
-    /// Solved, but the reaction exceeds the force of the device: the expansion stops here.
-    Terminating,
-    /// Newton's method did not converge from its parent. This is expected physics, not an error.
-    Failed,
+use crate::named::named;
+
+named! {
+    /// State of the configuration at one grid point.
+    #[derive(Serialize, Deserialize)]
+    pub enum ConfigTag {
+        /// Not solved yet.
+        Unknown = "unknown",
+        /// Solved; its neighbours may be solved from it.
+        Expandable = "expandable",
+        /// Solved, but the reaction exceeds the force of the device: the expansion stops here.
+        Terminating = "terminating",
+        /// Newton's method did not converge from its parent. This is expected physics, not an error.
+        Failed = "failed",
+    }
 }
 
 impl ConfigTag {
-    /// Every tag, in the order of the states.
-    pub const ALL: [Self; 4] = [Self::Unknown, Self::Expandable, Self::Terminating, Self::Failed];
-
-    /// The name used in files and tables.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Unknown => "unknown",
-            Self::Expandable => "expandable",
-            Self::Terminating => "terminating",
-            Self::Failed => "failed",
-        }
-    }
-
-    /// The tag with this [`ConfigTag::name`].
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|tag| tag.name() == name)
-    }
-
     /// Whether the configuration has a converged solution.
     pub const fn is_solved(self) -> bool {
         matches!(self, Self::Expandable | Self::Terminating)

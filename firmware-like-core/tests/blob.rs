@@ -4,9 +4,7 @@
 mod common;
 
 use common::{Draft, Random, Recipe, sign};
-use palpate_core::blob::MicrocontrollerOrgan;
-use palpate_core::blob::format;
-use palpate_core::{AlignedBytes, BlobError, LatticeError, Limits, Method, Organ};
+use palpate_core::{AlignedBytes, BlobError, LatticeError, Limits, Method, Organ, format};
 
 type Small<'a> = Organ<'a, 2>;
 
@@ -29,7 +27,7 @@ fn a_blob_contains_what_was_written() {
     assert_eq!((organ.scene.as_str(), organ.law.as_str(), organ.max_force_n), ("test", "potential", 8.0));
     assert_eq!((organ.mesh_hash, organ.spaces.len()), ([7; 32], 2));
     let space = &organ.spaces[1];
-    let active = space.active();
+    let active = &space.active;
     assert_eq!((active.name.as_str(), active.node, active.rest_position_m), ("A2", 11, [0.1, 0.0, 0.02]));
     assert_eq!(active.outward_normal, [0.0, 0.0, 1.0]);
     assert!(Method::OF_LATTICE.into_iter().all(|method| space.has(method)));
@@ -176,8 +174,10 @@ fn more_of_a_table_than_a_profile_holds() {
     let refused = |limits: &Limits| Small::read_within(&blob, limits);
     let capacity = |what, need, limit| Err(BlobError::Capacity { what, space: Some(0), need, limit });
     // 125 slots, 7 centres and padding, 4 vertices and triangles, 3 modes: all fit exactly.
-    let fitting = Limits { slots: 125, centres: 16, vertices: 4, triangles: 4, modes: 3 };
+    let fitting = Limits { spaces: 2, slots: 125, centres: 16, vertices: 4, triangles: 4, modes: 3 };
     assert!(refused(&fitting).is_ok());
+    let none = BlobError::Capacity { what: "spaces", space: None, need: 1, limit: 0 };
+    assert_eq!(refused(&Limits { spaces: 0, ..fitting }), Err(none));
     assert_eq!(refused(&Limits { slots: 124, ..fitting }), capacity("grid slots", 125, 124));
     assert_eq!(refused(&Limits { centres: 15, ..fitting }), capacity("RBF centres", 16, 15));
     assert_eq!(refused(&Limits { modes: 2, ..fitting }), capacity("displacement modes", 3, 2));
@@ -191,7 +191,7 @@ fn more_of_a_table_than_a_profile_holds() {
     // The profile of a microcontroller accepts forces only.
     assert_eq!(refused(&Limits::MICROCONTROLLER), capacity("displacement modes", 3, 0));
     let forces = Recipe { displacement: false, ..small() }.blob();
-    assert!(MicrocontrollerOrgan::read_within(&forces, &Limits::MICROCONTROLLER).is_ok());
+    assert!(Small::read_within(&forces, &Limits::MICROCONTROLLER).is_ok());
 }
 
 #[test]

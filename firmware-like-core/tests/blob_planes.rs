@@ -3,10 +3,9 @@
 mod common;
 
 use common::{Draft, Recipe};
-use palpate_core::blob::format::{DisplacementHeader, PlaneRef};
 use palpate_core::flags::{BRANCH_JUMP, CELL, SMOOTH};
-use palpate_core::plane::{PlaneError, PlaneProblem};
-use palpate_core::{BlobError, Organ};
+use palpate_core::format::{DisplacementHeader, PlaneRef};
+use palpate_core::{BlobError, Organ, PlaneError, PlaneProblem};
 
 fn small() -> Recipe {
     Recipe { radius_m: 0.01, slopes: 2, outlier: Some([0, -1, 0]), ..Recipe::default() }
@@ -170,7 +169,7 @@ fn indices_out_of_range() {
 
 #[test]
 fn flags_and_the_rest_point() {
-    let rest = small().lattice().rest_slot();
+    let rest = small().lattice().slot([0; 3]).expect("in the box");
     let error = spoiled(|draft| {
         let flags = draft.spaces[0].flags;
         draft.area.plane(flags, 1)[0] |= CELL;

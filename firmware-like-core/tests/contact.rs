@@ -43,7 +43,7 @@ impl<'o> Hand<'o> {
             let sample = Sample { t_us: self.now_us, position_m, buttons };
             let command = self.controller.tick(&mut self.state, self.now_us, Some(&sample));
             let space = command.engaged?;
-            assert_eq!((command.shares[0].weight, command.shares[1].weight), (1.0, 0.0), "a single space");
+            assert_eq!((command.weights[0].weight, command.weights[1].weight), (1.0, 0.0), "a single space");
             Some(Touch { space, displacement_m: command.displacement_m })
         };
         stroke.iter().map(&mut touch).collect()

@@ -34,8 +34,8 @@ fn crossing(controller: &Controller<'_, '_>, from_m: Vec3, to_m: Vec3) -> Option
 
 /// The point of the surface that the weights of a command define.
 fn foot(organ: &Organ<'_>, command: &Command) -> Vec3 {
-    command.shares.iter().fold(vec3::ZERO, |sum, share| {
-        let at = organ.spaces[usize::from(share.space)].active().rest_position_m;
+    command.weights.iter().fold(vec3::ZERO, |sum, share| {
+        let at = organ.spaces[usize::from(share.space)].active.rest_position_m;
         vec3::add(sum, vec3::scale(at, share.weight))
     })
 }

@@ -129,10 +129,10 @@ fn a_grasp_in_the_middle_of_a_slide() {
     }
     let before = bench.at(hip_m);
     let grasped = bench.at_with(hip_m, 1);
-    assert!(before.shares.iter().filter(|share| share.weight > 0.0).count() > 1, "{before:?}");
+    assert!(before.weights.iter().filter(|share| share.weight > 0.0).count() > 1, "{before:?}");
     assert!(vec3::distance(before.hand_force_n, grasped.hand_force_n) < 0.05);
     let pulled = (1..=40).map(|step| bench.at_with([hip_m[0], 0.0, hip_m[2] + 2e-4 * step as f32], 1)).last();
     let pulled = pulled.expect("some");
     assert!(pulled.engaged.is_some() && vec3::dot(pulled.reaction_n, [0.0, 0.0, 1.0]) > 0.5, "{pulled:?}");
-    assert_eq!(pulled.shares, grasped.shares, "a grasp does not slide");
+    assert_eq!(pulled.weights, grasped.weights, "a grasp does not slide");
 }

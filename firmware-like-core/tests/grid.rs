@@ -4,8 +4,9 @@ mod common;
 
 use common::Random;
 use palpate_core::flags::{self, CELL, INTERIOR, SOLVED, SUPERCELL};
-use palpate_core::grid::{CORNERS, MAX_CELLS};
-use palpate_core::{BallLattice, LatticeError};
+use palpate_core::{
+    ActiveNode, BallLattice, CORNERS, LatticeError, MAX_CELLS, PlaneProblem, Space, SpacePlanes,
+};
 
 fn lattice(cells: f32) -> BallLattice {
     BallLattice::new(0.05 / cells, 0.05).expect("valid")
@@ -17,10 +18,9 @@ fn the_four_grids_of_the_paper() {
     for radius_m in [0.05, 0.1, 0.03, 1.0, 0.037] {
         for (cells, count) in [(5.0, 514), (7.0, 1418), (10.0, 4168), (15.0, 14146)] {
             let lattice = BallLattice::new(radius_m / cells, radius_m).expect("valid");
-            assert_eq!(lattice.count(), count, "{cells} cells of {radius_m} m");
+            assert_eq!(lattice.points().count(), count, "{cells} cells of {radius_m} m");
             assert_eq!(lattice.reach(), cells as i32);
-            assert_eq!(lattice.extent(), cells as i32 + 1);
-            assert_eq!(lattice.side(), 2 * (cells as usize) + 3);
+            assert_eq!(lattice.slots(), (2 * (cells as usize) + 3).pow(3));
         }
     }
     // The radius is not a whole number of cells: the box is rounded up, the ball is not.
@@ -31,13 +31,12 @@ fn the_four_grids_of_the_paper() {
 #[test]
 fn slots_and_points_are_inverse() {
     let lattice = lattice(5.0);
-    assert_eq!(lattice.slots(), lattice.side().pow(3));
     for slot in 0..lattice.slots() {
         assert_eq!(lattice.slot(lattice.ijk(slot)), Some(slot));
     }
-    let e = lattice.extent();
+    let e = lattice.reach() + 1;
     assert_eq!(lattice.ijk(1), [-e, -e, 1 - e], "z runs fastest");
-    assert_eq!(lattice.slot([0; 3]), Some(lattice.rest_slot()));
+    assert_eq!(lattice.slot([0; 3]), Some(lattice.slots() / 2));
     for outside in [[e + 1, 0, 0], [0, -e - 1, 0], [0, 0, i32::MAX], [i32::MIN, 0, 0]] {
         assert_eq!(lattice.slot(outside), None);
         assert!(!lattice.contains(outside));
@@ -132,7 +131,11 @@ fn flags_follow_from_the_solved_points() {
         }
     }
     assert!(seen.iter().all(|&seen| seen > 0), "each flag occurs: {seen:?}");
-    assert_eq!(flags::first_inconsistent(&lattice, &bits), None);
+    let refusal = |flags: &[u8]| {
+        let planes = SpacePlanes { flags, ..SpacePlanes::default() };
+        Space::new(ActiveNode::default(), lattice, planes, 0).err().map(|error| error.problem)
+    };
+    assert_eq!(refusal(&bits), None);
     // Any single wrong bit is found.
     for slot in 0..bits.len() {
         for bit in 0..8 {
@@ -146,8 +149,9 @@ fn flags_follow_from_the_solved_points() {
                 flags::derive(&lattice, &mut derived);
                 derived == wrong
             };
-            let found = flags::first_inconsistent(&lattice, &wrong).is_some();
-            assert_eq!(found, !harmless && !other, "slot {slot}, bit {bit}");
+            let found = refusal(&wrong);
+            assert!(found.is_none() || matches!(found, Some(PlaneProblem::Flags { .. })), "{found:?}");
+            assert_eq!(found.is_some(), !harmless && !other, "slot {slot}, bit {bit}");
         }
     }
 }

@@ -5,12 +5,12 @@ mod common;
 
 use common::kernel::{BASE_N, LENGTH_M, RADIUS_M, SPACING_M, add, blob, blocks, recipe};
 use common::{Draft, Random, distance, sign};
-use palpate_core::blob::format::{KernelHeader, PlaneRef};
-use palpate_core::method::kernel::{Block, LANES, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS};
-use palpate_core::plane::{PlaneError, PlaneProblem};
+use palpate_core::format::{KernelHeader, PlaneRef};
+use palpate_core::kernel::{Block, LANES, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS};
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{
-    AlignedBytes, BlobError, Config, Controller, Coverage, Method, Organ, Phase, Sample, Space, State,
+    AlignedBytes, BlobError, Config, Controller, Coverage, Method, Organ, Phase, PlaneError, PlaneProblem,
+    Sample, Space, State,
 };
 
 fn spoiled(spoil: impl FnOnce(&mut Draft, KernelHeader)) -> Result<(), BlobError> {
@@ -349,8 +349,7 @@ fn any_samples_are_finite_and_within_the_limit() {
     let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-45, 1e30, -1e38];
     state.arm();
     for tick in 0..200_000_u64 {
-        let mut position_m =
-            vec3::add(organ.spaces[0].active().rest_position_m, random.point(1.3 * RADIUS_M));
+        let mut position_m = vec3::add(organ.spaces[0].active.rest_position_m, random.point(1.3 * RADIUS_M));
         // A stroke into the organ, and sometimes a number that is not finite.
         if tick % 64 < 32 {
             position_m = [0.0, 0.0, 0.002 - 1e-3 * (tick % 32) as f32];

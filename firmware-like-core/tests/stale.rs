@@ -4,8 +4,7 @@
 mod common;
 
 use common::bench::{assert_faults, assert_latched, config, sample};
-use palpate_core::vec3;
-use palpate_core::{Fault, Phase};
+use palpate_core::{Fault, Phase, vec3};
 
 /// Three ticks hold the force, then it is zero, and after 10 ms a fault is latched.
 #[test]

@@ -114,7 +114,7 @@ fn a_tool_that_sticks_stays_with_its_node() {
     let first = bench.at(vec3::scale(outward, RADIUS_M - 4e-3));
     let dragged =
         (1..=60).map(|step| bench.at([1e-4 * step as f32, 0.0, RADIUS_M - 4e-3])).last().expect("some");
-    assert_eq!((first.engaged, first.shares[0].weight), (dragged.engaged, 1.0));
+    assert_eq!((first.engaged, first.weights[0].weight), (dragged.engaged, 1.0));
     assert!((dragged.displacement_m[0] - 6e-3).abs() < 1e-6 && dragged.reaction_n[0] > 2.0, "{dragged:?}");
 }
 

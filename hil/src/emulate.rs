@@ -75,13 +75,13 @@ impl Stroke {
         let node = &organ.spaces[0];
         let at = |height_m: f32| {
             let model_m =
-                vec3::add(node.active().rest_position_m, vec3::scale(node.active().outward_normal, height_m));
+                vec3::add(node.active.rest_position_m, vec3::scale(node.active.outward_normal, height_m));
             let device_m = profile.workspace.to_device_m(model_m);
             let from_middle_m = vec3::sub(device_m, profile.workspace.device_origin_m);
             if profile.reach.nearest_m(from_middle_m) == from_middle_m {
                 Ok(device_m)
             } else {
-                Err(OutOfReach { device_m, model_origin_m: node.active().rest_position_m })
+                Err(OutOfReach { device_m, model_origin_m: node.active.rest_position_m })
             }
         };
         Ok(Self { above_m: at(ABOVE_M)?, below_m: at(-BELOW_M)? })
@@ -165,7 +165,7 @@ mod tests {
         let organ: Organ<'_> = Organ::read(blob.bytes()).expect("golden");
         let mut profile = Profile::bundled("link").expect("bundled");
         let node = &organ.spaces[0];
-        profile.workspace.model_origin_m = vec3::add(node.active().rest_position_m, [0.3, 0.0, 0.0]);
+        profile.workspace.model_origin_m = vec3::add(node.active.rest_position_m, [0.3, 0.0, 0.0]);
         let refused = Stroke::on(&organ, &profile).expect_err("30 cm away");
         assert!(refused.to_string().contains("model_origin_m"), "{refused}");
 
@@ -173,7 +173,7 @@ mod tests {
         let stroke = Stroke::on(&organ, &profile).expect("in the middle");
         let height_m = |device_m| {
             let model_m = profile.workspace.to_model_m(device_m);
-            vec3::dot(vec3::sub(model_m, node.active().rest_position_m), node.active().outward_normal)
+            vec3::dot(vec3::sub(model_m, node.active.rest_position_m), node.active.outward_normal)
         };
         assert!((height_m(stroke.above_m) - ABOVE_M).abs() < 1e-6);
         assert!((height_m(stroke.below_m) + BELOW_M).abs() < 1e-6);

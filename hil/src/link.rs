@@ -11,8 +11,7 @@ use core::f64::consts::TAU;
 use palpate_core::Vec3;
 use palpate_host::device::profile::Profile;
 use palpate_link::{
-    Device, DeviceInfo, DeviceProfile, FrameCounts, FrameReader, HostMessage, Inputs, MAX_FRAME, Phase,
-    encode,
+    Device, DeviceInfo, DeviceProfile, FrameReader, HostMessage, Inputs, MAX_FRAME, Phase, encode,
 };
 use std::io;
 
@@ -119,12 +118,6 @@ impl EmulatedLink {
     #[must_use]
     pub const fn phase(&self) -> Phase {
         self.core.phase()
-    }
-
-    /// Counts of the received frames.
-    #[must_use]
-    pub const fn frames(&self) -> &FrameCounts {
-        self.reader.counts()
     }
 
     /// Force on the hand now, N.

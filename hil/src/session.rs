@@ -35,12 +35,12 @@ pub fn golden_organ() -> BlobFile {
 #[must_use]
 pub fn on_organ(organ: &Organ<'_>, profile: &Profile) -> Workspace {
     let node = &organ.spaces[0];
-    let normal = node.active().outward_normal;
+    let normal = node.active.outward_normal;
     let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
     let second = vec3::cross(normal, first);
     Workspace {
         axes: [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]),
-        model_origin_m: node.active().rest_position_m,
+        model_origin_m: node.active.rest_position_m,
         ..profile.workspace
     }
 }

@@ -33,6 +33,6 @@ impl<'o> Shadow<'o> {
 
     /// Factor of the stiffness cap on every force.
     pub(crate) const fn force_scale(&self) -> f32 {
-        self.controller.force_share()
+        self.controller.hand_scale()
     }
 }

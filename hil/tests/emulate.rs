@@ -47,8 +47,8 @@ fn renders_a_force(kind: &str, open: impl FnOnce(&str, &Profile) -> Box<dyn Devi
     let organ: Organ<'_> = Organ::read(blob.bytes()).expect("golden");
     let node = &organ.spaces[0];
     let height_m =
-        |at_m: Vec3| vec3::dot(vec3::sub(at_m, node.active().rest_position_m), node.active().outward_normal);
-    let push_n = vec3::scale(node.active().outward_normal, 1.5);
+        |at_m: Vec3| vec3::dot(vec3::sub(at_m, node.active.rest_position_m), node.active.outward_normal);
+    let push_n = vec3::scale(node.active.outward_normal, 1.5);
 
     let profile = Profile::bundled(kind).expect("bundled");
     let mut device = open(&port, &profile);

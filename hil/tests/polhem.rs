@@ -26,12 +26,12 @@ const MAX_WAIT: Duration = Duration::from_secs(5);
 
 /// Device z is the outward normal of the first active node. The device's origin lies on the surface there.
 fn workspace(organ: &Organ<'_>) -> Workspace {
-    let normal = organ.spaces[0].active().outward_normal;
+    let normal = organ.spaces[0].active.outward_normal;
     let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
     let second = vec3::cross(normal, first);
     Workspace {
         axes: [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]),
-        model_origin_m: organ.spaces[0].active().rest_position_m,
+        model_origin_m: organ.spaces[0].active.rest_position_m,
         ..Workspace::default()
     }
 }

@@ -89,11 +89,11 @@ fn measure(organ: &Organ<'_>) {
 fn record(organ: &Organ<'_>, engaged: Option<u16>, depth_m: f32, tick: u64) -> TickRecord {
     let space = &organ.spaces[0];
     let tremble = 1.0 + 0.05 * (tick as f32 * 0.05).sin();
-    let displacement_m = vec3::scale(space.active().outward_normal, depth_m * tremble);
+    let displacement_m = vec3::scale(space.active.outward_normal, depth_m * tremble);
     TickRecord {
         tick,
         t_us: 1_000 * tick,
-        hip_m: vec3::add(space.active().rest_position_m, displacement_m),
+        hip_m: vec3::add(space.active.rest_position_m, displacement_m),
         displacement_m,
         engaged,
         reaction_n: vec3::scale(displacement_m, 250.0),

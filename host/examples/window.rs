@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn core::error::Error>> {
     let blob = synthetic::organ(&synthetic::Shape { subdivisions: 4, ..Default::default() });
     let organ: Organ<'_> = Organ::read(&blob)?;
     let space = &organ.spaces[0];
-    let start_m = vec3::add(space.active().rest_position_m, vec3::scale(space.active().outward_normal, 0.03));
+    let start_m = vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, 0.03));
     let (handle, mouse) = mouse(start_m, MouseConfig::default());
     let (device, mouse): (Box<dyn Device>, _) = match device.as_str() {
         "sim" => (Box::new(SimulatedHand::new(&organ, SimulatedConfig::default())), None),

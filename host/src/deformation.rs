@@ -1,7 +1,7 @@
 //! The deformed surface at 30 Hz: displacements from the space's table, then positions and normals.
 
 use glam::Vec3;
-use palpate_core::{Organ, Share, vec3};
+use palpate_core::{NodeWeight, Organ, vec3};
 
 /// Current surface of an organ. Buffers are reused from frame to frame.
 #[derive(Debug, Clone)]
@@ -39,7 +39,7 @@ impl Deformation {
     pub fn update<const N: usize>(
         &mut self,
         organ: &Organ<'_, N>,
-        shares: &[Share; 3],
+        shares: &[NodeWeight; 3],
         displacement_m: [f32; 3],
     ) {
         self.displacement_m.fill(vec3::ZERO);
@@ -115,9 +115,9 @@ mod tests {
         let blob = synthetic::organ(&Shape::default());
         let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let mut surface = Deformation::at_rest(&organ);
-        let node = organ.spaces[1].active().node as usize;
+        let node = organ.spaces[1].active.node as usize;
         let d = [0.004, -0.013, 0.006];
-        let whole = [Share { space: 1, weight: 1.0 }, Share::default(), Share::default()];
+        let whole = [NodeWeight { space: 1, weight: 1.0 }, NodeWeight::default(), NodeWeight::default()];
         surface.update(&organ, &whole, d);
         let moved = surface.position_m()[node] - surface.rest_m()[node];
         // The dent is linear in d, so interpolation between lattice points is exact. The scale is the
@@ -127,11 +127,15 @@ mod tests {
         assert!((moved.normalize() - Vec3::from_array(vec3::normalize_or_zero(d))).length() < 1e-3);
         assert!((surface.largest_m() - moved.length()).abs() < 2e-3);
         // Half of this space and half of one that displaces this node little: the result lies between.
-        let half = [Share { weight: 0.5, ..whole[0] }, Share { space: 2, weight: 0.5 }, Share::default()];
+        let half = [
+            NodeWeight { weight: 0.5, ..whole[0] },
+            NodeWeight { space: 2, weight: 0.5 },
+            NodeWeight::default(),
+        ];
         surface.update(&organ, &half, d);
         let blended = surface.position_m()[node] - surface.rest_m()[node];
         assert!(blended.length() > 0.5 * moved.length() && blended.length() < 0.8 * moved.length());
-        surface.update(&organ, &[Share::default(); 3], d);
+        surface.update(&organ, &[NodeWeight::default(); 3], d);
         assert_eq!(surface.position_m(), surface.rest_m());
         assert_eq!(surface.largest_m(), 0.0);
     }

@@ -2,8 +2,7 @@
 
 use crate::rt::controls::MAX_MODELS;
 use core::fmt;
-use palpate_core::ControllerError;
-use palpate_core::{Config, Controller, Organ, TouchSurface};
+use palpate_core::{Config, Controller, ControllerError, Organ, TouchSurface};
 
 /// Backing memory for the [`TouchSurface`] of each organ.
 #[derive(Debug, Default)]
@@ -42,7 +41,7 @@ fn same_nodes<const N: usize>(one: &Organ<'_, N>, other: &Organ<'_, N>) -> bool 
         organ
             .spaces
             .iter()
-            .map(|space| (space.active().node, space.active().rest_position_m, space.active().outward_normal))
+            .map(|space| (space.active.node, space.active.rest_position_m, space.active.outward_normal))
             .collect()
     };
     nodes(one) == nodes(other) && one.surface == other.surface

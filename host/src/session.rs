@@ -320,7 +320,7 @@ pub fn run_session<D: Device, const N: usize>(
     let controllers = model::controllers(organs, config, &mut memory)?;
     // The stiffest organ, and the smallest force share of all.
     let stiffest_n_m = controllers.iter().map(Controller::stiffest_n_m).fold(0.0, f32::max);
-    let stiffness = (stiffest_n_m, controllers.iter().map(Controller::force_share).fold(1.0, f32::min));
+    let stiffness = (stiffest_n_m, controllers.iter().map(Controller::hand_scale).fold(1.0, f32::min));
     let periods = periods(options)?;
     if let Some(priority) =
         options.real_time.fifo_priority.filter(|priority| *priority > MAX_LOOP_FIFO_PRIORITY)

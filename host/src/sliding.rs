@@ -9,8 +9,7 @@
 //! no path over the surface gives energy to the hand.
 
 use core::fmt;
-use palpate_core::touch::{Foot, TouchSurface};
-use palpate_core::{Method, Organ, Share, Vec3, vec3};
+use palpate_core::{Foot, Method, NodeWeight, Organ, TouchSurface, Vec3, vec3};
 use std::collections::BTreeMap;
 
 /// Load steps of a press along the normal.
@@ -63,7 +62,7 @@ pub fn report<const N: usize>(
     let mut edges: BTreeMap<[u32; 2], Vec<Foot>> = BTreeMap::new();
     for (triangle, corners) in (0..).zip(triangles) {
         let middle = |weights| Foot { triangle, weights };
-        if surface.shares(&middle([1.0, 0.0, 0.0])).is_none() {
+        if surface.node_weights(&middle([1.0, 0.0, 0.0])).is_none() {
             continue;
         }
         report.triangles += 1;
@@ -76,12 +75,12 @@ pub fn report<const N: usize>(
     for ([a, b], feet) in &edges {
         let space = |vertex: u32| {
             let node = organ.surface.node[vertex as usize];
-            organ.spaces.iter().find(|space| space.active().node == node)
+            organ.spaces.iter().find(|space| space.active.node == node)
         };
         let (Some(one), Some(other)) = (space(*a), space(*b)) else { continue };
         let normal =
-            vec3::normalize_or_zero(vec3::add(one.active().outward_normal, other.active().outward_normal));
-        let length_m = vec3::distance(one.active().rest_position_m, other.active().rest_position_m);
+            vec3::normalize_or_zero(vec3::add(one.active.outward_normal, other.active.outward_normal));
+        let length_m = vec3::distance(one.active.rest_position_m, other.active.rest_position_m);
         let reach_m = one.lattice().radius_m().min(other.lattice().radius_m());
         let step_m = reach_m / STEPS as f32;
         let (mut before, mut work_j) = ([0.0; 2], [0.0_f32; 2]);
@@ -117,7 +116,7 @@ fn seam_n<const N: usize>(
 ) -> f32 {
     let blended = |foot: &Foot| -> Option<Vec3> {
         let mut sum = vec3::ZERO;
-        for Share { space, weight } in surface.shares(foot)? {
+        for NodeWeight { space, weight } in surface.node_weights(foot)? {
             let force_n = organ.spaces.get(usize::from(space))?.force(method, d)?.force_n;
             sum = vec3::add(sum, vec3::scale(force_n, weight));
         }

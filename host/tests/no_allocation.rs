@@ -86,7 +86,7 @@ fn a_kernel_without_an_allocation() {
             // In and out, twice per second.
             let height_m = 0.003 + 0.006 * (tick as f32 * 4.0 * core::f32::consts::PI / 1e3).cos();
             let position_m =
-                vec3::add(node.active().rest_position_m, vec3::scale(node.active().outward_normal, height_m));
+                vec3::add(node.active.rest_position_m, vec3::scale(node.active.outward_normal, height_m));
             let t_us = 1_000 * tick;
             let command = controller.tick(&mut state, t_us, Some(&Sample { t_us, position_m, buttons: 0 }));
             assert!(vec3::norm(command.hand_force_n) <= 8.0);

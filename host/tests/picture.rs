@@ -170,11 +170,11 @@ fn many_active_nodes_do_not_cover_the_organ() {
         (0..organ.surface.node.len()).filter(|i| i % 11 == 3 && organ.surface.fixed[*i] == 0).take(197)
     {
         let mut space = organ.spaces[0].clone();
-        space.active_mut().node = organ.surface.node[vertex];
-        space.active_mut().rest_position_m = [x[vertex], y[vertex], z[vertex]];
+        space.active.node = organ.surface.node[vertex];
+        space.active.rest_position_m = [x[vertex], y[vertex], z[vertex]];
         let axes_m = synthetic::Shape::default().half_axes_m;
-        let normal = core::array::from_fn(|axis| space.active().rest_position_m[axis] / axes_m[axis].powi(2));
-        space.active_mut().outward_normal = vec3::normalize_or_zero(normal);
+        let normal = core::array::from_fn(|axis| space.active.rest_position_m[axis] / axes_m[axis].powi(2));
+        space.active.outward_normal = vec3::normalize_or_zero(normal);
         assert!(organ.spaces.push(space).is_ok());
     }
     assert!(organ.spaces.len() > 150);

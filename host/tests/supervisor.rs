@@ -495,8 +495,8 @@ fn a_loop_that_resumes_latches_a_watchdog_fault() {
     let controller: Controller<'_, '_> =
         Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
     let Bench { device, script, thread, foreign, .. } = Bench::new(50);
-    let normal = organ.spaces[0].active().outward_normal;
-    let rest_m = organ.spaces[0].active().rest_position_m;
+    let normal = organ.spaces[0].active.outward_normal;
+    let rest_m = organ.spaces[0].active.rest_position_m;
     let (records, mut drained) = rtrb::RingBuffer::new(100_000);
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls) = (VirtualClock::default(), Controls::default());

@@ -19,8 +19,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let organ: Organ = Organ::read(&blob)?;
     let interpolated = organ.spaces.first().ok_or("the organ has no active node")?;
-    let inward = vec3::scale(interpolated.active().outward_normal, -1.0);
-    let (_, node) = analysis.active(Some(&*interpolated.active().name))?;
+    let inward = vec3::scale(interpolated.active.outward_normal, -1.0);
+    let (_, node) = analysis.active(Some(&*interpolated.active.name))?;
     let mut solver = Solver::new(analysis.problem(node));
     let mut configuration = solver.rest()?;
     println!("depth mm   interpolated N   finite elements N   difference mN");

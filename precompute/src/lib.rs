@@ -22,7 +22,7 @@
 //! let blob = AlignedBytes::from(&blob);
 //! let organ: Organ = Organ::read(&blob)?;
 //! let controller = Controller::new(&organ, Config::new(Method::Energy))?;
-//! let (mut state, node) = (State::new(), organ.spaces[0].active());
+//! let (mut state, node) = (State::new(), &organ.spaces[0].active);
 //! state.arm();
 //! for tick in 0..300 {
 //!     // From 1 mm above the organ to 2 mm below its surface, one sample per millisecond.

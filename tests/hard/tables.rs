@@ -2,9 +2,9 @@
 //! jumps. The interpolant must be continuous and bounded, and the loss of accuracy is measured.
 
 use nalgebra::Matrix3;
-use palpate_core::method::baseline::rbf::{LANES, RbfPlanes};
-use palpate_core::method::hermite::{HermitePlanes, Node};
-use palpate_core::{ActiveNode, Coverage, Method, Space, SpacePlanes};
+use palpate_core::{
+    ActiveNode, Coverage, HermiteNode, HermitePlanes, Method, RBF_LANES, RbfPlanes, Space, SpacePlanes,
+};
 use palpate_precompute::fit::{
     BranchJump, Centre, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_branch_jumps, hermite_nodes,
     lattice_values,
@@ -63,7 +63,7 @@ struct Tables {
     grid: SpaceGrid,
     values: LatticeValues,
     row: Vec<u32>,
-    nodes: Vec<Node>,
+    nodes: Vec<HermiteNode>,
     cubic: Option<RbfFit>,
 }
 
@@ -75,7 +75,7 @@ impl Tables {
         let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
         let mut cubic = fit_rbf(Kernel::Cubic, &centres, 2).ok();
         for plane in cubic.iter_mut().flat_map(|fit| fit.centres.iter_mut().chain(&mut fit.weights)) {
-            plane.resize(plane.len().next_multiple_of(LANES), 0.0);
+            plane.resize(plane.len().next_multiple_of(RBF_LANES), 0.0);
         }
         Self { grid, values, row: table.row, nodes: table.nodes, cubic }
     }

@@ -98,10 +98,7 @@ fn strokes_over_the_liver_have_no_force_jumps() {
         for (i, from) in organ.spaces.iter().enumerate() {
             let to = &organ.spaces[(i + 3) % organ.spaces.len()];
             let at = |space: &palpate_core::Space<'_>, height_m: f32| {
-                vec3::add(
-                    space.active().rest_position_m,
-                    vec3::scale(space.active().outward_normal, height_m),
-                )
+                vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, height_m))
             };
             // Enters at one node, slides under load to another, and leaves there.
             let way = [at(from, 0.004), at(from, -DEPTH_M), at(to, -DEPTH_M), at(to, 0.004)];
@@ -146,24 +143,20 @@ fn strokes_over_a_whole_organ_have_no_force_jumps() {
     config.limits.ramp_s = 0.0;
     let controller = Controller::new(&organ, config).expect("packed").on_surface(Some(touch_surface));
     let at = |space: &palpate_core::Space<'_>, height_m: f32| {
-        vec3::add(space.active().rest_position_m, vec3::scale(space.active().outward_normal, height_m))
+        vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, height_m))
     };
     let mut found = Vec::new();
     for from in &organ.spaces {
         let apart = |to: &palpate_core::Space<'_>| {
-            vec3::distance(from.active().rest_position_m, to.active().rest_position_m)
+            vec3::distance(from.active.rest_position_m, to.active.rest_position_m)
         };
         let same_side = |to: &palpate_core::Space<'_>| {
-            vec3::dot(from.active().outward_normal, to.active().outward_normal) > 0.5
+            vec3::dot(from.active.outward_normal, to.active.outward_normal) > 0.5
         };
         let near = organ.spaces.iter().find(|to| (0.02..0.04).contains(&apart(to)) && same_side(to));
         let Some(to) = near else { continue };
         let way = [at(from, 0.004), at(from, -DEPTH_M), at(to, -DEPTH_M), at(to, 0.004)];
-        found.push((
-            from.active().name.as_str(),
-            to.active().name.as_str(),
-            stroke(&controller, &way, |_| 0),
-        ));
+        found.push((from.active.name.as_str(), to.active.name.as_str(), stroke(&controller, &way, |_| 0)));
     }
     found.sort_by(|a, b| b.2.figures.largest_step_n.total_cmp(&a.2.figures.largest_step_n));
     for (from, to, stroke) in found.iter().take(5) {

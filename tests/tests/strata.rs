@@ -126,7 +126,8 @@ const PRECOMPUTE: [&str; 40] = [
 ];
 
 /// The core, lowest stratum first.
-const CORE: [&str; 11] = [
+const CORE: [&str; 12] = [
+    "named",
     "tag",
     "num",
     "plane",

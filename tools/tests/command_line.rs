@@ -308,14 +308,14 @@ fn damaged_and_newer_blobs_are_refused_in_one_line() {
     refused(&["inspect", text(&blob)], &["a.blob", "cut short"]);
     // A newer version with a valid checksum.
     let mut newer = good;
-    newer[8] = palpate_core::blob::format::VERSION as u8 + 1;
+    newer[8] = palpate_core::format::VERSION as u8 + 1;
     let end = newer.len() - 4;
-    let sum = palpate_core::blob::format::CHECKSUM.checksum(&newer[..end]);
+    let sum = palpate_core::format::CHECKSUM.checksum(&newer[..end]);
     newer[end..].copy_from_slice(&sum.to_le_bytes());
     std::fs::write(&blob, &newer).expect("the folder can be written");
     refused(
         &["run", text(&blob), "--headless", "--seconds", "1"],
-        &["a.blob", &format!("version {}", palpate_core::blob::format::VERSION + 1)],
+        &["a.blob", &format!("version {}", palpate_core::format::VERSION + 1)],
     );
     std::fs::remove_file(&blob).expect("the blob is there");
     refused(&["inspect", text(&blob)], &["a.blob"]);

@@ -235,7 +235,7 @@ fn what_cannot_be_replayed_is_refused_in_one_line() {
     let name =
         blob.windows(scene.len()).position(|bytes| bytes == scene).expect("the blob has its scene's name");
     blob[name] ^= 1;
-    let sum = palpate_core::blob::format::CHECKSUM.checksum(&blob[..end]);
+    let sum = palpate_core::format::CHECKSUM.checksum(&blob[..end]);
     blob[end..].copy_from_slice(&sum.to_le_bytes());
     let altered = at("altered.blob");
     std::fs::write(&altered, &blob).expect("writable");

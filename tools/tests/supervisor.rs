@@ -34,7 +34,7 @@ const GENEROUS: Duration = Duration::from_millis(500);
 fn files(folder: &Path) -> (PathBuf, PathBuf) {
     let bytes = synthetic::organ(&synthetic::Shape::default());
     let organ: Organ<'_> = Organ::read(&bytes).expect("a sound blob");
-    let normal = organ.spaces[0].active().outward_normal;
+    let normal = organ.spaces[0].active.outward_normal;
     let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
     let second = vec3::cross(normal, first);
     let axes = [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]);
@@ -43,7 +43,7 @@ fn files(folder: &Path) -> (PathBuf, PathBuf) {
     let (head, _) = own.split_once("[mapping]").unwrap_or((&own, ""));
     let profile = format!(
         "{head}\n[mapping]\naxes = {axes:?}\nmodel_origin_m = {:?}\n",
-        organ.spaces[0].active().rest_position_m
+        organ.spaces[0].active.rest_position_m
     );
     let (blob, toml) = (folder.join("organ.blob"), folder.join("leaning.toml"));
     std::fs::write(&blob, &*bytes).expect("a file");

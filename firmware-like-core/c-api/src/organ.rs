@@ -3,7 +3,6 @@
 use core::ffi::c_char;
 use core::mem::MaybeUninit;
 
-use palpate_core::blob::{MICROCONTROLLER_SPACES, PC_SPACES};
 use palpate_core::{Coverage, Limits, Method, Organ, Space, Vec3};
 
 use crate::memory;
@@ -13,7 +12,7 @@ const IS_SMALL: bool = cfg!(feature = "microcontroller");
 
 /// The largest number of spaces: that of a PC, or with the feature `microcontroller` that of a
 /// microcontroller.
-pub(crate) const SPACES: usize = if IS_SMALL { MICROCONTROLLER_SPACES } else { PC_SPACES };
+pub(crate) const SPACES: usize = LIMITS.spaces;
 
 /// The largest tables that are accepted.
 const LIMITS: Limits = if IS_SMALL { Limits::MICROCONTROLLER } else { Limits::PC };
@@ -289,7 +288,7 @@ pub extern "C" fn palpate_space_info(
     for (number, method) in (0_u32..).zip(Method::ALL) {
         methods |= u32::from(space.has(method)).wrapping_shl(number);
     }
-    let active = space.active();
+    let active = &space.active;
     info.write(PalpateSpaceInfo {
         name: c_string(&active.name),
         node: active.node,

@@ -2,8 +2,7 @@
 
 use core::ffi::{CStr, c_char};
 
-use palpate_core::plane::PlaneProblem;
-use palpate_core::{BlobError, ControllerError};
+use palpate_core::{BlobError, ControllerError, PlaneProblem};
 
 /// Result of a call. `PALPATE_STATUS_OK` is 0.
 #[repr(C)]

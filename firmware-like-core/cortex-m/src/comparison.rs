@@ -2,8 +2,10 @@
 //!
 //! Lines that begin with `answer` or `tick` must be equal on both; the others report costs.
 
-use palpate_core::blob::{MICROCONTROLLER_SPACES, MicrocontrollerOrgan};
-use palpate_core::{Config, Controller, Limits, Method, Sample, Space, State, Vec3};
+use palpate_core::{Config, Controller, Limits, Method, Organ, Sample, Space, State, Vec3};
+
+const SPACES: usize = Limits::MICROCONTROLLER.spaces;
+type SmallOrgan<'a> = Organ<'a, SPACES>;
 
 /// The functions that differ between the two machines.
 pub trait Bench {
@@ -20,7 +22,7 @@ pub struct Failed;
 /// Queries and ticks of every method in the blob.
 pub fn run(bench: &mut impl Bench, blob: &[u8]) -> Result<(), Failed> {
     let before = bench.clock();
-    let organ = MicrocontrollerOrgan::read_within(blob, &Limits::MICROCONTROLLER).map_err(|_| Failed)?;
+    let organ = SmallOrgan::read_within(blob, &Limits::MICROCONTROLLER).map_err(|_| Failed)?;
     let reading = since(bench, before);
     bench.say(Line::new("read").number(reading))?;
     let space = organ.spaces.first().ok_or(Failed)?;
@@ -34,7 +36,7 @@ pub fn run(bench: &mut impl Bench, blob: &[u8]) -> Result<(), Failed> {
             touch(bench, &controller, space)?;
         }
     }
-    bench.say(Line::new("organ").number(size_of::<MicrocontrollerOrgan<'_>>() as u32))
+    bench.say(Line::new("organ").number(size_of::<SmallOrgan<'_>>() as u32))
 }
 
 fn since(bench: &impl Bench, before: u32) -> u32 {
@@ -58,7 +60,7 @@ fn answer(bench: &mut impl Bench, space: &Space<'_>, method: Method) -> Result<(
 /// Two presses into the organ, one tick per millisecond.
 fn touch(
     bench: &mut impl Bench,
-    controller: &Controller<'_, '_, MICROCONTROLLER_SPACES>,
+    controller: &Controller<'_, '_, SPACES>,
     space: &Space<'_>,
 ) -> Result<(), Failed> {
     let method = controller.config().method;
@@ -68,8 +70,8 @@ fn touch(
         // From 4 mm above the surface to 16 mm below and back.
         let along = f32::from(step % 1000) * 1e-3;
         let depth_m = 0.08 * along * (1.0 - along) - 0.004;
-        let mut position_m = space.active().rest_position_m;
-        for (x, n) in position_m.iter_mut().zip(space.active().outward_normal) {
+        let mut position_m = space.active.rest_position_m;
+        for (x, n) in position_m.iter_mut().zip(space.active.outward_normal) {
             *x -= depth_m * n;
         }
         let now_us = 1000 * u64::from(step);

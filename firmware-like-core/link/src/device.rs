@@ -29,8 +29,6 @@
 //! [`Device::receive`] for each message. Both take the time of the firmware's clock. The emulated device of
 //! the tests makes the same calls with a simulated clock.
 
-use core::fmt;
-
 use super::guard::{Delay, SpeedWatch, clamp_torque, is_newer};
 use super::message::{
     CLAMPED, DeviceFault, DeviceInfo, DeviceMessage, ENABLED, HOMED, HOMING, HostMessage, InfoError, REFUSED,
@@ -50,30 +48,18 @@ pub struct DeviceProfile {
 }
 
 /// Why a profile was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ProfileError {
     /// The properties are out of range.
+    #[error("{0}")]
     Info(InfoError),
     /// Less than one count per millisecond: every motion would be a fault.
+    #[error("the largest speed is {max_speed_counts_per_s} counts/s, it must be at least 1000 counts/s")]
     MaxSpeed {
         /// Counts per second.
         max_speed_counts_per_s: u32,
     },
 }
-
-impl fmt::Display for ProfileError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Info(error) => error.fmt(f),
-            Self::MaxSpeed { max_speed_counts_per_s } => write!(
-                f,
-                "the largest speed is {max_speed_counts_per_s} counts/s, it must be at least 1000 counts/s"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for ProfileError {}
 
 /// State of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -174,11 +160,6 @@ impl Device {
     /// State of the device.
     pub const fn phase(&self) -> Phase {
         self.phase
-    }
-
-    /// The constants.
-    pub const fn profile(&self) -> &DeviceProfile {
-        &self.profile
     }
 
     /// Processes one reading of the hardware; returns the outputs until the next one.

@@ -14,51 +14,32 @@ pub(super) trait Fixed: Copy {
     fn from_bytes(bytes: Self::Bytes) -> Self;
 }
 
-impl Fixed for u16 {
-    type Bytes = [u8; 2];
+macro_rules! fixed {
+    ($($integer:ident),*) => {$(
+        impl Fixed for $integer {
+            type Bytes = [u8; size_of::<$integer>()];
 
-    fn to_bytes(self) -> Self::Bytes {
-        self.to_le_bytes()
-    }
+            fn to_bytes(self) -> Self::Bytes {
+                self.to_le_bytes()
+            }
 
-    fn from_bytes(bytes: Self::Bytes) -> Self {
-        Self::from_le_bytes(bytes)
-    }
+            fn from_bytes(bytes: Self::Bytes) -> Self {
+                Self::from_le_bytes(bytes)
+            }
+        }
+    )*};
 }
+fixed!(u16, u32, i32);
 
-impl Fixed for u32 {
-    type Bytes = [u8; 4];
+impl<T: Fixed> Fixed for [T; 3] {
+    type Bytes = [T::Bytes; 3];
 
     fn to_bytes(self) -> Self::Bytes {
-        self.to_le_bytes()
+        self.map(T::to_bytes)
     }
 
     fn from_bytes(bytes: Self::Bytes) -> Self {
-        Self::from_le_bytes(bytes)
-    }
-}
-
-impl Fixed for [u32; 3] {
-    type Bytes = [[u8; 4]; 3];
-
-    fn to_bytes(self) -> Self::Bytes {
-        self.map(u32::to_le_bytes)
-    }
-
-    fn from_bytes(bytes: Self::Bytes) -> Self {
-        bytes.map(u32::from_le_bytes)
-    }
-}
-
-impl Fixed for [i32; 3] {
-    type Bytes = [[u8; 4]; 3];
-
-    fn to_bytes(self) -> Self::Bytes {
-        self.map(i32::to_le_bytes)
-    }
-
-    fn from_bytes(bytes: Self::Bytes) -> Self {
-        bytes.map(i32::from_le_bytes)
+        bytes.map(T::from_bytes)
     }
 }
 

@@ -12,7 +12,6 @@
 //! used: its encoder writes through `IndexMut`, which may panic, and its decoder needs the whole frame at
 //! once.
 
-use core::fmt;
 use core::marker::PhantomData;
 
 use cobs::{DecodeResult, DecoderState};
@@ -32,16 +31,9 @@ const MAX_BODY: usize = MAX_MESSAGE + CHECKSUM_LEN;
 pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_BODY) + 1;
 
 /// A message exceeds the longest of the link; [`super::HostMessage`] and [`super::DeviceMessage`] never do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the message is longer than {} bytes", MAX_MESSAGE)]
 pub struct EncodeError;
-
-impl fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "the message is longer than {MAX_MESSAGE} bytes")
-    }
-}
-
-impl core::error::Error for EncodeError {}
 
 /// Writes one message as a frame; returns the part of `frame` that it occupies, final 00 included.
 pub fn encode<'f, T: Serialize>(
@@ -60,75 +52,26 @@ pub fn encode<'f, T: Serialize>(
 }
 
 /// Why a frame was discarded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum FrameError {
     /// Longer than any message.
+    #[error("the frame is longer than any message")]
     TooLong,
     /// It ends inside a COBS block.
+    #[error("the frame ends inside a COBS block")]
     Cobs,
     /// It is too short for a checksum and a message.
+    #[error("the frame is too short for a checksum and a message")]
     TooShort,
     /// The bytes are not those that were sent.
+    #[error("the frame's checksum is wrong")]
     Checksum,
     /// The checksum is correct, but the bytes are not the encoding of a message of this direction.
+    #[error("the frame contains no message of this protocol")]
     Message,
     /// Bytes follow the message.
+    #[error("bytes follow the message in the frame")]
     Trailing,
-}
-
-impl fmt::Display for FrameError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::TooLong => "the frame is longer than any message",
-            Self::Cobs => "the frame ends inside a COBS block",
-            Self::TooShort => "the frame is too short for a checksum and a message",
-            Self::Checksum => "the frame's checksum is wrong",
-            Self::Message => "the frame contains no message of this protocol",
-            Self::Trailing => "bytes follow the message in the frame",
-        })
-    }
-}
-
-impl core::error::Error for FrameError {}
-
-/// Counts of a reader, saturating.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct FrameCounts {
-    /// Frames with a message.
-    pub good: u32,
-    /// [`FrameError::TooLong`].
-    pub too_long: u32,
-    /// [`FrameError::Cobs`].
-    pub cobs: u32,
-    /// [`FrameError::TooShort`].
-    pub too_short: u32,
-    /// [`FrameError::Checksum`].
-    pub checksum: u32,
-    /// [`FrameError::Message`].
-    pub message: u32,
-    /// [`FrameError::Trailing`].
-    pub trailing: u32,
-}
-
-impl FrameCounts {
-    /// Frames without one.
-    pub fn bad(&self) -> u32 {
-        let reasons = [self.too_long, self.cobs, self.too_short, self.checksum, self.message, self.trailing];
-        reasons.into_iter().fold(0, u32::saturating_add)
-    }
-
-    fn count<T>(&mut self, outcome: &Result<T, FrameError>) {
-        let count = match outcome {
-            Ok(_) => &mut self.good,
-            Err(FrameError::TooLong) => &mut self.too_long,
-            Err(FrameError::Cobs) => &mut self.cobs,
-            Err(FrameError::TooShort) => &mut self.too_short,
-            Err(FrameError::Checksum) => &mut self.checksum,
-            Err(FrameError::Message) => &mut self.message,
-            Err(FrameError::Trailing) => &mut self.trailing,
-        };
-        *count = count.saturating_add(1);
-    }
 }
 
 /// Decodes the frames of a byte stream. It never waits and stores at most one message.
@@ -137,7 +80,6 @@ pub struct FrameReader<T> {
     cobs: DecoderState,
     body: Vec<u8, MAX_BODY>,
     too_long: bool,
-    counts: FrameCounts,
     reads: PhantomData<fn() -> T>,
 }
 
@@ -150,26 +92,7 @@ impl<T> Default for FrameReader<T> {
 impl<T> FrameReader<T> {
     /// A reader at the start of a frame.
     pub const fn new() -> Self {
-        Self {
-            cobs: DecoderState::Idle,
-            body: Vec::new(),
-            too_long: false,
-            counts: FrameCounts {
-                good: 0,
-                too_long: 0,
-                cobs: 0,
-                too_short: 0,
-                checksum: 0,
-                message: 0,
-                trailing: 0,
-            },
-            reads: PhantomData,
-        }
-    }
-
-    /// The counts so far.
-    pub const fn counts(&self) -> &FrameCounts {
-        &self.counts
+        Self { cobs: DecoderState::Idle, body: Vec::new(), too_long: false, reads: PhantomData }
     }
 }
 
@@ -190,7 +113,6 @@ impl<T: Message> FrameReader<T> {
         // A frame that is too long is reported as such, whatever follows.
         let whole = if self.too_long { Err(FrameError::TooLong) } else { whole };
         let outcome = whole.and_then(|()| decode(&self.body));
-        self.counts.count(&outcome);
         self.body.clear();
         self.too_long = false;
         Some(outcome)

@@ -35,6 +35,6 @@ mod guard;
 pub mod message;
 
 pub use device::{Device, DeviceProfile, Inputs, Outputs, Phase, ProfileError};
-pub use frame::{EncodeError, FrameCounts, FrameError, FrameReader, MAX_FRAME, encode};
+pub use frame::{EncodeError, FrameError, FrameReader, MAX_FRAME, encode};
 pub use guard::{clamp_torque, is_newer};
 pub use message::{DeviceFault, DeviceInfo, DeviceMessage, HostMessage, InfoError, Message, VERSION};

@@ -14,8 +14,6 @@
 //! repeated frame nor one of an earlier session has an effect. The answer repeats the number, so that the
 //! host can match it.
 
-use core::fmt;
-
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -256,24 +254,32 @@ impl DeviceInfo {
 }
 
 /// What is wrong with a [`DeviceInfo`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum InfoError {
     /// Not 1, 2 or 3 axes.
+    #[error("a device has 1 to 3 axes, this one has {dof}")]
     Dof {
         /// The number of axes.
         dof: u8,
     },
     /// Not between [`MIN_WATCHDOG_US`] and [`MAX_WATCHDOG_US`].
+    #[error(
+        "the watchdog of a device is {} to {} us, this one has {watchdog_us} us",
+        MIN_WATCHDOG_US,
+        MAX_WATCHDOG_US
+    )]
     Watchdog {
         /// The time, microseconds.
         watchdog_us: u16,
     },
     /// No counts per turn.
+    #[error("axis {axis} has no encoder counts per turn")]
     Counts {
         /// The axis.
         axis: u8,
     },
     /// Zero, or larger than a torque can be.
+    #[error("the torque limit of axis {axis} is {limit_unm} uN m, it must be 1 to {} uN m", i32::MAX)]
     TorqueLimit {
         /// The axis.
         axis: u8,
@@ -281,25 +287,3 @@ pub enum InfoError {
         limit_unm: u32,
     },
 }
-
-impl fmt::Display for InfoError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Dof { dof } => write!(f, "a device has 1 to 3 axes, this one has {dof}"),
-            Self::Watchdog { watchdog_us } => write!(
-                f,
-                "the watchdog of a device is {MIN_WATCHDOG_US} to {MAX_WATCHDOG_US} us, this one has {watchdog_us} us"
-            ),
-            Self::Counts { axis } => write!(f, "axis {axis} has no encoder counts per turn"),
-            Self::TorqueLimit { axis, limit_unm } => {
-                write!(
-                    f,
-                    "the torque limit of axis {axis} is {limit_unm} uN m, it must be 1 to {} uN m",
-                    i32::MAX
-                )
-            }
-        }
-    }
-}
-
-impl core::error::Error for InfoError {}

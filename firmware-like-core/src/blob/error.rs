@@ -6,9 +6,10 @@ use crate::grid::LatticeError;
 use crate::plane::PlaneError;
 
 /// Why a blob was refused.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum BlobError {
     /// Shorter than any blob.
+    #[error("{have} bytes are not an organ blob (the smallest has {need}): is this the right file?")]
     TooShort {
         /// Bytes given.
         have: usize,
@@ -16,10 +17,16 @@ pub enum BlobError {
         need: usize,
     },
     /// The buffer's address is not a multiple of 8.
+    #[error("the buffer must start at an address divisible by 8: load it into an array of u64")]
     Misaligned,
     /// The first bytes are not those of a blob.
+    #[error("this is not an organ blob (it does not start with PALPATE): is this the right file?")]
     BadMagic,
     /// The layout is newer than this reader.
+    #[error(
+        "the blob has layout version {found}, this program reads version {supported}: update the program, or {}",
+        AGAIN
+    )]
     NewerVersion {
         /// Version of the file.
         found: u32,
@@ -27,11 +34,13 @@ pub enum BlobError {
         supported: u32,
     },
     /// A layout version older than any supported one.
+    #[error("the blob has the unknown layout version {found}; {}", AGAIN)]
     UnknownVersion {
         /// Version of the file.
         found: u32,
     },
     /// The file is shorter than the length it states.
+    #[error("the file is cut short ({have} of {need} bytes): copy it again, or {}", AGAIN)]
     Truncated {
         /// Bytes given.
         have: u64,
@@ -39,6 +48,7 @@ pub enum BlobError {
         need: u64,
     },
     /// The file is longer than the length it states.
+    #[error("the file is too long ({have} bytes where {need} were written): copy it again, or {}", AGAIN)]
     TooLong {
         /// Bytes given.
         have: u64,
@@ -46,6 +56,10 @@ pub enum BlobError {
         need: u64,
     },
     /// The bytes are not those that were written.
+    #[error(
+        "checksum mismatch: the file is damaged (stored {stored:08x}, computed {computed:08x}); {}",
+        AGAIN
+    )]
     Checksum {
         /// Checksum in the file.
         stored: u32,
@@ -53,8 +67,13 @@ pub enum BlobError {
         computed: u32,
     },
     /// The header cannot be decoded.
+    #[error("the header cannot be decoded; {}", AGAIN)]
     Header,
     /// The blob exceeds a capacity of this build of the core, see [`crate::Limits`].
+    #[error(
+        "{need} {what} of {} are more than this build holds ({limit}): pack fewer, or build with a larger profile",
+        Part(.space, "the organ")
+    )]
     Capacity {
         /// The quantity that exceeds its limit.
         what: &'static str,
@@ -66,6 +85,7 @@ pub enum BlobError {
         limit: usize,
     },
     /// A number in the header is out of its range.
+    #[error("{what} of {} is not a valid number; {}", Part(.space, "the organ"), AGAIN)]
     Value {
         /// The field.
         what: &'static str,
@@ -73,6 +93,7 @@ pub enum BlobError {
         space: Option<u16>,
     },
     /// The grid of a space was refused.
+    #[error("grid of space {space}: {error}; {}", AGAIN)]
     Lattice {
         /// Index of the space.
         space: u16,
@@ -80,6 +101,7 @@ pub enum BlobError {
         error: LatticeError,
     },
     /// A plane of the surface or of a space was refused.
+    #[error("{}, {error}; {}", Part(.space, "surface"), AGAIN)]
     Plane {
         /// Index of the space, or `None` for the surface.
         space: Option<u16>,
@@ -88,68 +110,17 @@ pub enum BlobError {
     },
 }
 
-/// Part of the blob, for messages.
-struct Of(Option<u16>);
+/// The fix for a blob that is not intact.
+const AGAIN: &str = "make it again with `palpate pack`";
 
-impl fmt::Display for Of {
+/// A space, or the name of a part of the blob that is no space.
+struct Part<'e>(&'e Option<u16>, &'static str);
+
+impl fmt::Display for Part<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
-            None => f.write_str("of the organ"),
-            Some(space) => write!(f, "of space {space}"),
+            None => f.write_str(self.1),
+            Some(space) => write!(f, "space {space}"),
         }
     }
 }
-
-impl fmt::Display for BlobError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        const AGAIN: &str = "make it again with `palpate pack`";
-        match self {
-            Self::TooShort { have, need } => {
-                write!(
-                    f,
-                    "{have} bytes are not an organ blob (the smallest has {need}): is this the right file?"
-                )
-            }
-            Self::Misaligned => f.write_str(
-                "the buffer must start at an address divisible by 8: load it into an array of u64",
-            ),
-            Self::BadMagic => f.write_str(
-                "this is not an organ blob (it does not start with PALPATE): is this the right file?",
-            ),
-            Self::Truncated { have, need } => {
-                write!(f, "the file is cut short ({have} of {need} bytes): copy it again, or {AGAIN}")
-            }
-            Self::TooLong { have, need } => {
-                write!(
-                    f,
-                    "the file is too long ({have} bytes where {need} were written): copy it again, or {AGAIN}"
-                )
-            }
-            Self::Checksum { stored, computed } => write!(
-                f,
-                "checksum mismatch: the file is damaged (stored {stored:08x}, computed {computed:08x}); {AGAIN}"
-            ),
-            Self::NewerVersion { found, supported } => write!(
-                f,
-                "the blob has layout version {found}, this program reads version {supported}: update the program, or {AGAIN}"
-            ),
-            Self::UnknownVersion { found } => {
-                write!(f, "the blob has the unknown layout version {found}; {AGAIN}")
-            }
-            Self::Header => write!(f, "the header cannot be decoded; {AGAIN}"),
-            Self::Capacity { what, space, need, limit } => {
-                write!(
-                    f,
-                    "{need} {what} {} are more than this build holds ({limit}): pack fewer, or build with a larger profile",
-                    Of(*space)
-                )
-            }
-            Self::Value { what, space } => write!(f, "{what} {} is not a valid number; {AGAIN}", Of(*space)),
-            Self::Lattice { space, error } => write!(f, "grid of space {space}: {error}; {AGAIN}"),
-            Self::Plane { space: None, error } => write!(f, "surface, {error}; {AGAIN}"),
-            Self::Plane { space: Some(space), error } => write!(f, "space {space}, {error}; {AGAIN}"),
-        }
-    }
-}
-
-impl core::error::Error for BlobError {}

@@ -158,23 +158,23 @@ pub struct SpaceHeader {
 pub struct HermiteHeader {
     /// u32 per slot of the box: the index of its node.
     pub row: PlaneRef,
-    /// [`crate::method::hermite::Node`]: 36 f32 each, newtons; without energy and force at rest.
+    /// [`crate::HermiteNode`]: 36 f32 each, newtons; without energy and force at rest.
     pub nodes: PlaneRef,
 }
 
-/// Planes of one kernel, see [`crate::method::kernel`].
+/// Planes of one kernel, see [`crate::kernel`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct KernelHeader {
-    /// f64: [`crate::method::kernel::SCALARS`] of them, l in metres and B in newtons.
+    /// f64: [`crate::kernel::SCALARS`] of them, l in metres and B in newtons.
     pub scalars: PlaneRef,
-    /// [`crate::method::kernel::Block`]: 23 x 4 f64 each.
+    /// [`crate::kernel::Block`]: 23 x 4 f64 each.
     pub blocks: PlaneRef,
-    /// u8: [`crate::method::kernel::REACH_POINTS`] shares of the radius of the grid.
+    /// u8: [`crate::kernel::REACH_POINTS`] fractions of the radius of the grid.
     pub reach: PlaneRef,
 }
 
 /// Planes of one set of radial basis functions, padded to a multiple of
-/// [`crate::method::baseline::rbf::LANES`].
+/// [`crate::RBF_LANES`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RbfHeader {
     /// x, y, z of the centres, in cells.
@@ -183,7 +183,7 @@ pub struct RbfHeader {
     pub weights: [PlaneRef; 3],
 }
 
-/// Planes of the surface displacements, see [`crate::displacement`].
+/// Planes of the surface displacements, see [`crate::DisplacementPlanes`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct DisplacementHeader {
     /// Number of modes, from the first, that have slopes; the others are interpolated tri-linearly.

@@ -9,10 +9,11 @@ use heapless::{String, Vec};
 
 use super::error::BlobError;
 use super::format::{
-    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, LAW_NAME_LEN, MAGIC, PREFIX_LEN,
-    PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
+    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, KernelHeader,
+    LAW_NAME_LEN, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader,
+    SurfaceHeader, VERSION, plane_area_start,
 };
-use super::profile::{Limits, PC_SPACES};
+use super::profile::Limits;
 use crate::displacement::DisplacementPlanes;
 use crate::grid::BallLattice;
 use crate::method::baseline::rbf::RbfPlanes;
@@ -27,7 +28,7 @@ const UNIT_TOLERANCE: f32 = 1e-3;
 
 /// One organ: its surface and the configuration spaces of its active nodes, as views into the blob.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Organ<'a, const MAX_SPACES: usize = PC_SPACES> {
+pub struct Organ<'a, const MAX_SPACES: usize = { Limits::PC.spaces }> {
     /// Name of the scene that it was made from.
     pub scene: String<SCENE_NAME_LEN>,
     /// Name of the material law (the first, where regions differ).
@@ -102,11 +103,11 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
     ///
     /// Errors: as [`Organ::read_within`]. The organ must not be used after an error.
     pub fn load(&mut self, bytes: &'a [u8], limits: &Limits) -> Result<(), BlobError> {
-        let (header, planes) = open(bytes)?;
+        let (header, area) = open(bytes)?;
         let (preamble, mut rest) = decode::<Preamble>(header)?;
         let need = preamble.space_count as usize;
         // A command refers to its space by a u16.
-        let limit = MAX_SPACES.min(usize::from(u16::MAX));
+        let limit = MAX_SPACES.min(limits.spaces).min(usize::from(u16::MAX));
         let capacity = BlobError::Capacity { what: "spaces", space: None, need, limit };
         if need > limit {
             return Err(capacity);
@@ -114,21 +115,19 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         if !(preamble.max_force_n > 0.0 && preamble.max_force_n.is_finite()) {
             return Err(BlobError::Value { what: "max_force_n", space: None });
         }
-        let surface =
-            read_surface(&planes, &preamble.surface, limits).map_err(|refusal| refusal.of_space(None))?;
+        let planes = Planes { area, limits: *limits, space: None };
+        let surface = planes.surface(&preamble.surface)?;
         self.spaces.clear();
-        for index in 0..need {
+        for index in 0..need as u16 {
             let (header, after) = decode::<SpaceHeader>(rest)?;
             rest = after;
-            let space = read_space(&planes, header, surface.node.len(), limits)
-                .map_err(|refusal| refusal.of_space(Some(index as u16)))?;
+            let space = Planes { space: Some(index), ..planes }.space(index, header, surface.node.len())?;
             self.spaces.push(space).map_err(|_| capacity)?;
         }
         if !rest.is_empty() {
             return Err(BlobError::Header);
         }
-        let certificate = preamble.certificate.map(|plane| planes.get("certificate", plane)).transpose();
-        self.certificate = certificate.map_err(|error| BlobError::Plane { space: None, error })?;
+        self.certificate = preamble.certificate.map(|plane| planes.get("certificate", plane)).transpose()?;
         self.surface = surface;
         (self.scene, self.law) = (preamble.scene, preamble.law);
         (self.max_force_n, self.mesh_hash) = (preamble.max_force_n, preamble.mesh_hash);
@@ -137,7 +136,7 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
 }
 
 /// Checks the envelope; returns the header and the plane area.
-fn open(bytes: &[u8]) -> Result<(&[u8], Planes<'_>), BlobError> {
+fn open(bytes: &[u8]) -> Result<(&[u8], &[u8]), BlobError> {
     const NEED: usize = PREFIX_LEN + CHECKSUM_LEN;
     let too_short = BlobError::TooShort { have: bytes.len(), need: NEED };
     if bytes.len() < NEED {
@@ -175,76 +174,93 @@ fn open(bytes: &[u8]) -> Result<(&[u8], Planes<'_>), BlobError> {
     let header_len = u32::from_le_bytes(*header_len) as usize;
     let header = body.get(PREFIX_LEN..PREFIX_LEN.saturating_add(header_len)).ok_or(BlobError::Header)?;
     let area = plane_area_start(header_len).and_then(|start| body.get(start..)).unwrap_or_default();
-    Ok((header, Planes { area }))
+    Ok((header, area))
 }
 
 fn decode<'b, T: serde::Deserialize<'b>>(bytes: &'b [u8]) -> Result<(T, &'b [u8]), BlobError> {
     postcard::take_from_bytes(bytes).map_err(|_| BlobError::Header)
 }
 
-/// Why a surface or a space was refused.
-enum Refusal {
-    Plane(PlaneError),
-    Capacity { what: &'static str, need: usize, limit: usize },
-    Value { what: &'static str },
-    Lattice(crate::grid::LatticeError),
-}
-
-impl From<PlaneError> for Refusal {
-    fn from(error: PlaneError) -> Self {
-        Self::Plane(error)
-    }
-}
-
-impl Refusal {
-    fn of_space(self, space: Option<u16>) -> BlobError {
-        match self {
-            Self::Plane(error) => BlobError::Plane { space, error },
-            Self::Capacity { what, need, limit } => BlobError::Capacity { what, space, need, limit },
-            Self::Value { what } => BlobError::Value { what, space },
-            Self::Lattice(error) => BlobError::Lattice { space: space.unwrap_or(0), error },
-        }
-    }
-}
-
-/// Refuses more than a limit.
-fn check_capacity(what: &'static str, need: usize, limit: usize) -> Result<(), Refusal> {
-    if need <= limit { Ok(()) } else { Err(Refusal::Capacity { what, need, limit }) }
-}
-
-/// The plane area.
+/// The plane area, for the surface or a space.
 struct Planes<'a> {
     area: &'a [u8],
+    limits: Limits,
+    /// Index of the space, or `None` for the surface.
+    space: Option<u16>,
 }
 
 impl<'a> Planes<'a> {
-    fn get<T: Pod>(&self, name: &'static str, plane: PlaneRef) -> Result<&'a [T], PlaneError> {
+    fn get<T: Pod>(&self, name: &'static str, plane: PlaneRef) -> Result<&'a [T], BlobError> {
         let PlaneRef { offset, len } = plane;
         let start = offset as usize;
+        let misaligned = PlaneProblem::Misaligned { offset };
         if !start.is_multiple_of(ALIGNMENT) {
-            return Err(PlaneProblem::Misaligned { offset }.of(name));
+            return Err(self.refuse(misaligned.of(name)));
         }
         let end = (len as usize).checked_mul(size_of::<T>()).and_then(|size| size.checked_add(start));
         let bytes = end.and_then(|end| self.area.get(start..end));
-        let bytes = bytes.ok_or(PlaneProblem::OutOfBounds { offset, len }.of(name))?;
-        bytemuck::try_cast_slice(bytes).map_err(|_| PlaneProblem::Misaligned { offset }.of(name))
+        let bytes = bytes.ok_or(self.refuse(PlaneProblem::OutOfBounds { offset, len }.of(name)))?;
+        bytemuck::try_cast_slice(bytes).map_err(|_| self.refuse(misaligned.of(name)))
     }
 
     fn get_three<T: Pod>(
         &self,
         name: &'static str,
         [x, y, z]: [PlaneRef; 3],
-    ) -> Result<[&'a [T]; 3], PlaneError> {
+    ) -> Result<[&'a [T]; 3], BlobError> {
         Ok([self.get(name, x)?, self.get(name, y)?, self.get(name, z)?])
     }
 
-    fn rbf<T: Pod>(&self, name: &'static str, header: &RbfHeader) -> Result<RbfPlanes<'a, T>, PlaneError> {
-        let (centres, weights) =
-            (self.get_three(name, header.centres)?, self.get_three(name, header.weights)?);
-        Ok(RbfPlanes { centres, weights })
+    const fn refuse(&self, error: PlaneError) -> BlobError {
+        BlobError::Plane { space: self.space, error }
     }
 
-    fn displacement(&self, header: &DisplacementHeader) -> Result<DisplacementPlanes<'a>, PlaneError> {
+    /// Refuses more than a limit.
+    fn check_capacity(&self, what: &'static str, need: usize, limit: usize) -> Result<(), BlobError> {
+        if need <= limit { Ok(()) } else { Err(BlobError::Capacity { what, space: self.space, need, limit }) }
+    }
+
+    fn surface(&self, header: &SurfaceHeader) -> Result<Surface<'a>, BlobError> {
+        self.check_capacity("surface vertices", header.node.len as usize, self.limits.vertices)?;
+        self.check_capacity("surface triangles", header.triangles.len as usize, self.limits.triangles)?;
+        let surface = Surface {
+            node: self.get("surface node", header.node)?,
+            position_m: self.get_three("surface position", header.position_m)?,
+            triangles: self.get("triangles", header.triangles)?,
+            fixed: self.get("fixed", header.fixed)?,
+        };
+        surface.check().map_err(|error| self.refuse(error))?;
+        Ok(surface)
+    }
+
+    fn rbf<T: Pod>(&self, name: &'static str, header: &RbfHeader) -> Result<RbfPlanes<'a, T>, BlobError> {
+        let [centres, ..] = header.centres;
+        self.check_capacity("RBF centres", centres.len as usize, self.limits.centres)?;
+        Ok(RbfPlanes {
+            centres: self.get_three(name, header.centres)?,
+            weights: self.get_three(name, header.weights)?,
+        })
+    }
+
+    fn hermite(&self, header: &HermiteHeader) -> Result<HermitePlanes<'a>, BlobError> {
+        Ok(HermitePlanes {
+            row: self.get("hermite row", header.row)?,
+            nodes: self.get("hermite nodes", header.nodes)?,
+        })
+    }
+
+    fn kernel(&self, header: &KernelHeader) -> Result<KernelPlanes<'a>, BlobError> {
+        let centres = (header.blocks.len as usize).saturating_mul(LANES);
+        self.check_capacity("kernel centres", centres, self.limits.centres.min(MAX_CENTRES))?;
+        Ok(KernelPlanes {
+            scalars: self.get("kernel scalars", header.scalars)?,
+            blocks: self.get("kernel blocks", header.blocks)?,
+            reach: self.get("kernel reach", header.reach)?,
+        })
+    }
+
+    fn displacement(&self, header: &DisplacementHeader) -> Result<DisplacementPlanes<'a>, BlobError> {
+        self.check_capacity("displacement modes", header.scale.len as usize, self.limits.modes)?;
         Ok(DisplacementPlanes {
             slopes: header.slopes as usize,
             row: self.get("displacement row", header.row)?,
@@ -256,85 +272,50 @@ impl<'a> Planes<'a> {
             outliers: self.get("displacement outliers", header.outliers)?,
         })
     }
+
+    fn space(&self, index: u16, header: SpaceHeader, vertices: usize) -> Result<Space<'a>, BlobError> {
+        let value = |what| BlobError::Value { what, space: self.space };
+        if !vec3::is_finite(header.rest_position_m) {
+            return Err(value("rest_position_m"));
+        }
+        let has_unit_length = (vec3::norm(header.outward_normal) - 1.0).abs() <= UNIT_TOLERANCE;
+        if !(has_unit_length && vec3::is_finite(header.outward_normal)) {
+            return Err(value("outward_normal"));
+        }
+        let lattice = BallLattice::new(header.spacing_m, header.radius_m)
+            .map_err(|error| BlobError::Lattice { space: index, error })?;
+        self.check_capacity("grid slots", lattice.slots(), self.limits.slots)?;
+        let planes = SpacePlanes {
+            flags: self.get("flags", header.flags)?,
+            force_n: header.force_n.map(|plane| self.get("force", plane)).transpose()?,
+            rbf_linear: header.rbf_linear.map(|header| self.rbf("rbf-linear", &header)).transpose()?,
+            rbf_cubic: header.rbf_cubic.map(|header| self.rbf("rbf-cubic", &header)).transpose()?,
+            hermite: header.hermite.map(|header| self.hermite(&header)).transpose()?,
+            kernel: header.kernel.map(|header| self.kernel(&header)).transpose()?,
+            displacement: header.displacement.map(|header| self.displacement(&header)).transpose()?,
+        };
+        let SpaceHeader { name, node, rest_position_m, outward_normal, .. } = header;
+        let active = ActiveNode { name, node, rest_position_m, outward_normal };
+        Space::new(active, lattice, planes, vertices).map_err(|error| self.refuse(error))
+    }
 }
 
-fn read_surface<'a>(
-    planes: &Planes<'a>,
-    header: &SurfaceHeader,
-    limits: &Limits,
-) -> Result<Surface<'a>, Refusal> {
-    check_capacity("surface vertices", header.node.len as usize, limits.vertices)?;
-    check_capacity("surface triangles", header.triangles.len as usize, limits.triangles)?;
-    let node: &[u32] = planes.get("surface node", header.node)?;
-    let position_m = planes.get_three("surface position", header.position_m)?;
-    for plane in position_m {
-        check_len("surface position", plane, node.len())?;
-        check_finite("surface position", plane)?;
+impl Surface<'_> {
+    /// Checks lengths, values and indices.
+    fn check(&self) -> Result<(), PlaneError> {
+        let vertices = self.node.len();
+        for plane in self.position_m {
+            check_len("surface position", plane, vertices)?;
+            check_finite("surface position", plane)?;
+        }
+        let is_corner = |vertex: &u32| (*vertex as usize) < vertices;
+        if let Some(index) = self.triangles.iter().position(|corners| !corners.iter().all(is_corner)) {
+            return Err(PlaneProblem::OutOfRange { index }.of("triangles"));
+        }
+        check_len("fixed", self.fixed, vertices)?;
+        if let Some(index) = self.fixed.iter().position(|&fixed| fixed > 1) {
+            return Err(PlaneProblem::OutOfRange { index }.of("fixed"));
+        }
+        Ok(())
     }
-    let triangles: &[[u32; 3]] = planes.get("triangles", header.triangles)?;
-    if let Some(index) =
-        triangles.iter().position(|corners| corners.iter().any(|&v| v as usize >= node.len()))
-    {
-        return Err(PlaneProblem::OutOfRange { index }.of("triangles").into());
-    }
-    let fixed: &[u8] = planes.get("fixed", header.fixed)?;
-    check_len("fixed", fixed, node.len())?;
-    if let Some(index) = fixed.iter().position(|&fixed| fixed > 1) {
-        return Err(PlaneProblem::OutOfRange { index }.of("fixed").into());
-    }
-    Ok(Surface { node, position_m, triangles, fixed })
-}
-
-fn read_space<'a>(
-    planes: &Planes<'a>,
-    header: SpaceHeader,
-    vertices: usize,
-    limits: &Limits,
-) -> Result<Space<'a>, Refusal> {
-    if !vec3::is_finite(header.rest_position_m) {
-        return Err(Refusal::Value { what: "rest_position_m" });
-    }
-    let has_unit_length = (vec3::norm(header.outward_normal) - 1.0).abs() <= UNIT_TOLERANCE;
-    if !(has_unit_length && vec3::is_finite(header.outward_normal)) {
-        return Err(Refusal::Value { what: "outward_normal" });
-    }
-    let lattice = BallLattice::new(header.spacing_m, header.radius_m).map_err(Refusal::Lattice)?;
-    check_capacity("grid slots", lattice.slots(), limits.slots)?;
-    for rbf in [&header.rbf_linear, &header.rbf_cubic].into_iter().flatten() {
-        let [centres, ..] = rbf.centres;
-        check_capacity("RBF centres", centres.len as usize, limits.centres)?;
-    }
-    if let Some(kernel) = &header.kernel {
-        let centres = (kernel.blocks.len as usize).saturating_mul(LANES);
-        check_capacity("kernel centres", centres, limits.centres.min(MAX_CENTRES))?;
-    }
-    if let Some(displacement) = &header.displacement {
-        check_capacity("displacement modes", displacement.scale.len as usize, limits.modes)?;
-    }
-
-    let hermite = header.hermite.map(|header| {
-        let row = planes.get("hermite row", header.row)?;
-        Ok::<_, PlaneError>(HermitePlanes { row, nodes: planes.get("hermite nodes", header.nodes)? })
-    });
-    let kernel = header.kernel.map(|header| {
-        let (scalars, blocks) =
-            (planes.get("kernel scalars", header.scalars)?, planes.get("kernel blocks", header.blocks)?);
-        Ok::<_, PlaneError>(KernelPlanes {
-            scalars,
-            blocks,
-            reach: planes.get("kernel reach", header.reach)?,
-        })
-    });
-    let planes = SpacePlanes {
-        flags: planes.get("flags", header.flags)?,
-        force_n: header.force_n.map(|plane| planes.get("force", plane)).transpose()?,
-        rbf_linear: header.rbf_linear.map(|header| planes.rbf("rbf-linear", &header)).transpose()?,
-        rbf_cubic: header.rbf_cubic.map(|header| planes.rbf("rbf-cubic", &header)).transpose()?,
-        hermite: hermite.transpose()?,
-        kernel: kernel.transpose()?,
-        displacement: header.displacement.map(|header| planes.displacement(&header)).transpose()?,
-    };
-    let SpaceHeader { name, node, rest_position_m, outward_normal, .. } = header;
-    let active = ActiveNode { name, node, rest_position_m, outward_normal };
-    Ok(Space::new(active, lattice, planes, vertices)?)
 }

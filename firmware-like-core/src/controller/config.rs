@@ -69,9 +69,10 @@ impl Config {
 }
 
 /// Why a controller was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ControllerError {
     /// The blob lacks the tables of the method for a space.
+    #[error("space {space} has no table for {name}: pack the blob with --method {name}", name = .method.name())]
     MissingMethod {
         /// The method.
         method: Method,
@@ -79,22 +80,9 @@ pub enum ControllerError {
         space: u16,
     },
     /// A number of the configuration is out of its range.
+    #[error("{what} is out of range: give a positive, finite number")]
     Config {
         /// The field.
         what: &'static str,
     },
 }
-
-impl core::fmt::Display for ControllerError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::MissingMethod { method, space } => {
-                let name = method.name();
-                write!(f, "space {space} has no table for {name}: pack the blob with --method {name}")
-            }
-            Self::Config { what } => write!(f, "{what} is out of range: give a positive, finite number"),
-        }
-    }
-}
-
-impl core::error::Error for ControllerError {}

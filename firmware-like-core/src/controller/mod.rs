@@ -10,28 +10,28 @@ mod state;
 pub use config::{Config, ControllerError};
 pub use state::{Command, Fault, Phase, Sample, State};
 
-use crate::blob::{Organ, PC_SPACES};
+use crate::blob::{Limits, Organ};
 use crate::guard::limit::{self, Freshness, StaleWatch};
-use crate::guard::passivity::Verdict;
+use crate::guard::passivity::NotPassive;
 use crate::guard::speed::SpeedWindow;
 use crate::guard::stiffness;
 use crate::method::{Coverage, ForceSample};
 use crate::num::vec3::{self, Vec3};
 use crate::space::Space;
 use crate::touch::contact::{Contact, ContactKind, Engaged};
-use crate::touch::{Share, TouchSurface};
+use crate::touch::{NodeWeight, TouchSurface};
 
 /// Largest duration of a tick that the slew limit uses: a late tick does not permit a large step.
 const MAX_SLEW_TIME_US: u64 = 2_000;
 
 /// An organ with the settings of its controller.
 #[derive(Debug, Clone, Copy)]
-pub struct Controller<'o, 'a, const N: usize = PC_SPACES> {
+pub struct Controller<'o, 'a, const N: usize = { Limits::PC.spaces }> {
     organ: &'o Organ<'a, N>,
     surface: Option<TouchSurface<'o>>,
     config: Config,
     stiffest_n_m: f32,
-    force_share: f32,
+    hand_scale: f32,
 }
 
 impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
@@ -48,9 +48,9 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         }
         let is_limited = limits.max_stiffness_n_m.is_finite();
         let spaces = if is_limited { organ.spaces.as_slice() } else { &[] };
-        let (stiffest_n_m, force_share) =
-            stiffness::share(spaces, method, limits.max_stiffness_n_m, limits.max_force_n);
-        Ok(Self { organ, surface: None, config, stiffest_n_m, force_share })
+        let (stiffest_n_m, hand_scale) =
+            stiffness::hand_scale(spaces, method, limits.max_stiffness_n_m, limits.max_force_n);
+        Ok(Self { organ, surface: None, config, stiffest_n_m, hand_scale })
     }
 
     /// Uses the surface of the organ for contact instead of the planes of its nodes.
@@ -66,8 +66,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
 
     /// The factor that scales all forces for the hand to keep the stiffness within the limit; 1 if not
     /// needed.
-    pub const fn force_share(&self) -> f32 {
-        self.force_share
+    pub const fn hand_scale(&self) -> f32 {
+        self.hand_scale
     }
 
     /// The organ.
@@ -138,23 +138,21 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         };
         let fresh = match (state.stale.judge(limits, now_us, sample.map(|sample| sample.t_us)), sample) {
             (Freshness::Fresh, Some(sample)) => sample,
-            (Freshness::Fresh | Freshness::Hold, _) => return Ok(state.last),
-            (Freshness::Zero, _) => return Ok(Command { hand_force_n: vec3::ZERO, ..state.last }),
+            (Freshness::Fresh | Freshness::RepeatLast, _) => return Ok(state.last),
+            (Freshness::SendZero, _) => return Ok(Command { hand_force_n: vec3::ZERO, ..state.last }),
             (Freshness::Fault, _) => return Err(Fault::Stale),
         };
         self.check_motion(&mut state.speed, fresh)?;
         let stored_j = state.contact.is_engaged().then(|| self.max_stored_j(&state.last));
         let at = (fresh.t_us, fresh.position_m);
-        let damping_n = match state.passivity.observe(&self.config.passivity, at, stored_j) {
-            Verdict::Damp(force_n) => force_n,
-            Verdict::Active => return Err(Fault::Energy),
-        };
+        let damping_n = state.passivity.observe(&self.config.passivity, at, stored_j);
+        let damping_n = damping_n.map_err(|NotPassive| Fault::Energy)?;
 
         let model = self.reaction(&mut state.contact, fresh, force)?;
-        let share = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
-        let capped_n = vec3::scale(model.reaction_n, -self.force_share);
+        let ramp = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
+        let capped_n = vec3::scale(model.reaction_n, -self.hand_scale);
         let (clamped_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
-        let wanted_n = vec3::add(vec3::scale(clamped_n, share), damping_n);
+        let wanted_n = vec3::add(vec3::scale(clamped_n, ramp), damping_n);
         // A release, a lost grasp or another organ starts a transition from the last force for the hand.
         if state.handed_over || (model.engaged.is_none() && state.last.engaged.is_some()) {
             state.fade.begin(now_us, vec3::sub(state.last.hand_force_n, wanted_n));
@@ -166,14 +164,14 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         // Damping and fade can carry the force beyond the limit; this clamp enforces it.
         let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
         let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
-        Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp: share, ..model })
+        Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp, ..model })
     }
 
     /// Upper bound of the energy stored in the body, J, with the force for the hand and the path of the
     /// device: |h| |d|. It holds for any force that increases with the displacement; a linear spring stores
     /// half of it.
     fn max_stored_j(&self, last: &Command) -> f32 {
-        let felt_n = self.force_share * vec3::norm(last.reaction_n);
+        let felt_n = self.hand_scale * vec3::norm(last.reaction_n);
         felt_n * vec3::norm(last.displacement_m) / self.config.passivity.workspace_scale
     }
 
@@ -215,8 +213,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         Ok(Command {
             reaction_n: answer.force_n,
             displacement_m,
-            engaged: Some(at.largest_share()),
-            shares: at.shares,
+            engaged: Some(at.main_space()),
+            weights: at.weights,
             coverage: Some(answer.coverage),
             ..free
         })
@@ -231,11 +229,11 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
     ) -> Option<ForceSample> {
         let mut sum: Option<ForceSample> = None;
-        for share in at.shares.iter().filter(|share| share.weight > 0.0) {
-            let space = self.organ.spaces.get(usize::from(share.space))?;
+        for node in at.weights.iter().filter(|node| node.weight > 0.0) {
+            let space = self.organ.spaces.get(usize::from(node.space))?;
             let one = force(space, &displacement_m)?;
             // A single space has weight 1, so the product keeps the bits.
-            let force_n = vec3::scale(one.force_n, share.weight);
+            let force_n = vec3::scale(one.force_n, node.weight);
             sum = Some(match sum {
                 None => ForceSample { force_n, ..one },
                 Some(others) => ForceSample {
@@ -259,14 +257,14 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         match at.kind {
             ContactKind::Push => vec3::dot(reaction_n, at.normal) > contact.release_tension_n,
             ContactKind::Grasp => {
-                let radius_m = |share: &Share| {
-                    let space = self.organ.spaces.get(usize::from(share.space));
+                let radius_m = |node: &NodeWeight| {
+                    let space = self.organ.spaces.get(usize::from(node.space));
                     space.map_or(0.0, |space| space.lattice().radius_m())
                 };
-                let held = at.shares.iter().filter(|share| share.weight > 0.0);
+                let held = at.weights.iter().filter(|node| node.weight > 0.0);
                 let reach_m = contact.grasp_slip * held.map(radius_m).fold(f32::INFINITY, f32::min);
                 let strength_n = contact.grasp_slip * limits.max_force_n;
-                vec3::norm(displacement_m) > reach_m || vec3::norm(reaction_n) * self.force_share > strength_n
+                vec3::norm(displacement_m) > reach_m || vec3::norm(reaction_n) * self.hand_scale > strength_n
             }
         }
     }

@@ -5,8 +5,9 @@ use crate::guard::limit::StaleWatch;
 use crate::guard::passivity::Passivity;
 use crate::guard::speed::SpeedWindow;
 use crate::method::Coverage;
-use crate::num::vec3::{self, Vec3};
-use crate::touch::Share;
+use crate::named::named;
+use crate::num::vec3::Vec3;
+use crate::touch::NodeWeight;
 use crate::touch::contact::Contact;
 
 /// One reading of the device.
@@ -20,59 +21,33 @@ pub struct Sample {
     pub buttons: u32,
 }
 
-/// Why the force was set to zero.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Fault {
-    /// A position was NaN or infinite.
-    NotFinite,
-    /// No fresh sample for too long.
-    Stale,
-    /// The HIP was faster than a hand.
-    Overspeed,
-    /// The HIP left the workspace.
-    Workspace,
-    /// An impossible state: time ran backwards, or the engaged space is not in the organ.
-    Internal,
-    /// The hand got more energy than a passive body can give.
-    Energy,
-    /// The device is no longer homed or ready.
-    NotReady,
-    /// The watchdog stopped the force because the loop stood still.
-    Watchdog,
-}
-
-impl Fault {
-    /// Every fault.
-    pub const ALL: [Self; 8] = [
-        Self::NotFinite,
-        Self::Stale,
-        Self::Overspeed,
-        Self::Workspace,
-        Self::Internal,
-        Self::Energy,
-        Self::NotReady,
-        Self::Watchdog,
-    ];
-
-    /// The name used in logs and reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::NotFinite => "not-finite",
-            Self::Stale => "stale",
-            Self::Overspeed => "overspeed",
-            Self::Workspace => "workspace",
-            Self::Internal => "internal",
-            Self::Energy => "energy",
-            Self::NotReady => "not-ready",
-            Self::Watchdog => "watchdog",
-        }
+named! {
+    /// Why the force was set to zero.
+    pub enum Fault {
+        /// A position was NaN or infinite.
+        NotFinite = "not-finite",
+        /// No fresh sample for too long.
+        Stale = "stale",
+        /// The HIP was faster than a hand.
+        Overspeed = "overspeed",
+        /// The HIP left the workspace.
+        Workspace = "workspace",
+        /// An impossible state: time ran backwards, or the engaged space is not in the organ.
+        Internal = "internal",
+        /// The hand got more energy than a passive body can give.
+        Energy = "energy",
+        /// The device is no longer homed or ready.
+        NotReady = "not-ready",
+        /// The watchdog stopped the force because the loop stood still.
+        Watchdog = "watchdog",
     }
 }
 
 /// State of the controller as the user sees it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Phase {
     /// The force is zero until armed.
+    #[default]
     Disarmed,
     /// The organ is rendered.
     Active,
@@ -81,7 +56,7 @@ pub enum Phase {
 }
 
 /// Result of one tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Command {
     /// Force for the hand, newtons: -h, ramped and limited. Finite, and never above the limit.
     pub hand_force_n: Vec3,
@@ -94,7 +69,7 @@ pub struct Command {
     /// Index of the engaged space; the one with the largest weight if there are several.
     pub engaged: Option<u16>,
     /// The engaged spaces and their weights; all weights are 0 without contact.
-    pub shares: [Share; 3],
+    pub weights: [NodeWeight; 3],
     /// The data behind the reaction; `None` without contact.
     pub coverage: Option<Coverage>,
     /// State of the controller.
@@ -105,32 +80,19 @@ pub struct Command {
     pub hand_work_j: f32,
     /// Whether the passivity control added damping.
     pub damped: bool,
-    /// Share of the force after arming: below 1 during the ramp, 0 while disarmed.
+    /// Factor of the force after arming: below 1 during the ramp, 0 while disarmed.
     pub ramp: f32,
 }
 
 impl Command {
     /// No contact and no force.
-    pub(super) const fn zero(phase: Phase, hip_m: Vec3) -> Self {
-        Self {
-            hand_force_n: vec3::ZERO,
-            reaction_n: vec3::ZERO,
-            displacement_m: vec3::ZERO,
-            hip_m,
-            engaged: None,
-            shares: [Share { space: 0, weight: 0.0 }; 3],
-            coverage: None,
-            phase,
-            clamped: false,
-            hand_work_j: 0.0,
-            damped: false,
-            ramp: 0.0,
-        }
+    pub(super) fn zero(phase: Phase, hip_m: Vec3) -> Self {
+        Self { phase, hip_m, ..Self::default() }
     }
 }
 
 /// Everything that changes from tick to tick.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct State {
     pub(super) phase: Phase,
     pub(super) armed_us: Option<u64>,
@@ -145,27 +107,10 @@ pub struct State {
     pub(super) last: Command,
 }
 
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl State {
     /// Disarmed.
-    pub const fn new() -> Self {
-        Self {
-            phase: Phase::Disarmed,
-            armed_us: None,
-            now_us: None,
-            stale: StaleWatch::new(0),
-            speed: SpeedWindow::new(),
-            contact: Contact::new(),
-            passivity: Passivity::new(),
-            fade: Fade::new(),
-            handed_over: false,
-            last: Command::zero(Phase::Disarmed, vec3::ZERO),
-        }
+    pub fn new() -> Self {
+        Self::default()
     }
 
     /// State of the controller.
@@ -215,7 +160,7 @@ impl State {
 
     /// Enters a phase and resets all state except the clock and the HIP.
     pub(super) fn enter(&mut self, phase: Phase) {
-        *self =
-            Self { phase, now_us: self.now_us, last: Command::zero(phase, self.last.hip_m), ..Self::new() };
+        let last = Command::zero(phase, self.last.hip_m);
+        *self = Self { phase, now_us: self.now_us, last, ..Self::default() };
     }
 }

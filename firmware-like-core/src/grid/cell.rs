@@ -1,4 +1,4 @@
-//! The eight corners of a cell: their order, their slots and their tri-linear weights.
+//! The eight corners of a cell: their order and their tri-linear weights.
 
 use crate::num::vec3::Vec3;
 
@@ -14,14 +14,6 @@ pub(crate) struct Strides {
     pub(crate) sheet: u32,
     /// Along y.
     pub(crate) side: u32,
-}
-
-/// Slots of the corners of the cell whose low corner is `slot`, in the order of [`CORNERS`].
-pub(crate) fn corner_slots(strides: Strides, slot: usize) -> [usize; 8] {
-    let (side, sheet) = (strides.side as usize, strides.sheet as usize);
-    let [a, c] = [slot, slot.wrapping_add(side)];
-    let [e, g] = [a.wrapping_add(sheet), c.wrapping_add(sheet)];
-    [a, a.wrapping_add(1), c, c.wrapping_add(1), e, e.wrapping_add(1), g, g.wrapping_add(1)]
 }
 
 /// Tri-linear weights of the corners at the position t in the cell, in the order of [`CORNERS`].

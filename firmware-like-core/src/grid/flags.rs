@@ -5,7 +5,7 @@
 //! writer derives them with [`derive()`], the reader verifies them with [`first_inconsistent`]; a query only
 //! looks them up.
 
-use super::{BallLattice, CORNERS, Strides, corner_slots, corner_weights};
+use super::{BallLattice, CORNERS, Location, corner_weights};
 use crate::num::vec3::{self, Vec3};
 
 /// A converged configuration belongs to this slot; otherwise its values are extrapolated ("ghosts").
@@ -84,7 +84,7 @@ pub fn derive(lattice: &BallLattice, flags: &mut [u8]) {
 /// The first slot whose bits contradict those of its neighbours, if any.
 ///
 /// Shapes: as in [`derive()`].
-pub fn first_inconsistent(lattice: &BallLattice, flags: &[u8]) -> Option<usize> {
+pub(crate) fn first_inconsistent(lattice: &BallLattice, flags: &[u8]) -> Option<usize> {
     flags.iter().enumerate().position(|(slot, &bits)| {
         let ijk = lattice.ijk(slot);
         // INTERIOR is compared with the stored SUPERCELL bits, which the same pass compares with SOLVED.
@@ -96,60 +96,82 @@ pub fn first_inconsistent(lattice: &BallLattice, flags: &[u8]) -> Option<usize> 
     })
 }
 
-/// Smoothstep of the tri-linear interpolation of a flag: 1 where all corners of the cell have it, 0 where
-/// none has.
-///
-/// w(t) = s^2 (3 - 2 s),   s = sum of w_c(t) over the corners c with the flag
-#[inline(always)]
-pub(crate) fn share(flags: &[u8], flag: u8, strides: Strides, slot: usize, t: Vec3) -> f32 {
-    let Some(pairs) = corner_flags(flags, strides, slot) else { return 0.0 };
-    let [a, b, c, d] = pairs.map(u16::from_le_bytes);
-    let both = u16::from_le_bytes([flag; 2]);
-    // Exactly 1 inside: the rounded sum of eight weights would cause both methods to be evaluated.
-    if a & b & c & d & both == both {
-        return 1.0;
+/// A lattice with the flags of its slots.
+#[derive(Clone, Copy)]
+pub(crate) struct Ball<'s> {
+    pub(crate) lattice: &'s BallLattice,
+    pub(crate) flags: &'s [u8],
+}
+
+impl Ball<'_> {
+    /// The flags of the cell of a point.
+    #[inline(always)]
+    pub(crate) fn cell_flags(self, at: &Location) -> u8 {
+        self.flags.get(at.slot).copied().unwrap_or(0)
     }
-    if (a | b | c | d) & both == 0 {
-        return 0.0;
+
+    /// Derivatives per cell as derivatives per metre.
+    pub(crate) fn per_metre(self, rows: [Vec3; 3]) -> [Vec3; 3] {
+        rows.map(|row| vec3::scale(row, self.lattice.cells_per_m()))
     }
-    partial_share(pairs, flag, t)
+
+    /// Smoothstep of the tri-linear interpolation of a flag: 1 where all corners of the cell have it, 0 where
+    /// none has.
+    ///
+    /// w(t) = s^2 (3 - 2 s),   s = sum of w_c(t) over the corners c with the flag
+    #[inline(always)]
+    pub(crate) fn smooth(self, flag: u8, at: &Location) -> f32 {
+        let Some(pairs) = self.corner_flags(at) else { return 0.0 };
+        let [a, b, c, d] = pairs.map(u16::from_le_bytes);
+        let both = u16::from_le_bytes([flag; 2]);
+        // Exactly 1 inside: the rounded sum of eight weights would cause both methods to be evaluated.
+        if a & b & c & d & both == both {
+            return 1.0;
+        }
+        if (a | b | c | d) & both == 0 {
+            return 0.0;
+        }
+        smooth_partly(pairs, flag, at.t)
+    }
+
+    /// dw/dt of [`Ball::smooth`].
+    pub(crate) fn smooth_slope(self, flag: u8, at: &Location) -> Vec3 {
+        let raw = |t: Vec3| -> f32 {
+            let corners = self.lattice.corners(at.slot).into_iter().zip(corner_weights(t));
+            let has_flag = |slot: usize| self.flags.get(slot).is_some_and(|bits| bits & flag != 0);
+            corners.filter(|(slot, _)| has_flag(*slot)).map(|(_, weight)| weight).sum()
+        };
+        let [tx, ty, tz] = at.t;
+        let w = raw(at.t).min(1.0);
+        let rise = [
+            raw([1.0, ty, tz]) - raw([0.0, ty, tz]),
+            raw([tx, 1.0, tz]) - raw([tx, 0.0, tz]),
+            raw([tx, ty, 1.0]) - raw([tx, ty, 0.0]),
+        ];
+        vec3::scale(rise, 6.0 * w * (1.0 - w))
+    }
+
+    /// The flags of the eight corners of a cell, in pairs along z.
+    #[inline(always)]
+    fn corner_flags(self, at: &Location) -> Option<[[u8; 2]; 4]> {
+        let strides = self.lattice.strides();
+        let (side, sheet) = (strides.side as usize, strides.sheet as usize);
+        // One bounds check for all four: the compiler derives the others from it.
+        let flags = self.flags.get(at.slot..)?.get(..sheet.wrapping_add(side).wrapping_add(2))?;
+        Some([
+            *flags.first_chunk()?,
+            *flags.get(side..)?.first_chunk()?,
+            *flags.get(sheet..)?.first_chunk()?,
+            *flags.get(sheet.wrapping_add(side)..)?.first_chunk()?,
+        ])
+    }
 }
 
 #[inline(never)]
-fn partial_share(pairs: [[u8; 2]; 4], flag: u8, t: Vec3) -> f32 {
+fn smooth_partly(pairs: [[u8; 2]; 4], flag: u8, t: Vec3) -> f32 {
     let weights = corner_weights(t);
     let with_flag = pairs.as_flattened().iter().zip(weights).filter(|(bits, _)| *bits & flag != 0);
-    let share: f32 = with_flag.map(|(_, weight)| weight).sum();
-    let share = share.min(1.0);
-    share * share * (3.0 - 2.0 * share)
-}
-
-/// dw/dt of [`share`].
-pub(crate) fn share_slope(flags: &[u8], flag: u8, strides: Strides, slot: usize, [tx, ty, tz]: Vec3) -> Vec3 {
-    let raw = |t: Vec3| -> f32 {
-        let corners = corner_slots(strides, slot).into_iter().zip(corner_weights(t));
-        let has_flag = |slot: usize| flags.get(slot).is_some_and(|bits| bits & flag != 0);
-        corners.filter(|(slot, _)| has_flag(*slot)).map(|(_, weight)| weight).sum()
-    };
-    let w = raw([tx, ty, tz]).min(1.0);
-    let rise = [
-        raw([1.0, ty, tz]) - raw([0.0, ty, tz]),
-        raw([tx, 1.0, tz]) - raw([tx, 0.0, tz]),
-        raw([tx, ty, 1.0]) - raw([tx, ty, 0.0]),
-    ];
-    vec3::scale(rise, 6.0 * w * (1.0 - w))
-}
-
-/// The flags of the eight corners of a cell, in pairs along z.
-#[inline(always)]
-fn corner_flags(flags: &[u8], strides: Strides, slot: usize) -> Option<[[u8; 2]; 4]> {
-    let (side, sheet) = (strides.side as usize, strides.sheet as usize);
-    // One bounds check for all four: the compiler derives the others from it.
-    let flags = flags.get(slot..)?.get(..sheet.wrapping_add(side).wrapping_add(2))?;
-    Some([
-        *flags.first_chunk()?,
-        *flags.get(side..)?.first_chunk()?,
-        *flags.get(sheet..)?.first_chunk()?,
-        *flags.get(sheet.wrapping_add(side)..)?.first_chunk()?,
-    ])
+    let sum: f32 = with_flag.map(|(_, weight)| weight).sum();
+    let sum = sum.min(1.0);
+    sum * sum * (3.0 - 2.0 * sum)
 }

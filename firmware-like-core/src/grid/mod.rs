@@ -10,7 +10,7 @@ mod cell;
 pub mod flags;
 
 pub use cell::CORNERS;
-pub(crate) use cell::{Strides, corner_slots, corner_weights};
+pub(crate) use cell::{Strides, corner_weights};
 
 use core::num::NonZeroUsize;
 
@@ -32,10 +32,13 @@ const SMALLEST_M: f32 = 1e-6;
 const LARGEST_M: f32 = 1e3;
 
 /// Why a lattice was refused.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum LatticeError {
     /// Spacing or radius is not between a micrometre and a kilometre, or the radius is smaller than the
     /// spacing.
+    #[error(
+        "a grid needs 1e-6 m <= spacing <= radius <= 1e3 m, not spacing {spacing_m} m and radius {radius_m} m"
+    )]
     Size {
         /// Spacing given, metres.
         spacing_m: f32,
@@ -43,32 +46,12 @@ pub enum LatticeError {
         radius_m: f32,
     },
     /// More cells along the radius than [`MAX_CELLS`].
+    #[error("{cells:.0} cells along the radius are more than {}: choose a wider spacing", MAX_CELLS)]
     TooFine {
         /// Cells along the radius.
         cells: f64,
     },
 }
-
-impl core::fmt::Display for LatticeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Size { spacing_m, radius_m } => {
-                write!(
-                    f,
-                    "a grid needs 1e-6 m <= spacing <= radius <= 1e3 m, not spacing {spacing_m} m and radius {radius_m} m"
-                )
-            }
-            Self::TooFine { cells } => {
-                write!(
-                    f,
-                    "{cells:.0} cells along the radius are more than {MAX_CELLS}: choose a wider spacing"
-                )
-            }
-        }
-    }
-}
-
-impl core::error::Error for LatticeError {}
 
 /// The lattice points of a ball round the active node at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -183,12 +166,12 @@ impl BallLattice {
     }
 
     /// E = R + 1: the indices of an axis are -E..=E.
-    pub const fn extent(&self) -> i32 {
+    const fn extent(&self) -> i32 {
         self.reach + 1
     }
 
     /// Slots along one axis, 2 E + 1.
-    pub const fn side(&self) -> usize {
+    const fn side(&self) -> usize {
         self.strides.side as usize
     }
 
@@ -211,22 +194,15 @@ impl BallLattice {
     /// Slot of a lattice point, or `None` outside the box.
     #[inline(always)]
     pub fn slot(&self, ijk: [i32; 3]) -> Option<usize> {
-        let extent = self.extent();
+        let (extent, side, [i, j, k]) = (self.extent(), self.strides.side as i32, ijk);
         let inside = ijk.iter().all(|n| (-extent..=extent).contains(n));
-        inside.then(|| self.slot_in_box(ijk))
+        let from_rest = i.wrapping_mul(side).wrapping_add(j).wrapping_mul(side).wrapping_add(k);
+        inside.then_some(self.rest_slot.wrapping_add_signed(from_rest) as usize)
     }
 
     /// Slot of the rest point.
-    pub const fn rest_slot(&self) -> usize {
+    pub(crate) const fn rest_slot(&self) -> usize {
         self.rest_slot as usize
-    }
-
-    /// Slot of a point that is known to be in the box.
-    #[inline(always)]
-    fn slot_in_box(&self, [i, j, k]: [i32; 3]) -> usize {
-        let side = self.strides.side as i32;
-        let from_rest = i.wrapping_mul(side).wrapping_add(j).wrapping_mul(side).wrapping_add(k);
-        self.rest_slot.wrapping_add_signed(from_rest) as usize
     }
 
     /// Lattice point of a slot of the box.
@@ -247,20 +223,18 @@ impl BallLattice {
         squared <= i64::from(self.reach_squared)
     }
 
-    /// The lattice points of the ball in the order of their slots, without the rest point.
+    /// The lattice points of the ball in the order of their slots, without the rest point: 514, 1418, 4168
+    /// and 14146 for 5, 7, 10 and 15 cells, the paper's four grids.
     pub fn points(&self) -> impl Iterator<Item = [i32; 3]> + '_ {
         (0..self.slots()).map(|slot| self.ijk(slot)).filter(|&ijk| ijk != [0; 3] && self.contains(ijk))
     }
 
-    /// Number of [`BallLattice::points`]: 514, 1418, 4168 and 14146 for 5, 7, 10 and 15 cells, the paper's
-    /// four grids.
-    pub fn count(&self) -> usize {
-        self.points().count()
-    }
-
     /// Slots of the corners of the cell whose low corner is `slot`, in the order of [`CORNERS`].
     pub fn corners(&self, slot: usize) -> [usize; 8] {
-        corner_slots(self.strides, slot)
+        let (side, sheet) = (self.strides.side as usize, self.strides.sheet as usize);
+        let [a, c] = [slot, slot.wrapping_add(side)];
+        let [e, g] = [a.wrapping_add(sheet), c.wrapping_add(sheet)];
+        [a, a.wrapping_add(1), c, c.wrapping_add(1), e, e.wrapping_add(1), g, g.wrapping_add(1)]
     }
 
     /// Low corner of the cell that contains a displacement, and the position in the cell.

@@ -8,20 +8,15 @@
 use crate::num::vec3::{self, Vec3};
 
 /// A difference of forces that decays to zero.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Fade {
     difference_n: Vec3,
     since_us: u64,
 }
 
 impl Fade {
-    /// No difference.
-    pub(crate) const fn new() -> Self {
-        Self { difference_n: vec3::ZERO, since_us: 0 }
-    }
-
     /// Starts with the difference between the old force and the new one.
-    pub(crate) const fn begin(&mut self, now_us: u64, difference_n: Vec3) {
+    pub(crate) fn begin(&mut self, now_us: u64, difference_n: Vec3) {
         *self = Self { difference_n, since_us: now_us };
     }
 
@@ -31,8 +26,8 @@ impl Fade {
         if elapsed_s >= fade_s {
             return vec3::ZERO;
         }
-        let share = 1.0 - elapsed_s / fade_s;
-        if share > 0.0 { vec3::scale(self.difference_n, share) } else { vec3::ZERO }
+        let left = 1.0 - elapsed_s / fade_s;
+        if left > 0.0 { vec3::scale(self.difference_n, left) } else { vec3::ZERO }
     }
 }
 
@@ -42,7 +37,7 @@ mod tests {
 
     #[test]
     fn it_starts_at_the_old_force_and_ends_at_zero() {
-        let mut fade = Fade::new();
+        let mut fade = Fade::default();
         assert_eq!(fade.remaining_n(5_000_000, 0.03), vec3::ZERO);
         fade.begin(1_000, [3.0, 0.0, -6.0]);
         assert_eq!(fade.remaining_n(1_000, 0.03), [3.0, 0.0, -6.0]);

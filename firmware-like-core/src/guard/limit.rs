@@ -24,7 +24,7 @@ pub struct LimitConfig {
     /// Largest speed of the HIP, metres per second; a larger one is a fault.
     pub max_speed_m_s: f32,
     /// Largest stiffness of the model that may be rendered, newtons per metre: that of the device divided by
-    /// the metres of the model per metre of the device. Infinite for no limit; see [`crate::stiffness`].
+    /// the metres of the model per metre of the device. Infinite for no limit.
     pub max_stiffness_n_m: f32,
 }
 
@@ -69,11 +69,11 @@ pub(crate) fn slew(previous_n: Vec3, target_n: Vec3, max_step_n: f32) -> Vec3 {
     if length <= max_step_n {
         return target_n;
     }
-    let share = (max_step_n / length * MARGIN).max(0.0);
-    vec3::add(previous_n, vec3::scale(step, share))
+    let fraction = (max_step_n / length * MARGIN).max(0.0);
+    vec3::add(previous_n, vec3::scale(step, fraction))
 }
 
-/// Share of the force after arming: linear from 0 to 1.
+/// Factor of the force after arming: linear from 0 to 1.
 pub(crate) fn ramp(since_arming_us: u64, ramp_s: f32) -> f32 {
     let elapsed_s = since_arming_us as f32 * 1e-6;
     if elapsed_s >= ramp_s { 1.0 } else { (elapsed_s / ramp_s).max(0.0) }
@@ -84,16 +84,16 @@ pub(crate) fn ramp(since_arming_us: u64, ramp_s: f32) -> f32 {
 pub(crate) enum Freshness {
     /// The sample is new and is used.
     Fresh,
-    /// No new sample for a few ticks: the last command is held.
-    Hold,
+    /// No new sample for a few ticks: the last command is repeated.
+    RepeatLast,
     /// No new sample for longer: the force is zero, but the contact is kept.
-    Zero,
+    SendZero,
     /// No new sample for the time of the fault limit: a fault.
     Fault,
 }
 
 /// The stale-sample policy.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct StaleWatch {
     newest_us: Option<u64>,
     /// Start of the wait for a sample: time of the newest, or of arming.
@@ -103,8 +103,8 @@ pub(crate) struct StaleWatch {
 
 impl StaleWatch {
     /// Starts the wait for a sample at `now_us`.
-    pub(crate) const fn new(now_us: u64) -> Self {
-        Self { newest_us: None, since_us: now_us, missed: 0 }
+    pub(crate) fn new(now_us: u64) -> Self {
+        Self { since_us: now_us, ..Self::default() }
     }
 
     /// Decides on one tick. `sample_us` is the time of the latest sample on the same clock as `now_us`.
@@ -123,9 +123,9 @@ impl StaleWatch {
         if now_us.saturating_sub(self.since_us) >= config.stale_fault_us {
             Freshness::Fault
         } else if self.missed <= config.stale_hold_ticks {
-            Freshness::Hold
+            Freshness::RepeatLast
         } else {
-            Freshness::Zero
+            Freshness::SendZero
         }
     }
 }
@@ -196,17 +196,17 @@ mod tests {
         let mut watch = StaleWatch::new(0);
         assert_eq!(watch.judge(&config, 1000, Some(900)), Freshness::Fresh);
         for tick in 2..=4 {
-            assert_eq!(watch.judge(&config, tick * 1000, None), Freshness::Hold);
+            assert_eq!(watch.judge(&config, tick * 1000, None), Freshness::RepeatLast);
         }
-        assert_eq!(watch.judge(&config, 5000, Some(900)), Freshness::Zero, "repeated");
-        assert_eq!(watch.judge(&config, 6000, Some(800)), Freshness::Zero, "older");
-        assert_eq!(watch.judge(&config, 10_899, None), Freshness::Zero);
+        assert_eq!(watch.judge(&config, 5000, Some(900)), Freshness::SendZero, "repeated");
+        assert_eq!(watch.judge(&config, 6000, Some(800)), Freshness::SendZero, "older");
+        assert_eq!(watch.judge(&config, 10_899, None), Freshness::SendZero);
         assert_eq!(watch.judge(&config, 10_900, None), Freshness::Fault, "10 ms after the sample was taken");
         assert_eq!(watch.judge(&config, 11_000, Some(11_000)), Freshness::Fresh);
         // A sample as old as the fault limit is a fault, although newer than the last one. As the first
         // sample it counts as no sample.
         assert_eq!(watch.judge(&config, 40_000, Some(30_000)), Freshness::Fault);
-        assert_eq!(StaleWatch::new(40_000).judge(&config, 40_000, Some(30_000)), Freshness::Hold);
+        assert_eq!(StaleWatch::new(40_000).judge(&config, 40_000, Some(30_000)), Freshness::RepeatLast);
         let mut watch = StaleWatch::new(11_000);
         // A clock that is ahead must not postpone the fault.
         assert_eq!(watch.judge(&config, 12_000, Some(1_000_000)), Freshness::Fresh);

@@ -4,7 +4,7 @@ pub(crate) mod fade;
 pub(crate) mod limit;
 pub(crate) mod passivity;
 pub(crate) mod speed;
-pub mod stiffness;
+pub(crate) mod stiffness;
 mod velocity;
 
 pub use limit::{LimitConfig, clamp_force};

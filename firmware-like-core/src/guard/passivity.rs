@@ -70,7 +70,7 @@ impl Default for PassivityConfig {
 }
 
 /// The forces sent last; zero before the first.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Sent {
     /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits, for differences only.
     forces: [(u32, Vec3); SENT],
@@ -78,10 +78,6 @@ struct Sent {
 }
 
 impl Sent {
-    const fn new() -> Self {
-        Self { forces: [(0, vec3::ZERO); SENT], newest: 0 }
-    }
-
     fn push(&mut self, now_us: u64, force_n: Vec3) {
         self.newest = (self.newest + 1) % SENT;
         if let Some(slot) = self.forces.get_mut(self.newest) {
@@ -112,7 +108,7 @@ impl Sent {
 }
 
 /// State of the passivity control.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Passivity {
     last: Option<(u64, Vec3)>,
     sent: Sent,
@@ -127,29 +123,11 @@ pub(crate) struct Passivity {
     damping_n_s_m: f32,
 }
 
-/// The decision on one sample.
+/// The loop has produced more energy than a passive body can.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Verdict {
-    /// Add this force for the hand; usually zero.
-    Damp(Vec3),
-    /// The loop is active: it has produced more energy than a passive body can.
-    Active,
-}
+pub(crate) struct NotPassive;
 
 impl Passivity {
-    /// Before the first sample.
-    pub(crate) const fn new() -> Self {
-        Self {
-            last: None,
-            sent: Sent::new(),
-            window: AdaptiveWindow::new(),
-            work_j: 0.0,
-            balance_j: 0.0,
-            lowest_j: 0.0,
-            damping_n_s_m: 0.0,
-        }
-    }
-
     /// Work on the hand since first touch, J; negative while the hand presses.
     pub(crate) const fn work_j(&self) -> f32 {
         self.work_j
@@ -160,21 +138,20 @@ impl Passivity {
         self.sent.push(now_us, hand_force_n);
     }
 
-    /// Processes one sample. `stored_j` is the largest energy that the body can have stored, joules; `None`
-    /// without contact.
+    /// Processes one sample; returns the damping force to add for the hand, usually zero. `stored_j` is the
+    /// largest energy that the body can have stored, joules; `None` without contact.
     pub(crate) fn observe(
         &mut self,
         config: &PassivityConfig,
         (t_us, hip_m): (u64, Vec3),
         stored_j: Option<f32>,
-    ) -> Verdict {
-        let none = Verdict::Damp(vec3::ZERO);
+    ) -> Result<Vec3, NotPassive> {
         let before = self.last.replace((t_us, hip_m));
         if before.is_none_or(|(then_us, _)| t_us.saturating_sub(then_us) > MAX_GAP_US) {
-            self.window = AdaptiveWindow::new();
+            self.window = AdaptiveWindow::default();
         }
         self.window.push(t_us, hip_m);
-        let Some((then_us, then_m)) = before else { return none };
+        let Some((then_us, then_m)) = before else { return Ok(vec3::ZERO) };
         let dt_s = t_us.saturating_sub(then_us) as f32 * 1e-6;
         let device_per_model = config.workspace_scale.recip();
         let path_m = vec3::scale(vec3::sub(hip_m, then_m), device_per_model);
@@ -187,16 +164,16 @@ impl Passivity {
             self.work_j = self.balance_j;
             self.lowest_j = 0.0;
             self.damping_n_s_m = 0.0;
-            return none;
+            return Ok(vec3::ZERO);
         };
         self.balance_j = self.balance_j.max(-stored_j - config.margin_j);
         self.lowest_j = self.lowest_j.min(self.balance_j);
         let beyond_j = self.balance_j - config.margin_j + SAMPLING_SHARE * self.lowest_j;
         if beyond_j > config.fault_j {
-            return Verdict::Active;
+            return Err(NotPassive);
         }
         if dt_s <= 0.0 || (beyond_j <= 0.0 && self.damping_n_s_m == 0.0) {
-            return none;
+            return Ok(vec3::ZERO);
         }
         // Half a step is the error of a count. With a whole step the window is longer and lags more, and the
         // unstable loop in host/tests/stability.rs oscillates with three times the amplitude.
@@ -212,7 +189,7 @@ impl Passivity {
         let change = most_n_s_m * dt_s / RISE_S;
         self.damping_n_s_m += (wanted_n_s_m - self.damping_n_s_m).max(-change).min(change);
         let force_n = vec3::scale(velocity_m_s, -self.damping_n_s_m);
-        Verdict::Damp(if vec3::is_finite(force_n) { force_n } else { vec3::ZERO })
+        Ok(if vec3::is_finite(force_n) { force_n } else { vec3::ZERO })
     }
 }
 
@@ -225,7 +202,7 @@ mod tests {
 
     /// Strokes in and out of a spring; a force that leads the position by `lead_m` generates energy.
     fn stroke(config: &PassivityConfig, stiffness_n_m: f32, lead_m: f32) -> (Passivity, f32, bool) {
-        let (mut guard, mut most_n, mut active) = (Passivity::new(), 0.0_f32, false);
+        let (mut guard, mut most_n, mut active) = (Passivity::default(), 0.0_f32, false);
         for tick in 0..4_000_u64 {
             let phase = tick as f32 * 0.004;
             let (depth_m, inward) = (0.01 * (1.0 - phase.cos()), phase.sin() > 0.0);
@@ -233,8 +210,8 @@ mod tests {
             let now_us = tick * 1_000;
             let verdict = guard.observe(config, (now_us, [0.0, 0.0, z]), FULL);
             match verdict {
-                Verdict::Damp([_, _, damping_n]) => most_n = most_n.max(damping_n.abs()),
-                Verdict::Active => active = true,
+                Ok([_, _, damping_n]) => most_n = most_n.max(damping_n.abs()),
+                Err(NotPassive) => active = true,
             }
             let force_n = stiffness_n_m * (depth_m + if inward { -lead_m } else { lead_m }).max(0.0);
             guard.sent(now_us, [0.0, 0.0, force_n]);
@@ -261,7 +238,7 @@ mod tests {
     fn dissipated_energy_is_no_credit() {
         let config = PassivityConfig { fault_j: f32::INFINITY, ..PassivityConfig::default() };
         let damped_after_j = |stored_j| {
-            let mut guard = Passivity::new();
+            let mut guard = Passivity::default();
             let mut begun_j = None;
             for tick in 0..12_000_u64 {
                 let (now_us, x_m) = (tick * 1_000, 1e-4 * tick as f32);
@@ -275,7 +252,7 @@ mod tests {
                     );
                     begun_j = Some(guard.work_j());
                 }
-                if verdict != Verdict::Damp(vec3::ZERO) {
+                if verdict != Ok(vec3::ZERO) {
                     return begun_j.map(|begun_j| guard.work_j() - begun_j);
                 }
             }
@@ -291,10 +268,10 @@ mod tests {
     #[test]
     fn damping_comes_and_goes_without_a_step() {
         let config = PassivityConfig { margin_j: 1e-3, fault_j: f32::INFINITY, ..PassivityConfig::default() };
-        let (mut guard, mut before_n, mut most_n) = (Passivity::new(), 0.0, 0.0_f32);
+        let (mut guard, mut before_n, mut most_n) = (Passivity::default(), 0.0, 0.0_f32);
         for tick in 0..120_u64 {
             let verdict = guard.observe(&config, (tick * 1_000, [1e-4 * tick as f32, 0.0, 0.0]), FULL);
-            let Verdict::Damp([damping_n, ..]) = verdict else { panic!("{verdict:?}") };
+            let [damping_n, ..] = verdict.expect("passive");
             guard.sent(tick * 1_000, [if tick < 40 { 5.0 } else { -5.0 }, 0.0, 0.0]);
             // 2 N s/m at 0.1 m/s, a tenth of that per tick.
             assert!(
@@ -313,12 +290,12 @@ mod tests {
         // The 32 bits of microseconds overflow in between.
         let begin_us = u64::from(u32::MAX) - 1_500;
         let work_j = |force_delay_us, from_us, to_us| {
-            let mut guard = Passivity::new();
+            let mut guard = Passivity::default();
             guard.sent(begin_us + 1_000, [2.0, 0.0, 0.0]);
             guard.sent(begin_us + 2_000, [5.0, 0.0, 0.0]);
             let config = PassivityConfig { force_delay_us, ..PassivityConfig::default() };
-            guard.observe(&config, (begin_us + from_us, vec3::ZERO), FULL);
-            guard.observe(&config, (begin_us + to_us, [1.0, 0.0, 0.0]), FULL);
+            let _ = guard.observe(&config, (begin_us + from_us, vec3::ZERO), FULL);
+            let _ = guard.observe(&config, (begin_us + to_us, [1.0, 0.0, 0.0]), FULL);
             guard.work_j()
         };
         for (delay_us, from_us, to_us, mean_n) in [
@@ -338,7 +315,7 @@ mod tests {
 
     #[test]
     fn the_oldest_force_stands_for_all_before_it() {
-        let mut sent = Sent::new();
+        let mut sent = Sent::default();
         for tick in 0..100_u16 {
             sent.push(u64::from(tick) * 1_000, [f32::from(tick), 0.0, 0.0]);
         }
@@ -360,12 +337,16 @@ mod tests {
     fn a_positive_balance_decays_after_the_touch() {
         let config = PassivityConfig::default();
         let mut guard =
-            Passivity { last: Some((0, vec3::ZERO)), balance_j: 0.1, lowest_j: -0.2, ..Passivity::new() };
-        guard.observe(&config, (100_000, vec3::ZERO), None);
+            Passivity { last: Some((0, vec3::ZERO)), balance_j: 0.1, lowest_j: -0.2, ..Passivity::default() };
+        let _ = guard.observe(&config, (100_000, vec3::ZERO), None);
         assert!((guard.work_j() - 0.09).abs() < 1e-6 && guard.lowest_j == 0.0);
-        let mut guard =
-            Passivity { last: Some((0, vec3::ZERO)), balance_j: -0.1, lowest_j: -0.2, ..Passivity::new() };
-        guard.observe(&config, (1_000, vec3::ZERO), None);
+        let mut guard = Passivity {
+            last: Some((0, vec3::ZERO)),
+            balance_j: -0.1,
+            lowest_j: -0.2,
+            ..Passivity::default()
+        };
+        let _ = guard.observe(&config, (1_000, vec3::ZERO), None);
         assert_eq!(guard.work_j(), 0.0, "a negative balance is dropped");
     }
 }

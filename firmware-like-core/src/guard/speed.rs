@@ -14,19 +14,14 @@ const MIN_SPAN_US: u64 = 4_000;
 /// Largest age of a position.
 const MAX_AGE_US: u64 = 20_000;
 
-/// Recent positions.
-#[derive(Debug, Clone, PartialEq)]
+/// Recent positions; before the first one the speed is zero.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct SpeedWindow {
     /// Newest first.
     kept: [Option<(u64, Vec3)>; SLOTS],
 }
 
 impl SpeedWindow {
-    /// Empty: the next sample has speed zero.
-    pub(crate) const fn new() -> Self {
-        Self { kept: [None; SLOTS] }
-    }
-
     /// Processes one position; returns the mean speed since the oldest one kept, metres per second.
     pub(crate) fn speed_m_s(&mut self, t_us: u64, position_m: Vec3) -> f32 {
         let recent = |&(then_us, _): &(u64, Vec3)| t_us.saturating_sub(then_us) <= MAX_AGE_US;

@@ -1,36 +1,14 @@
-//! The stiffness that a device can render, and the factor that keeps an organ below it.
+//! The factor that keeps the stiffness of an organ below the largest that the device can render.
 //!
-//! A sampled device can render only a limited stiffness. With the damping b of the device, virtual damping B
-//! and sampling period T it is passive for
-//!
-//! K < 2 (b - |B|) / T                     (Colgate and Schenkel 1997)
-//!
-//! and, as a weaker condition, stable with a loop delay d for K < (b + B) / (T / 2 + d). K is the stiffness
-//! at the hand: a workspace that shows the model s times as large makes it s times as stiff.
-//!
-//! The forces of a stiffer organ are multiplied by one factor below 1, the same for all its spaces. Thus the
-//! force does not jump from space to space, a conservative force remains conservative, and the whole organ
-//! feels softer. `Controller::force_share` returns the factor.
+//! A sampled device can render only a limited stiffness (Colgate and Schenkel 1997). The forces of a stiffer
+//! organ are multiplied by one factor below 1, the same for all its spaces. Thus the force does not jump from
+//! space to space, a conservative force remains conservative, and the whole organ feels softer.
 
 use crate::grid::flags::{SMOOTH, SOLVED};
 use crate::method::Method;
 use crate::num::math;
 use crate::num::vec3::{Vec3, ZERO, dot, norm};
 use crate::space::Space;
-
-/// Largest stiffness at which a device is passive, N/m: 2 (b - |B|) / T; negative where |B| exceeds b.
-///
-/// Units: damping in N s/m, period in seconds.
-pub fn passive_n_m(damping_ns_m: f32, virtual_damping_ns_m: f32, cycle_s: f32) -> f32 {
-    2.0 * (damping_ns_m - virtual_damping_ns_m.abs()) / cycle_s
-}
-
-/// Largest stiffness at which a device with a delay is stable, N/m: (b + B) / (T / 2 + d).
-///
-/// Units: damping in N s/m, period and delay in seconds.
-pub fn stable_n_m(damping_ns_m: f32, virtual_damping_ns_m: f32, cycle_s: f32, delay_s: f32) -> f32 {
-    (damping_ns_m + virtual_damping_ns_m) / (0.5 * cycle_s + delay_s)
-}
 
 /// Largest number of bands of force examined; the stiffness increases from each band to the next, or the
 /// search ends.
@@ -68,21 +46,21 @@ fn stiffest_n_m(space: &Space<'_>, method: Method, (above_n, to_n): (f32, f32)) 
 ///
 /// With a smaller factor the hand gets deeper before the largest force stops it, at |h| = limit / factor,
 /// where tissue is stiffer. Therefore the additional band of forces is examined too, until none is added.
-pub(crate) fn share(spaces: &[Space<'_>], method: Method, cap_n_m: f32, limit_n: f32) -> (f32, f32) {
-    let (mut stiffest_n_m, mut share) = (0.0_f32, 1.0_f32);
+pub(crate) fn hand_scale(spaces: &[Space<'_>], method: Method, cap_n_m: f32, limit_n: f32) -> (f32, f32) {
+    let (mut stiffest_n_m, mut scale) = (0.0_f32, 1.0_f32);
     let mut band_n = (-1.0_f32, limit_n);
     for _ in 0..MAX_BANDS {
         let within = |space| self::stiffest_n_m(space, method, band_n);
         stiffest_n_m = spaces.iter().map(within).fold(stiffest_n_m, f32::max);
         // An infinite stiffness gives the factor 0.
-        share = if stiffest_n_m > cap_n_m { cap_n_m / stiffest_n_m } else { 1.0 };
-        let reached_n = if share > 0.0 { limit_n / share } else { f32::INFINITY };
+        scale = if stiffest_n_m > cap_n_m { cap_n_m / stiffest_n_m } else { 1.0 };
+        let reached_n = if scale > 0.0 { limit_n / scale } else { f32::INFINITY };
         if reached_n <= band_n.1 {
             break;
         }
         band_n = (band_n.1, reached_n);
     }
-    (stiffest_n_m, share)
+    (stiffest_n_m, scale)
 }
 
 /// Upper bound of the largest singular value of a matrix, given by its rows, tight to 1 %.
@@ -90,7 +68,7 @@ pub(crate) fn share(spaces: &[Space<'_>], method: Method, cap_n_m: f32, limit_n:
 /// sigma^2 <= trace(M^128)^(1/128),   M = A^T A
 ///
 /// Seven squarings need neither an iteration limit nor trigonometry.
-pub fn largest_singular_value(a: &[Vec3; 3]) -> f32 {
+fn largest_singular_value(a: &[Vec3; 3]) -> f32 {
     let column = |j: usize| a.map(|row| row.get(j).copied().unwrap_or(0.0));
     let columns = [column(0), column(1), column(2)];
     let scale = a.as_flattened().iter().fold(0.0_f32, |most, x| most.max(x.abs()));
@@ -140,16 +118,5 @@ mod tests {
             let found = largest_singular_value(&a);
             assert!(found >= want * (1.0 - 1e-5) && found <= want * 1.01, "{found} for {want}");
         }
-    }
-
-    #[test]
-    fn limits_of_colgate_and_schenkel() {
-        // At 1 kHz K < 2000 N/m per N s/m.
-        assert!((passive_n_m(1.0, 0.0, 1e-3) - 2000.0).abs() < 1e-2);
-        assert!(
-            (passive_n_m(1.0, -0.5, 1e-3) - 1000.0).abs() < 1e-2,
-            "virtual damping of either sign reduces it"
-        );
-        assert!((stable_n_m(1.0, 0.5, 1e-3, 1e-3) - 1000.0).abs() < 1e-2);
     }
 }

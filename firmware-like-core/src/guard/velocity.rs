@@ -12,7 +12,7 @@ use crate::num::vec3::{self, Vec3};
 const LONGEST: usize = 15;
 
 /// The last positions.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct AdaptiveWindow {
     /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits, for differences only.
     positions: [(u32, Vec3); LONGEST + 1],
@@ -21,11 +21,6 @@ pub(super) struct AdaptiveWindow {
 }
 
 impl AdaptiveWindow {
-    /// No positions.
-    pub(super) const fn new() -> Self {
-        Self { positions: [(0, vec3::ZERO); LONGEST + 1], newest: 0, known: 0 }
-    }
-
     /// Adds the next position, metres.
     pub(super) fn push(&mut self, t_us: u64, position_m: Vec3) {
         self.newest = (self.newest + 1) % (LONGEST + 1);
@@ -88,7 +83,7 @@ mod tests {
     /// Largest error of the velocity along a motion, and of the difference of two samples, m/s.
     fn errors(motion: impl Fn(f32) -> (f32, f32)) -> (f32, f32) {
         let (mut window, mut most, mut most_plain, mut before) =
-            (AdaptiveWindow::new(), 0.0_f32, 0.0_f32, 0.0);
+            (AdaptiveWindow::default(), 0.0_f32, 0.0_f32, 0.0);
         for tick in 0..2_000_u64 {
             let (at_m, true_m_s) = motion(tick as f32 * 1e-3);
             let seen_m = counted(at_m);
@@ -128,13 +123,13 @@ mod tests {
 
     #[test]
     fn few_positions_and_equal_times_give_zero() {
-        let mut window = AdaptiveWindow::new();
+        let mut window = AdaptiveWindow::default();
         assert_eq!(window.velocity_m_s(STEP_M), vec3::ZERO);
         window.push(5, [1.0, 2.0, 3.0]);
         assert_eq!(window.velocity_m_s(STEP_M), vec3::ZERO, "one position");
         window.push(5, [2.0, 2.0, 3.0]);
         assert_eq!(window.velocity_m_s(STEP_M), vec3::ZERO, "equal times");
-        let mut window = AdaptiveWindow::new();
+        let mut window = AdaptiveWindow::default();
         window.push(0, vec3::ZERO);
         window.push(2_000, [0.002, 0.0, -0.004]);
         let [x, y, z] = window.velocity_m_s(0.0);

@@ -1,13 +1,13 @@
 //! Two methods in one table, blended without a jump.
 //!
-//! h(p) = h_a + w (h_b - h_a),   w = smoothstep of the tri-linear interpolation of a flag ([`flags::share`])
+//! h(p) = h_a + w (h_b - h_a),   w = smoothstep of the tri-linear interpolation of a flag ([`Ball::smooth`])
 //!
 //! Method b must not be used in some cells. No corner of such a cell has the flag, so w = 0 on its faces from
 //! both sides, and h is continuous there; elsewhere w is continuous, as any tri-linear function of nodal
 //! values is. Where w is 0 or 1, only one method is evaluated.
 
-use super::interpolant::Ball;
-use crate::grid::{Location, flags};
+use crate::grid::Location;
+use crate::grid::flags::Ball;
 use crate::num::vec3::{self, Vec3};
 
 /// a + w (b - a): b itself, bit for bit, if w is 1 and a is zero.
@@ -33,8 +33,7 @@ pub(super) fn blend_slopes(
     a: impl FnOnce() -> (Vec3, [Vec3; 3]),
     b: impl FnOnce() -> (Vec3, [Vec3; 3]),
 ) -> [Vec3; 3] {
-    let strides = ball.lattice.strides();
-    let weight = flags::share(ball.flags, flag, strides, at.slot, at.t);
+    let weight = ball.smooth(flag, at);
     if weight >= 1.0 {
         return b().1;
     }
@@ -42,7 +41,7 @@ pub(super) fn blend_slopes(
         return a().1;
     }
     let ((value_a, slopes_a), (value_b, slopes_b)) = (a(), b());
-    let weight_slope = flags::share_slope(ball.flags, flag, strides, at.slot, at.t);
+    let weight_slope = ball.smooth_slope(flag, at);
     let mut rows = blend_rows(weight, slopes_a, slopes_b);
     for (row, difference) in rows.iter_mut().zip(vec3::sub(value_b, value_a)) {
         *row = vec3::add(*row, vec3::scale(weight_slope, difference));

@@ -11,59 +11,41 @@
 //! neighbouring cells both are blended. The force is conservative wherever no corner of the cell touches a
 //! fold.
 
-use core::ops::{Add, Mul};
-
 use super::Coverage;
 use super::blend::{blend, blend_rows, blend_slopes};
-use super::hermite::{Corners, HermiteTable, Node};
-use super::interpolant::{Ball, Interpolant, Slopes};
-use crate::grid::flags::{self, CELL, SMOOTH};
+use super::hermite::{Corners, Hermite, HermiteNode, HermitePlanes};
+use super::interpolant::{Interpolant, Slopes};
+use crate::grid::flags::{Ball, SMOOTH};
 use crate::grid::{BallLattice, Location};
-use crate::num::lanes::{Baseline, F32x4, Machine, sums};
+use crate::num::lanes::{Baseline, F32x4, Lanes, Machine, sums};
 use crate::num::vec3::{self, Vec3};
 
-impl HermiteTable<'_> {
+impl HermitePlanes<'_> {
     /// h = dW/dp of the quintics at a location, newtons.
     pub fn energy_gradient(&self, lattice: &BallLattice, at: &Location) -> Vec3 {
-        Energy { ball: Ball { lattice, flags: &[] }, table: self }.gradient(Baseline, at)
+        Energy(Hermite { ball: Ball { lattice, flags: &[] }, planes: self }).gradient(Baseline, at)
     }
 }
 
-/// The method `energy`.
+/// The method `energy`, with the cubics that it uses near folds.
 #[derive(Clone, Copy)]
-pub(crate) struct Energy<'s> {
-    pub(crate) ball: Ball<'s>,
-    pub(crate) table: &'s HermiteTable<'s>,
-}
+pub(crate) struct Energy<'s>(pub(crate) Hermite<'s>);
 
 impl Energy<'_> {
-    /// Weight of the energy's gradient against the cubics.
-    #[inline(always)]
-    fn weight(self, at: &Location) -> f32 {
-        flags::share(self.ball.flags, SMOOTH, self.ball.lattice.strides(), at.slot, at.t)
-    }
-
     /// dW/dt, newtons. Zero beyond the end of the box.
     ///
     /// Cost: 72 rows of four along c. Along x each row is weighted for value and slope side by side, then
     /// along y and z. Without the padding these are 468 products and about as many sums.
     #[inline(always)]
     fn gradient<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        let Some(corners) = self.table.corners(self.ball.lattice.strides(), at.slot) else {
-            return vec3::ZERO;
-        };
+        let Some(corners) = self.0.corners(at) else { return vec3::ZERO };
         gradient(machine, &corners, at.t)
     }
 
     /// W and its first two derivatives; zero beyond the end of the box.
     fn derivatives(self, at: &Location) -> Derivatives {
         let none = Derivatives { value: 0.0, gradient: vec3::ZERO, hessian: [vec3::ZERO; 3] };
-        let corners = self.table.corners(self.ball.lattice.strides(), at.slot);
-        corners.map_or(none, |corners| derivatives(&corners, at.t))
-    }
-
-    fn cubic_slopes(self, at: &Location) -> [Vec3; 3] {
-        self.table.force_slopes(self.ball.lattice.strides(), at.slot, at.t)
+        self.0.corners(at).map_or(none, |corners| derivatives(&corners, at.t))
     }
 }
 
@@ -72,13 +54,13 @@ impl<'s> Interpolant for Energy<'s> {
 
     #[inline(always)]
     fn domain(self) -> Ball<'s> {
-        self.ball
+        self.0.ball
     }
 
     #[inline(always)]
     fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        let (weight, strides) = (self.weight(at), self.ball.lattice.strides());
-        let cubic = if weight < 1.0 { self.table.force(machine, strides, at.slot, at.t) } else { vec3::ZERO };
+        let weight = self.0.ball.smooth(SMOOTH, at);
+        let cubic = if weight < 1.0 { self.0.force(machine, at) } else { vec3::ZERO };
         if weight <= 0.0 {
             return cubic;
         }
@@ -86,25 +68,24 @@ impl<'s> Interpolant for Energy<'s> {
     }
 
     fn slopes(self, at: &Location) -> Slopes {
-        let quintic = self.derivatives(at);
-        let cubic = || {
-            let value = self.table.force(Baseline, self.ball.lattice.strides(), at.slot, at.t);
-            (value, self.cubic_slopes(at))
-        };
-        let rows = blend_slopes(self.ball, SMOOTH, at, cubic, || (quintic.gradient, quintic.hessian));
-        let energy_j = (self.weight(at) >= 1.0).then_some(quintic.value * self.ball.lattice.spacing_m());
-        Slopes { stiffness_n_m: self.ball.per_metre(rows), energy_j }
+        let (cubics, ball, quintic) = (self.0, self.0.ball, self.derivatives(at));
+        let cubic = || (cubics.force(Baseline, at), cubics.rows(at));
+        let rows = blend_slopes(ball, SMOOTH, at, cubic, || (quintic.gradient, quintic.hessian));
+        let is_energy = ball.smooth(SMOOTH, at) >= 1.0;
+        let energy_j = is_energy.then_some(quintic.value * ball.lattice.spacing_m());
+        Slopes { stiffness_n_m: ball.per_metre(rows), energy_j }
     }
 
     /// The derivative of the weight is left out, because it jumps at faces.
     fn rim_slopes(self, at: &Location) -> [Vec3; 3] {
-        let rows = blend_rows(self.weight(at), self.cubic_slopes(at), self.derivatives(at).hessian);
-        self.ball.per_metre(rows)
+        let ball = self.0.ball;
+        let rows = blend_rows(ball.smooth(SMOOTH, at), self.0.rows(at), self.derivatives(at).hessian);
+        ball.per_metre(rows)
     }
 
     #[inline(always)]
     fn coverage(self, at: &Location) -> Coverage {
-        if self.ball.cell_flags(at) & CELL != 0 { Coverage::Cell } else { Coverage::Extrapolated }
+        self.0.coverage(at)
     }
 }
 
@@ -218,7 +199,7 @@ impl Basis<F32x4> {
     }
 }
 
-impl<V: Copy + Add<Output = V> + Mul<Output = V>> Basis<V> {
+impl<V: Lanes> Basis<V> {
     /// The sum without W_0 of the near corner; `rise` is W_0 of the far corner less W_0 of the near one.
     #[inline(always)]
     fn sum(&self, rise: V, [_, n1, n2]: &[V; 3], [_, f1, f2]: &[V; 3]) -> V {
@@ -267,7 +248,12 @@ fn gradient<M: Machine>(machine: M, corners: &Corners<'_>, t: Vec3) -> Vec3 {
 
 /// Rows along c for b = 0, 1, 2, contracted along x with H and H' side by side.
 #[inline(always)]
-fn contract_x<M: Machine>(machine: M, near: &Node, far: &Node, of: &Basis<M::F32x8>) -> [M::F32x8; 3] {
+fn contract_x<M: Machine>(
+    machine: M,
+    near: &HermiteNode,
+    far: &HermiteNode,
+    of: &Basis<M::F32x8>,
+) -> [M::F32x8; 3] {
     let [[n00, n01, n02], [n10, n11, n12], [n20, n21, n22]] = near;
     let [[f00, f01, f02], [f10, f11, f12], [f20, f21, f22]] = far;
     [

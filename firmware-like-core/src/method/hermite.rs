@@ -10,19 +10,17 @@
 //! more robust than `energy`: they use no derivative of W beyond the fourth, their error in h is of order
 //! spacing^4, and they do not differentiate W across a jump.
 
-use core::ops::{Add, Mul};
-
 use super::Coverage;
-use super::interpolant::{Ball, Interpolant, Slopes};
-use crate::grid::flags::CELL;
-use crate::grid::{BallLattice, Location, Strides};
-use crate::num::lanes::{Baseline, F32x4, Machine, sums};
+use super::interpolant::{Interpolant, Slopes};
+use crate::grid::flags::{Ball, CELL};
+use crate::grid::{BallLattice, Location};
+use crate::num::lanes::{Baseline, F32x4, Lanes, Machine, sums};
 use crate::num::vec3::{self, Vec3};
-use crate::plane::{LARGEST_VALUE, PlaneError, PlaneProblem, check_indices, check_len, check_values};
+use crate::plane::{PlaneError, PlaneProblem, check_finite, check_indices, check_len};
 
 /// W_abc at one grid point as `[a][b][c]`, in cells and newtons: W_abc spacing^(a + b + c - 1). The last of
 /// every four numbers is padding, so that rows stay whole vectors.
-pub type Node = [[[f32; 4]; 3]; 3];
+pub type HermiteNode = [[[f32; 4]; 3]; 3];
 
 /// Planes of the energy derivatives at the grid points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,88 +28,37 @@ pub struct HermitePlanes<'a> {
     /// Index of its node for each slot of the box. Slots that no query reaches may share a node.
     pub row: &'a [u32],
     /// The nodes, newtons; energy and force are zero at rest.
-    pub nodes: &'a [Node],
-}
-
-/// Checked planes of the energy derivatives.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HermiteTable<'a> {
-    planes: HermitePlanes<'a>,
+    pub nodes: &'a [HermiteNode],
 }
 
 /// The nodes of the corners of a cell as `[x][y][z]`.
-pub(super) type Corners<'a> = [[[&'a Node; 2]; 2]; 2];
+pub(super) type Corners<'a> = [[[&'a HermiteNode; 2]; 2]; 2];
 
-impl<'a> HermiteTable<'a> {
+impl HermitePlanes<'_> {
     /// Checks that every slot of the lattice has a node, that all values are finite, and that rest is free of
     /// force.
     ///
     /// Errors: [`PlaneError`] with the name of the plane.
-    pub fn new(lattice: &BallLattice, planes: HermitePlanes<'a>) -> Result<Self, PlaneError> {
-        let HermitePlanes { row, nodes } = planes;
+    pub fn check(&self, lattice: &BallLattice) -> Result<(), PlaneError> {
+        let Self { row, nodes } = *self;
         check_len("hermite row", row, lattice.slots())?;
         check_indices("hermite row", row, nodes.len())?;
-        let values = nodes.as_flattened().as_flattened().as_flattened();
-        check_values("hermite nodes", values, |value| value.abs() <= LARGEST_VALUE)?;
+        check_finite("hermite nodes", nodes.as_flattened().as_flattened().as_flattened())?;
         let rest = row.get(lattice.rest_slot()).and_then(|row| nodes.get(*row as usize));
         if !rest.is_some_and(is_at_rest) {
             return Err(PlaneProblem::RestPoint.of("hermite nodes"));
         }
-        Ok(Self { planes })
-    }
-
-    /// The planes.
-    pub(crate) const fn planes(&self) -> HermitePlanes<'a> {
-        self.planes
-    }
-
-    /// The corners of the cell whose low corner is `slot`. `None` beyond the end of the box, where no query
-    /// lies.
-    #[inline(always)]
-    pub(super) fn corners(&self, strides: Strides, slot: usize) -> Option<Corners<'a>> {
-        let HermitePlanes { row, nodes } = self.planes;
-        let (side, sheet) = (strides.side as usize, strides.sheet as usize);
-        // One bounds check for all four: the compiler derives the others from it.
-        let rows = row.get(slot..)?.get(..sheet.wrapping_add(side).wrapping_add(2))?;
-        let column = |at: usize| -> Option<[&'a Node; 2]> {
-            let [low, high] = rows.get(at..at.wrapping_add(2))?.first_chunk::<2>()?;
-            Some([nodes.get(*low as usize)?, nodes.get(*high as usize)?])
-        };
-        Some([[column(0)?, column(side)?], [column(sheet)?, column(sheet.wrapping_add(side))?]])
+        Ok(())
     }
 
     /// h of the cubics at a location, newtons.
     pub fn cubic_force(&self, lattice: &BallLattice, at: &Location) -> Vec3 {
-        self.force(Baseline, lattice.strides(), at.slot, at.t)
-    }
-
-    /// h of the cubics in the cell whose low corner is `slot`, newtons. Zero beyond the end of the box.
-    #[inline(always)]
-    pub(super) fn force<M: Machine>(
-        &self,
-        machine: M,
-        strides: Strides,
-        slot: usize,
-        [tx, ty, tz]: Vec3,
-    ) -> Vec3 {
-        let Some(corners) = self.corners(strides, slot) else { return vec3::ZERO };
-        contract(machine, &corners, &[values(tx), values(ty), values(tz)])
-    }
-
-    /// dh_i/dt_j as rows i; zero beyond the end of the box.
-    pub(super) fn force_slopes(&self, strides: Strides, slot: usize, [tx, ty, tz]: Vec3) -> [Vec3; 3] {
-        let Some(corners) = self.corners(strides, slot) else { return [vec3::ZERO; 3] };
-        let [wx, wy, wz] = [values(tx), values(ty), values(tz)];
-        vec3::transposed([
-            contract(Baseline, &corners, &[slopes(tx), wy, wz]),
-            contract(Baseline, &corners, &[wx, slopes(ty), wz]),
-            contract(Baseline, &corners, &[wx, wy, slopes(tz)]),
-        ])
+        Hermite { ball: Ball { lattice, flags: &[] }, planes: self }.force(Baseline, at)
     }
 }
 
 /// Whether a node has neither energy nor force.
-fn is_at_rest([[[w, wz, ..], [wy, ..], _], [[wx, ..], ..], _]: &Node) -> bool {
+fn is_at_rest([[[w, wz, ..], [wy, ..], _], [[wx, ..], ..], _]: &HermiteNode) -> bool {
     [w, wx, wy, wz].iter().all(|value| **value == 0.0)
 }
 
@@ -119,7 +66,35 @@ fn is_at_rest([[[w, wz, ..], [wy, ..], _], [[wx, ..], ..], _]: &Node) -> bool {
 #[derive(Clone, Copy)]
 pub(crate) struct Hermite<'s> {
     pub(crate) ball: Ball<'s>,
-    pub(crate) table: &'s HermiteTable<'s>,
+    pub(crate) planes: &'s HermitePlanes<'s>,
+}
+
+impl<'s> Hermite<'s> {
+    /// The corners of a cell. `None` beyond the end of the box, where no query lies.
+    #[inline(always)]
+    pub(super) fn corners(self, at: &Location) -> Option<Corners<'s>> {
+        let HermitePlanes { row, nodes } = *self.planes;
+        let strides = self.ball.lattice.strides();
+        let (side, sheet) = (strides.side as usize, strides.sheet as usize);
+        // One bounds check for all four: the compiler derives the others from it.
+        let rows = row.get(at.slot..)?.get(..sheet.wrapping_add(side).wrapping_add(2))?;
+        let column = |at: usize| -> Option<[&'s HermiteNode; 2]> {
+            let [low, high] = rows.get(at..at.wrapping_add(2))?.first_chunk::<2>()?;
+            Some([nodes.get(*low as usize)?, nodes.get(*high as usize)?])
+        };
+        Some([[column(0)?, column(side)?], [column(sheet)?, column(sheet.wrapping_add(side))?]])
+    }
+
+    /// dh_i/dt_j as rows i; zero beyond the end of the box.
+    pub(super) fn rows(self, at: &Location) -> [Vec3; 3] {
+        let Some(corners) = self.corners(at) else { return [vec3::ZERO; 3] };
+        let ([wx, wy, wz], [tx, ty, tz]) = (at.t.map(values), at.t);
+        vec3::transposed([
+            contract(Baseline, &corners, &[slopes(tx), wy, wz]),
+            contract(Baseline, &corners, &[wx, slopes(ty), wz]),
+            contract(Baseline, &corners, &[wx, wy, slopes(tz)]),
+        ])
+    }
 }
 
 impl<'s> Interpolant for Hermite<'s> {
@@ -130,14 +105,16 @@ impl<'s> Interpolant for Hermite<'s> {
         self.ball
     }
 
+    /// Zero beyond the end of the box.
     #[inline(always)]
     fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        self.table.force(machine, self.ball.lattice.strides(), at.slot, at.t)
+        let Some(corners) = self.corners(at) else { return vec3::ZERO };
+        let [tx, ty, tz] = at.t;
+        contract(machine, &corners, &[values(tx), values(ty), values(tz)])
     }
 
     fn slopes(self, at: &Location) -> Slopes {
-        let rows = self.table.force_slopes(self.ball.lattice.strides(), at.slot, at.t);
-        Slopes { stiffness_n_m: self.ball.per_metre(rows), energy_j: None }
+        Slopes { stiffness_n_m: self.ball.per_metre(self.rows(at)), energy_j: None }
     }
 
     #[inline(always)]
@@ -189,8 +166,8 @@ struct Rows<V> {
 #[inline(always)]
 fn contract_x<M: Machine>(
     machine: M,
-    near: &[&Node; 2],
-    far: &[&Node; 2],
+    near: &[&HermiteNode; 2],
+    far: &[&HermiteNode; 2],
     wx: &[[M::F32x8; 2]; 2],
 ) -> Rows<M::F32x8> {
     let ([n0, n1, n2], [f0, f1, f2]) = (rows(machine, near), rows(machine, far));
@@ -209,7 +186,7 @@ fn contract_x<M: Machine>(
 
 /// Two nodes side by side as `[a][b]`.
 #[inline(always)]
-fn rows<M: Machine>(machine: M, [low, high]: &[&Node; 2]) -> [[M::F32x8; 3]; 3] {
+fn rows<M: Machine>(machine: M, [low, high]: &[&HermiteNode; 2]) -> [[M::F32x8; 3]; 3] {
     let ([l0, l1, l2], [h0, h1, h2]) = (low, high);
     [row(machine, l0, h0), row(machine, l1, h1), row(machine, l2, h2)]
 }
@@ -220,10 +197,7 @@ fn row<M: Machine>(machine: M, [l0, l1, l2]: &[[f32; 4]; 3], [h0, h1, h2]: &[[f3
 }
 
 #[inline(always)]
-fn sum<V>([[n0, n1], [f0, f1]]: &[[V; 2]; 2], [a, b]: [V; 2], [c, d]: [V; 2]) -> V
-where
-    V: Copy + Add<Output = V> + Mul<Output = V>,
-{
+fn sum<V: Lanes>([[n0, n1], [f0, f1]]: &[[V; 2]; 2], [a, b]: [V; 2], [c, d]: [V; 2]) -> V {
     (*n0 * a + *n1 * b) + (*f0 * c + *f1 * d)
 }
 

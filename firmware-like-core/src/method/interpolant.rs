@@ -11,7 +11,8 @@
 //! otherwise h would jump by an amount that grows with s: see [`Interpolant::rim_slopes`].
 
 use super::{Coverage, Estimate, ForceSample};
-use crate::grid::{BallLattice, Location, Rim};
+use crate::grid::flags::Ball;
+use crate::grid::{Location, Rim};
 use crate::num::lanes::{Baseline, Machine};
 use crate::num::vec3::{self, Vec3};
 
@@ -21,7 +22,7 @@ pub(crate) trait Domain {
     type At;
 
     /// The point of a displacement; outside the domain the error is the displacement, see
-    /// [`BallLattice::locate_inside`].
+    /// [`crate::BallLattice::locate_inside`].
     fn inside(&self, displacement_m: &Vec3) -> Result<Self::At, Vec3>;
 
     /// The point of the rim that is nearest on the ray through a displacement outside.
@@ -60,26 +61,6 @@ pub(crate) trait Interpolant: Copy {
 
     /// The data behind the force.
     fn coverage(self, at: &<Self::Domain as Domain>::At) -> Coverage;
-}
-
-/// The ball of a lattice with the flags of its slots: the domain of all methods but `kernel`.
-#[derive(Clone, Copy)]
-pub(crate) struct Ball<'s> {
-    pub(crate) lattice: &'s BallLattice,
-    pub(crate) flags: &'s [u8],
-}
-
-impl Ball<'_> {
-    /// The flags of the cell of a point.
-    #[inline(always)]
-    pub(crate) fn cell_flags(self, at: &Location) -> u8 {
-        self.flags.get(at.slot).copied().unwrap_or(0)
-    }
-
-    /// Derivatives per cell as derivatives per metre.
-    pub(crate) fn per_metre(self, rows: [Vec3; 3]) -> [Vec3; 3] {
-        rows.map(|row| vec3::scale(row, self.lattice.cells_per_m()))
-    }
 }
 
 impl Domain for Ball<'_> {

@@ -26,12 +26,6 @@ pub fn scale([x, y, z]: Vec3, s: f32) -> Vec3 {
     [x * s, y * s, z * s]
 }
 
-/// -a
-#[inline]
-pub fn neg([x, y, z]: Vec3) -> Vec3 {
-    [-x, -y, -z]
-}
-
 /// Scalar product a . b
 #[inline]
 pub fn dot([ax, ay, az]: Vec3, [bx, by, bz]: Vec3) -> f32 {
@@ -58,7 +52,7 @@ pub(crate) fn transform([x, y, z]: &[Vec3; 3], a: Vec3) -> Vec3 {
 
 /// |a|^2; infinite where |a| exceeds about 1e19.
 #[inline]
-pub fn norm_squared(a: Vec3) -> f32 {
+pub(crate) fn norm_squared(a: Vec3) -> f32 {
     dot(a, a)
 }
 

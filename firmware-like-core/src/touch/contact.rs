@@ -12,7 +12,7 @@
 //!   anchor slips along the surface as Coulomb friction permits. The weights are continuous across edges, and
 //!   so is the force.
 
-use super::surface::{Foot, Share, TouchSurface};
+use super::surface::{Crossing, Foot, NodeWeight, TouchSurface, entry};
 use crate::num::vec3::{self, Vec3};
 use crate::space::Space;
 
@@ -64,21 +64,11 @@ pub(crate) enum ContactKind {
     Grasp,
 }
 
-/// Whether and where the tool touches.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum ContactState {
-    Free {
-        /// HIP of the previous sample, if there was one: engaging needs a crossing.
-        previous_hip_m: Option<Vec3>,
-    },
-    Engaged(Engaged),
-}
-
 /// Where and how the tool holds the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Engaged {
     /// The spaces and their weights; a single space is the first and has weight 1.
-    pub(crate) shares: [Share; 3],
+    pub(crate) weights: [NodeWeight; 3],
     /// The anchor on the surface, if it may slide.
     pub(crate) foot: Option<Foot>,
     /// Origin of the displacement, model frame, metres.
@@ -90,31 +80,39 @@ pub(crate) struct Engaged {
 }
 
 impl Engaged {
+    /// Holds the node of a single space.
+    fn by(kind: ContactKind, space: u16, anchor_m: Vec3, normal: Vec3) -> Self {
+        let weights = [NodeWeight { space, weight: 1.0 }, NodeWeight::default(), NodeWeight::default()];
+        Self { weights, foot: None, anchor_m, normal, kind }
+    }
+
     /// The space with the largest weight; the first one if several are equal.
-    pub(crate) fn largest_share(&self) -> u16 {
-        let [first, rest @ ..] = self.shares;
-        rest.into_iter()
-            .fold(first, |most, share| if share.weight > most.weight { share } else { most })
-            .space
+    pub(crate) fn main_space(&self) -> u16 {
+        let [first, rest @ ..] = self.weights;
+        rest.into_iter().fold(first, |most, node| if node.weight > most.weight { node } else { most }).space
     }
 }
 
 /// Contact from sample to sample.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Contact {
-    state: ContactState,
+    engaged: Option<Engaged>,
+    /// HIP of the previous sample, if there was one: engaging needs a crossing.
+    previous_hip_m: Option<Vec3>,
     buttons: u32,
 }
 
-impl Contact {
+impl Default for Contact {
     /// Free. Buttons count as pressed already: a grasp needs the transition from released to pressed.
-    pub(crate) const fn new() -> Self {
-        Self { state: ContactState::Free { previous_hip_m: None }, buttons: u32::MAX }
+    fn default() -> Self {
+        Self { engaged: None, previous_hip_m: None, buttons: u32::MAX }
     }
+}
 
+impl Contact {
     /// Whether the tool touches.
     pub(crate) const fn is_engaged(&self) -> bool {
-        matches!(self.state, ContactState::Engaged(_))
+        self.engaged.is_some()
     }
 
     /// Processes one HIP sample; returns how the tool holds the body now, or `None` without contact.
@@ -132,38 +130,28 @@ impl Contact {
         let pressed = buttons & config.grasp_button != 0;
         let pressed_now = pressed && self.buttons & config.grasp_button == 0;
         self.buttons = buttons;
-        let free = ContactState::Free { previous_hip_m: Some(hip_m) };
-        self.state = match self.state {
-            ContactState::Free { previous_hip_m } => {
-                let engaged = if pressed_now {
-                    grasp(config, spaces, surface, hip_m)
-                } else {
-                    push(config, spaces, surface, previous_hip_m, hip_m)
-                };
-                engaged.map_or(free, ContactState::Engaged)
+        let previous_hip_m = self.previous_hip_m.replace(hip_m);
+        self.engaged = match self.engaged {
+            None if pressed_now => grasp(config, spaces, surface, hip_m),
+            None => push(config, spaces, surface, previous_hip_m, hip_m),
+            Some(at) => {
+                let height_m = vec3::dot(vec3::sub(hip_m, at.anchor_m), at.normal);
+                match at.kind {
+                    ContactKind::Grasp if !pressed => None,
+                    // A grasp that starts during a push keeps the anchor, so that the force is continuous.
+                    ContactKind::Push if pressed_now => Some(Engaged { kind: ContactKind::Grasp, ..at }),
+                    ContactKind::Push if height_m > config.release_height_m => None,
+                    ContactKind::Push | ContactKind::Grasp => Some(at),
+                }
             }
-            ContactState::Engaged(at) if at.kind == ContactKind::Grasp && !pressed => free,
-            // A grasp that starts during a push keeps the anchor, so that the force is continuous.
-            ContactState::Engaged(at) if at.kind == ContactKind::Push && pressed_now => {
-                ContactState::Engaged(Engaged { kind: ContactKind::Grasp, ..at })
-            }
-            ContactState::Engaged(at)
-                if at.kind == ContactKind::Push
-                    && vec3::dot(vec3::sub(hip_m, at.anchor_m), at.normal) > config.release_height_m =>
-            {
-                free
-            }
-            engaged @ ContactState::Engaged(_) => engaged,
         };
-        match self.state {
-            ContactState::Free { .. } => None,
-            ContactState::Engaged(at) => Some(at),
-        }
+        self.engaged
     }
 
     /// Disengages: from the next sample on the tool is free.
     pub(crate) const fn release(&mut self, hip_m: Vec3) {
-        self.state = ContactState::Free { previous_hip_m: Some(hip_m) };
+        self.engaged = None;
+        self.previous_hip_m = Some(hip_m);
     }
 
     /// Slips the anchor of a pushing tool towards the point where friction balances the reaction h at d. The
@@ -179,7 +167,7 @@ impl Contact {
         surface: Option<&TouchSurface<'_>>,
         (displacement_m, force_n): (Vec3, Vec3),
     ) {
-        let (ContactState::Engaged(at), Some(surface)) = (&mut self.state, surface) else { return };
+        let (Some(at), Some(surface)) = (&mut self.engaged, surface) else { return };
         let (ContactKind::Push, Some(foot)) = (at.kind, at.foot) else { return };
         let pressing_n = -vec3::dot(force_n, at.normal);
         let along_n = vec3::add(force_n, vec3::scale(at.normal, pressing_n));
@@ -196,8 +184,8 @@ impl Contact {
         let from_m = surface.point(&foot);
         let wanted_m = vec3::sub(vec3::add(at.anchor_m, slip_m), from_m);
         let (next, is_stopped) = surface.slide(foot, wanted_m);
-        let Some(shares) = surface.shares(&next) else { return };
-        let Some(normal) = blended_normal(spaces, &shares) else { return };
+        let Some(weights) = surface.node_weights(&next) else { return };
+        let Some(normal) = blended_normal(spaces, &weights) else { return };
         // Beyond the last active nodes the force is that of their spaces; the anchor continues in their
         // plane.
         let beyond_m = if is_stopped {
@@ -208,7 +196,7 @@ impl Contact {
         };
         let anchor_m = vec3::add(surface.point(&next), beyond_m);
         let hip_m = vec3::add(at.anchor_m, displacement_m);
-        *at = Engaged { shares, foot: Some(next), anchor_m, normal, kind: at.kind };
+        *at = Engaged { weights, foot: Some(next), anchor_m, normal, kind: at.kind };
         if vec3::norm(beyond_m) > config.capture_radius_m {
             self.release(hip_m);
         }
@@ -227,13 +215,7 @@ fn grasp(
         Some(surface) => surface.is_within(hip_m, config.grasp_distance_m),
         None => height_m(node, hip_m).abs() <= config.grasp_distance_m,
     };
-    is_close.then_some(Engaged {
-        shares: alone(space),
-        foot: None,
-        anchor_m: hip_m,
-        normal: node.active().outward_normal,
-        kind: ContactKind::Grasp,
-    })
+    is_close.then(|| Engaged::by(ContactKind::Grasp, space, hip_m, node.active.outward_normal))
 }
 
 /// Where a path through the surface engages.
@@ -248,57 +230,31 @@ fn push(
     let kind = ContactKind::Push;
     let Some(surface) = surface else {
         let (space, node) = nearest(spaces, hip_m, config.capture_radius_m)?;
-        let anchor_m = through_plane(node, previous_hip_m, hip_m)?;
-        return Some(Engaged {
-            shares: alone(space),
-            foot: None,
-            anchor_m,
-            normal: node.active().outward_normal,
-            kind,
-        });
+        let (_, anchor_m) = entry([previous_hip_m, hip_m], |point_m| height_m(node, point_m))?;
+        return Some(Engaged::by(kind, space, anchor_m, node.active.outward_normal));
     };
-    let crossing = surface.crossing(previous_hip_m, hip_m)?;
-    let anchor_m = crossing.at_m;
+    let Crossing { at_m: anchor_m, foot } = surface.crossing(previous_hip_m, hip_m)?;
     if config.friction < f32::INFINITY
-        && let Some(shares) = surface.shares(&crossing.foot)
+        && let Some(weights) = surface.node_weights(&foot)
     {
-        let normal = blended_normal(spaces, &shares)?;
-        return Some(Engaged { shares, foot: Some(crossing.foot), anchor_m, normal, kind });
+        let normal = blended_normal(spaces, &weights)?;
+        return Some(Engaged { weights, foot: Some(foot), anchor_m, normal, kind });
     }
     let (space, _) = nearest(spaces, anchor_m, config.capture_radius_m)?;
-    let normal = surface.face_normal(crossing.foot.triangle);
-    Some(Engaged { shares: alone(space), foot: None, anchor_m, normal, kind })
+    Some(Engaged::by(kind, space, anchor_m, surface.face_normal(foot.triangle)))
 }
 
 /// Height of a point above the plane of a node, metres.
 fn height_m(node: &Space<'_>, point_m: Vec3) -> f32 {
-    let node = node.active();
-    vec3::dot(vec3::sub(point_m, node.rest_position_m), node.outward_normal)
-}
-
-/// Where a path passes downwards through the plane of a node.
-fn through_plane(node: &Space<'_>, previous_hip_m: Vec3, hip_m: Vec3) -> Option<Vec3> {
-    let (before, now) = (height_m(node, previous_hip_m), height_m(node, hip_m));
-    if !(before > 0.0 && now <= 0.0) {
-        return None;
-    }
-    // before > 0 >= now, so the quotient is in (0, 1]; min limits its rounding.
-    let share = (before / (before - now)).min(1.0);
-    let travel = vec3::sub(hip_m, previous_hip_m);
-    // On the plane itself the sample is the crossing: rounding must not make d differ from 0.
-    Some(if now == 0.0 { hip_m } else { vec3::add(previous_hip_m, vec3::scale(travel, share)) })
-}
-
-fn alone(space: u16) -> [Share; 3] {
-    [Share { space, weight: 1.0 }, Share::default(), Share::default()]
+    vec3::dot(vec3::sub(point_m, node.active.rest_position_m), node.active.outward_normal)
 }
 
 /// Weighted mean of the normals of the nodes: continuous over the surface, unlike the normals of its faces.
-fn blended_normal(spaces: &[Space<'_>], shares: &[Share; 3]) -> Option<Vec3> {
+fn blended_normal(spaces: &[Space<'_>], weights: &[NodeWeight; 3]) -> Option<Vec3> {
     let mut sum = vec3::ZERO;
-    for share in shares {
-        let space = spaces.get(usize::from(share.space))?;
-        sum = vec3::add(sum, vec3::scale(space.active().outward_normal, share.weight));
+    for node in weights {
+        let space = spaces.get(usize::from(node.space))?;
+        sum = vec3::add(sum, vec3::scale(space.active.outward_normal, node.weight));
     }
     let normal = vec3::normalize_or_zero(sum);
     (normal != vec3::ZERO).then_some(normal)
@@ -309,7 +265,7 @@ fn nearest<'s, 'a>(spaces: &'s [Space<'a>], point_m: Vec3, radius_m: f32) -> Opt
     let mut best = None;
     let mut best_squared = radius_m * radius_m;
     for (index, space) in (0..u16::MAX).zip(spaces) {
-        let squared = vec3::norm_squared(vec3::sub(point_m, space.active().rest_position_m));
+        let squared = vec3::norm_squared(vec3::sub(point_m, space.active.rest_position_m));
         if squared < best_squared || (best.is_none() && squared <= best_squared) {
             best = Some((index, space));
             best_squared = squared;

@@ -5,4 +5,4 @@ pub(crate) mod contact;
 mod surface;
 
 pub use contact::ContactConfig;
-pub use surface::{Foot, Share, TouchSurface};
+pub use surface::{Foot, NodeWeight, TouchSurface};

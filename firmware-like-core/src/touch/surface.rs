@@ -28,10 +28,10 @@ const GAP: f32 = 1e-3;
 /// Marks a vertex that is not an active node.
 const NO_SPACE: u32 = u32::MAX;
 
-/// The weight of one space in a contact.
+/// The weight of one active node in a contact.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Share {
-    /// Index of the space.
+pub struct NodeWeight {
+    /// Index of the space of the node.
     pub space: u16,
     /// 0 to 1; a space of weight 0 does not take part.
     pub weight: f32,
@@ -103,7 +103,7 @@ impl<'m> TouchSurface<'m> {
         let vertices_of = |triangle: &[u32; 3]| triangle.map(|vertex| vertex as usize).into_iter();
         fill_lists(triangles, vertices_of, vertex_start, vertex_triangle);
         for (space, node) in vertex_space.iter_mut().zip(surface.node) {
-            let found = (0_u32..).zip(&organ.spaces).find(|(_, space)| space.active().node == *node);
+            let found = (0_u32..).zip(&organ.spaces).find(|(_, space)| space.active.node == *node);
             *space = found.map_or(NO_SPACE, |(index, _)| index);
         }
         Some(Self { surface, cells, cell_start, cell_triangle, vertex_start, vertex_triangle, vertex_space })
@@ -118,10 +118,10 @@ impl<'m> TouchSurface<'m> {
         // The cast saturates and converts NaN to 0.
         let pieces =
             ((vec3::norm(path_m) * self.cells.cells_per_m()) as u32).saturating_add(1).min(MAX_PIECES);
-        let share_of = |piece: u32| piece as f32 / pieces as f32;
+        let fraction_of = |piece: u32| piece as f32 / pieces as f32;
         let (mut first, mut tests): (Option<(f32, Crossing)>, usize) = (None, MAX_TESTS);
         for piece in 0..pieces {
-            let end = |piece| vec3::add(from_m, vec3::scale(path_m, share_of(piece)));
+            let end = |piece| vec3::add(from_m, vec3::scale(path_m, fraction_of(piece)));
             let ends = [end(piece), end(piece + 1)];
             if self.cells.misses(&ends) {
                 continue;
@@ -129,12 +129,12 @@ impl<'m> TouchSurface<'m> {
             for &triangle in self.near(&ends).take(tests) {
                 tests = tests.saturating_sub(1);
                 // The whole path is tested, so that no triangle is missed between two pieces.
-                let Some((share, crossing)) = self.enters(triangle, from_m, to_m) else { continue };
-                if first.is_none_or(|(least, _)| share < least) {
-                    first = Some((share, crossing));
+                let Some((fraction, crossing)) = self.enters(triangle, from_m, to_m) else { continue };
+                if first.is_none_or(|(least, _)| fraction < least) {
+                    first = Some((fraction, crossing));
                 }
             }
-            if first.is_some_and(|(share, _)| share <= share_of(piece + 1)) {
+            if first.is_some_and(|(fraction, _)| fraction <= fraction_of(piece + 1)) {
                 break;
             }
         }
@@ -158,45 +158,28 @@ impl<'m> TouchSurface<'m> {
 
     /// The fraction of a path up to its entry through a triangle, and the point of entry.
     fn enters(&self, triangle: u32, from_m: Vec3, to_m: Vec3) -> Option<(f32, Crossing)> {
-        let [a, b, c] = self.corners(triangle)?;
-        let area = vec3::cross(vec3::sub(b, a), vec3::sub(c, a));
-        let (before, now) = (vec3::dot(area, vec3::sub(from_m, a)), vec3::dot(area, vec3::sub(to_m, a)));
-        if !(before > 0.0 && now <= 0.0) {
-            return None;
-        }
-        // before > 0 >= now, so the quotient is in (0, 1]; min limits its rounding.
-        let share = (before / (before - now)).min(1.0);
-        // On the triangle itself the sample is the crossing: rounding must not make d differ from 0.
-        let travel = vec3::scale(vec3::sub(to_m, from_m), share);
-        let at_m = if now == 0.0 { to_m } else { vec3::add(from_m, travel) };
-        let weights = barycentric([a, b, c], area, at_m);
+        let corners = self.corners(triangle)?;
+        let ([a, ..], area) = (corners, area(corners));
+        let (fraction, at_m) = entry([from_m, to_m], |point_m| vec3::dot(area, vec3::sub(point_m, a)))?;
+        let weights = barycentric(corners, area, at_m);
         let inside = weights.iter().all(|weight| *weight >= -GAP);
-        inside.then(|| (share, Crossing { at_m, foot: Foot { triangle, weights: normalized(weights) } }))
+        inside.then(|| (fraction, Crossing { at_m, foot: Foot { triangle, weights: normalized(weights) } }))
     }
 
     /// Position of a foot, model frame, metres.
     pub(super) fn point(&self, foot: &Foot) -> Vec3 {
-        let Some([a, b, c]) = self.corners(foot.triangle) else { return vec3::ZERO };
-        let [wa, wb, wc] = foot.weights;
-        vec3::add(vec3::scale(a, wa), vec3::add(vec3::scale(b, wb), vec3::scale(c, wc)))
+        self.corners(foot.triangle).map_or(vec3::ZERO, |corners| point(corners, foot.weights))
     }
 
     /// Outward unit normal of a triangle.
     pub(super) fn face_normal(&self, triangle: u32) -> Vec3 {
-        let corners = self.corners(triangle);
-        corners.map_or(vec3::ZERO, |[a, b, c]| {
-            vec3::normalize_or_zero(vec3::cross(vec3::sub(b, a), vec3::sub(c, a)))
-        })
+        self.corners(triangle).map_or(vec3::ZERO, |corners| vec3::normalize_or_zero(area(corners)))
     }
 
-    /// The spaces of the corners of a foot's triangle with their weights, if all three are active nodes.
-    pub fn shares(&self, foot: &Foot) -> Option<[Share; 3]> {
-        let spaces = self.spaces(foot.triangle)?;
-        let mut shares = [Share::default(); 3];
-        for ((share, space), weight) in shares.iter_mut().zip(spaces).zip(foot.weights) {
-            *share = Share { space, weight };
-        }
-        Some(shares)
+    /// The weights of the corners of a foot's triangle, if all three are active nodes.
+    pub fn node_weights(&self, foot: &Foot) -> Option<[NodeWeight; 3]> {
+        let ([a, b, c], [wa, wb, wc]) = (self.spaces(foot.triangle)?, foot.weights);
+        Some([(a, wa), (b, wb), (c, wc)].map(|(space, weight)| NodeWeight { space, weight }))
     }
 
     fn spaces(&self, triangle: u32) -> Option<[u16; 3]> {
@@ -216,8 +199,7 @@ impl<'m> TouchSurface<'m> {
         let (mut wall, mut is_stopped) = (None, false);
         for _ in 0..MAX_STEPS {
             let Some(corners) = self.corners(foot.triangle) else { break };
-            let [a, b, c] = corners;
-            let area = vec3::cross(vec3::sub(b, a), vec3::sub(c, a));
+            let ([a, ..], area) = (corners, area(corners));
             let normal = vec3::normalize_or_zero(area);
             left_m = vec3::sub(left_m, vec3::scale(normal, vec3::dot(left_m, normal)));
             // The weights are affine in the point, so their change is linear in the displacement.
@@ -226,16 +208,16 @@ impl<'m> TouchSurface<'m> {
             if let Some(change) = wall.and_then(|wall: usize| change.get_mut(wall)) {
                 *change = change.max(0.0);
             }
-            let Some((exit, share)) = first_exit(foot.weights, change) else {
+            let Some((exit, fraction)) = first_exit(foot.weights, change) else {
                 foot.weights = normalized(vec3::add(foot.weights, change));
                 break;
             };
-            let mut weights = vec3::add(foot.weights, vec3::scale(change, share));
+            let mut weights = vec3::add(foot.weights, vec3::scale(change, fraction));
             if let Some(weight) = weights.get_mut(exit) {
                 *weight = 0.0;
             }
             foot.weights = normalized(weights);
-            left_m = vec3::scale(left_m, 1.0 - share);
+            left_m = vec3::scale(left_m, 1.0 - fraction);
             match self.neighbour(&foot, exit) {
                 Some(next) => (foot, wall) = (next, None),
                 None => {
@@ -280,7 +262,31 @@ impl<'m> TouchSurface<'m> {
     }
 }
 
-/// Weights of the corners at a point of their plane; `area` is twice the area times the normal.
+/// Where a path first has no height above a plane, if it starts above it: the fraction of the path, and the
+/// point.
+pub(super) fn entry([from_m, to_m]: [Vec3; 2], height: impl Fn(Vec3) -> f32) -> Option<(f32, Vec3)> {
+    let (before, now) = (height(from_m), height(to_m));
+    if !(before > 0.0 && now <= 0.0) {
+        return None;
+    }
+    // before > 0 >= now, so the quotient is in (0, 1]; min limits its rounding.
+    let fraction = (before / (before - now)).min(1.0);
+    let travel = vec3::scale(vec3::sub(to_m, from_m), fraction);
+    // On the plane itself the sample is the crossing: rounding must not make d differ from 0.
+    Some((fraction, if now == 0.0 { to_m } else { vec3::add(from_m, travel) }))
+}
+
+/// Twice the area of a triangle times its normal.
+fn area([a, b, c]: [Vec3; 3]) -> Vec3 {
+    vec3::cross(vec3::sub(b, a), vec3::sub(c, a))
+}
+
+/// The point of a triangle with these weights of its corners.
+fn point([a, b, c]: [Vec3; 3], [wa, wb, wc]: Vec3) -> Vec3 {
+    vec3::add(vec3::scale(a, wa), vec3::add(vec3::scale(b, wb), vec3::scale(c, wc)))
+}
+
+/// Weights of the corners at a point of their plane; `area` is that of [`area()`].
 fn barycentric([a, b, c]: [Vec3; 3], area: Vec3, at: Vec3) -> Vec3 {
     let opposite = |p: Vec3, q: Vec3| vec3::dot(area, vec3::cross(vec3::sub(q, p), vec3::sub(at, p)));
     let weights = [opposite(b, c), opposite(c, a), opposite(a, b)];
@@ -288,13 +294,12 @@ fn barycentric([a, b, c]: [Vec3; 3], area: Vec3, at: Vec3) -> Vec3 {
 }
 
 /// The point of a triangle nearest to a point: its projection, or the nearest point of the edges.
-fn nearest_on([a, b, c]: [Vec3; 3], point_m: Vec3) -> Vec3 {
-    let area = vec3::cross(vec3::sub(b, a), vec3::sub(c, a));
-    let weights = barycentric([a, b, c], area, point_m);
+fn nearest_on(corners: [Vec3; 3], point_m: Vec3) -> Vec3 {
+    let weights = barycentric(corners, area(corners), point_m);
     if weights.iter().all(|weight| *weight >= 0.0) {
-        let [wa, wb, wc] = weights;
-        return vec3::add(vec3::scale(a, wa), vec3::add(vec3::scale(b, wb), vec3::scale(c, wc)));
+        return point(corners, weights);
     }
+    let [a, b, c] = corners;
     let mut nearest = (f32::INFINITY, a);
     for (p, q) in [(a, b), (b, c), (c, a)] {
         let edge = vec3::sub(q, p);
@@ -321,9 +326,9 @@ fn normalized(weights: Vec3) -> Vec3 {
 fn first_exit(weights: Vec3, change: Vec3) -> Option<(usize, f32)> {
     let mut first = None;
     for (corner, (weight, change)) in weights.into_iter().zip(change).enumerate() {
-        let share = if change < 0.0 { (weight / -change).max(0.0) } else { f32::INFINITY };
-        if share < 1.0 && first.is_none_or(|(_, least)| share < least) {
-            first = Some((corner, share));
+        let fraction = if change < 0.0 { (weight / -change).max(0.0) } else { f32::INFINITY };
+        if fraction < 1.0 && first.is_none_or(|(_, least)| fraction < least) {
+            first = Some((corner, fraction));
         }
     }
     first

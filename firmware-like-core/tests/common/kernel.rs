@@ -2,8 +2,8 @@
 
 use super::{Draft, Random, Recipe};
 use palpate_core::AlignedBytes;
-use palpate_core::blob::format::KernelHeader;
-use palpate_core::method::kernel::{Block, LANES, NUMBERS, REACH_POINTS, SCALARS};
+use palpate_core::format::KernelHeader;
+use palpate_core::kernel::{Block, LANES, NUMBERS, REACH_POINTS, SCALARS};
 
 pub const RADIUS_M: f32 = 0.03;
 pub const SPACING_M: f32 = 0.01;

@@ -20,14 +20,12 @@ pub use body::sphere;
 pub use potential::{A, force, potential};
 pub use writer::{Area, Draft, sign};
 
-use palpate_core::blob::format::{
+use palpate_core::flags::{self, BRANCH_JUMP, SOLVED};
+use palpate_core::format::{
     self, DisplacementHeader, HermiteHeader, Preamble, RbfHeader, SpaceHeader, SurfaceHeader,
 };
-use palpate_core::flags::{self, BRANCH_JUMP, SOLVED};
-use palpate_core::method::baseline::rbf::LANES;
-use palpate_core::method::hermite::Node;
 use palpate_core::vec3::{self, Vec3};
-use palpate_core::{AlignedBytes, BallLattice};
+use palpate_core::{AlignedBytes, BallLattice, HermiteNode, RBF_LANES};
 
 /// The contents of a blob.
 #[derive(Clone)]
@@ -125,12 +123,12 @@ impl Recipe {
     }
 
     /// A node for every slot; unsolved ones are as wrong as the forces.
-    fn hermite_planes(&self, stiffer: f64) -> (Vec<u32>, Vec<Node>) {
+    fn hermite_planes(&self, stiffer: f64) -> (Vec<u32>, Vec<HermiteNode>) {
         let (lattice, bits) = (self.lattice(), self.flags());
         let node = |slot: usize| {
             let d = lattice.displacement_m(lattice.ijk(slot));
             let wrong = stiffer * if bits[slot] & SOLVED != 0 { 1.0 } else { 1.25 };
-            let mut node = Node::default();
+            let mut node = HermiteNode::default();
             for (a, b, c) in (0..27).map(|code| (code / 9, code / 3 % 3, code % 3)) {
                 let scale = f64::from(self.spacing_m).powi((a + b + c) as i32 - 1);
                 node[a][b][c] = (wrong * scale * potential(d, [a, b, c])) as f32;
@@ -161,7 +159,7 @@ impl Recipe {
         };
         let matrix: Vec<Vec<f64>> =
             points.iter().map(|&a| points.iter().map(|&b| phi(distance(a, b))).collect()).collect();
-        let padded = count.next_multiple_of(LANES);
+        let padded = count.next_multiple_of(RBF_LANES);
         let mut centres = [const { Vec::new() }; 3];
         let mut weights = [const { Vec::new() }; 3];
         for axis in 0..3 {

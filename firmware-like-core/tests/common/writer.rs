@@ -1,7 +1,7 @@
 //! A small writer of blobs. The real one is in `palpate-precompute`.
 
 use palpate_core::AlignedBytes;
-use palpate_core::blob::format::{self, PlaneRef, Preamble, SpaceHeader};
+use palpate_core::format::{self, PlaneRef, Preamble, SpaceHeader};
 
 /// A blob before it is written.
 pub struct Draft {

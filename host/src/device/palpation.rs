@@ -78,7 +78,7 @@ impl RandomPalpation {
         let nodes = organ
             .spaces
             .iter()
-            .map(|space| (space.active().rest_position_m, space.active().outward_normal))
+            .map(|space| (space.active.rest_position_m, space.active.outward_normal))
             .collect();
         Self::over_nodes(nodes, surface_centre(organ), config)
     }

@@ -79,7 +79,7 @@ impl Script {
         let nodes: Vec<(Vec3, Vec3)> = organ
             .spaces
             .iter()
-            .map(|space| (space.active().rest_position_m, space.active().outward_normal))
+            .map(|space| (space.active.rest_position_m, space.active.outward_normal))
             .collect();
         Self::over_nodes(&nodes, surface_centre(organ), config)
     }
@@ -219,7 +219,7 @@ pub(super) fn tangents(normal: Vec3) -> (Vec3, Vec3) {
 pub(super) fn surface_centre<const N: usize>(organ: &Organ<'_, N>) -> Vec3 {
     let surface = [0, 1, 2].map(|axis: usize| range(organ.surface.position_m[axis].iter().copied()));
     let nodes = [0, 1, 2]
-        .map(|axis: usize| range(organ.spaces.iter().map(|space| space.active().rest_position_m[axis])));
+        .map(|axis: usize| range(organ.spaces.iter().map(|space| space.active.rest_position_m[axis])));
     let bounds = if organ.surface.node.is_empty() { nodes } else { surface };
     bounds.map(|(low, high)| if low <= high { 0.5 * (low + high) } else { 0.0 })
 }

@@ -50,7 +50,7 @@ impl Header {
             program: concat!("palpate ", env!("CARGO_PKG_VERSION")).into(),
             blob_blake3,
             scene: organ.scene.as_str().into(),
-            active: organ.spaces.iter().map(|space| space.active().name.as_str().into()).collect(),
+            active: organ.spaces.iter().map(|space| space.active.name.as_str().into()).collect(),
             instructions: Instructions::best().name().into(),
             device,
             haptic,

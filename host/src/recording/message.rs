@@ -2,7 +2,7 @@
 
 use crate::device::DeviceState;
 use crate::rt::{Applied, TickRecord};
-use palpate_core::{Coverage, Fault, Phase, Sample, Share, Vec3, vec3};
+use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Vec3, vec3};
 use serde::{Deserialize, Serialize};
 
 /// A tick as stored in the file. `tick.schema.json` documents the fields.
@@ -119,7 +119,7 @@ pub(super) fn encode(record: &TickRecord, bytes: &mut Vec<u8>) -> serde_json::Re
         hip_m: record.hip_m.into(),
         displacement_m: record.displacement_m.into(),
         engaged: record.engaged.map_or(-1, i32::from),
-        shares: record.shares.map(|Share { space, weight }| ShareMessage { space, weight }).into(),
+        shares: record.shares.map(|NodeWeight { space, weight }| ShareMessage { space, weight }).into(),
         reaction_n: record.reaction_n.into(),
         hand_force_n: record.hand_force_n.into(),
         coverage: record.coverage.map(Coverage::name),
@@ -147,8 +147,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         (DISARMED, None) => Phase::Disarmed,
         (ACTIVE, None) => Phase::Active,
         (SAFE_ZERO, Some(name)) => {
-            let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
-            Phase::SafeZero(fault.ok_or_else(|| format!("unknown fault `{name}`"))?)
+            Phase::SafeZero(Fault::from_name(name).ok_or_else(|| format!("unknown fault `{name}`"))?)
         }
         (phase, _) => return Err(format!("invalid phase `{phase}`, or an invalid combination with `fault`")),
     };
@@ -162,8 +161,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         Ok(Sample { t_us: sample.t_us, position_m, buttons: sample.buttons })
     };
     let device = DeviceState::ALL.into_iter().find(|device| device.name() == message.device);
-    let shares: Vec<Share> =
-        message.shares.iter().map(|&ShareMessage { space, weight }| Share { space, weight }).collect();
+    let shares: Vec<NodeWeight> =
+        message.shares.iter().map(|&ShareMessage { space, weight }| NodeWeight { space, weight }).collect();
     Ok(TickRecord {
         tick: message.tick,
         t_us: message.t_us,
@@ -213,9 +212,9 @@ pub(super) mod tests {
             displacement_m: [0.001, 0.002, -0.003],
             engaged: Some(2),
             shares: [
-                Share { space: 2, weight: 0.7 },
-                Share { space: 9, weight: 0.1 + 0.2 },
-                Share { space: 0, weight: 0.0 },
+                NodeWeight { space: 2, weight: 0.7 },
+                NodeWeight { space: 9, weight: 0.1 + 0.2 },
+                NodeWeight { space: 0, weight: 0.0 },
             ],
             reaction_n: [1.0 / 3.0, 2.0, -7.0],
             hand_force_n: [-1.0 / 3.0, -2.0, 7.0],

@@ -16,8 +16,7 @@ use super::watchdog::Heartbeat;
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, Ordering};
-use palpate_core::blob::PC_SPACES;
-use palpate_core::{Controller, Fault, Phase, State, Vec3, vec3};
+use palpate_core::{Controller, Fault, Limits, Phase, State, Vec3, vec3};
 
 /// Destinations of the records. Both are wait-free.
 #[derive(Debug)]
@@ -80,7 +79,7 @@ struct Model<'o, 'a, const N: usize> {
 
 /// The loop and all it owns. It is built outside the real-time thread, because building allocates.
 #[derive(Debug)]
-pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = PC_SPACES> {
+pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits::PC.spaces }> {
     models: Vec<Model<'o, 'a, N>>,
     model: usize,
     state: State,

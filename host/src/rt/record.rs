@@ -1,7 +1,7 @@
 //! The record of a tick: its inputs, its outputs and its times.
 
 use crate::device::DeviceState;
-use palpate_core::{Command, Coverage, Phase, Sample, Share, Vec3, vec3};
+use palpate_core::{Command, Coverage, NodeWeight, Phase, Sample, Vec3, vec3};
 
 /// Requests of other threads that were applied before a tick, in the order of application.
 ///
@@ -40,7 +40,7 @@ pub struct TickRecord {
     /// Index of the engaged space; with several engaged spaces the one with the largest weight.
     pub engaged: Option<u16>,
     /// The engaged spaces with their weights.
-    pub shares: [Share; 3],
+    pub shares: [NodeWeight; 3],
     /// h of the model, force by the tool on the body, N; zero when free.
     pub reaction_n: Vec3,
     /// Force for the hand after every limit, N.
@@ -75,7 +75,7 @@ impl TickRecord {
             hip_m: command.hip_m,
             displacement_m: command.displacement_m,
             engaged: command.engaged,
-            shares: command.shares,
+            shares: command.weights,
             reaction_n: command.reaction_n,
             hand_force_n: command.hand_force_n,
             coverage: command.coverage,
@@ -99,7 +99,7 @@ impl TickRecord {
         hip_m: vec3::ZERO,
         displacement_m: vec3::ZERO,
         engaged: None,
-        shares: [Share { space: 0, weight: 0.0 }; 3],
+        shares: [NodeWeight { space: 0, weight: 0.0 }; 3],
         reaction_n: vec3::ZERO,
         hand_force_n: vec3::ZERO,
         coverage: None,

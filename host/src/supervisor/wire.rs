@@ -11,7 +11,7 @@
 //! (CLOCK_MONOTONIC).
 
 use crate::device::{DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
-use palpate_core::blob::format::CHECKSUM;
+use palpate_core::format::CHECKSUM;
 use palpate_core::{Vec3, vec3};
 use palpate_link::DeviceFault;
 

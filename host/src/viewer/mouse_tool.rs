@@ -161,8 +161,7 @@ fn clearance_m(view: &PickView<'_>) -> f32 {
 
 /// Point above (or below) an active node at rest, along its normal.
 fn above_node(space: &Space<'_>, height_m: f32) -> Vec3 {
-    Vec3::from_array(space.active().rest_position_m)
-        + Vec3::from_array(space.active().outward_normal) * height_m
+    Vec3::from_array(space.active.rest_position_m) + Vec3::from_array(space.active.outward_normal) * height_m
 }
 
 /// Intersection of the ray through a pixel with the camera-facing plane through a point.
@@ -391,7 +390,7 @@ mod tests {
             nearest_node(&PickView { projection, surface: &surface }, &organ, pixel + Vec2::new(6.0, -4.0))
         };
         for space in 0..3 {
-            let towards = Vec3::from_array(organ.spaces[space].active().outward_normal);
+            let towards = Vec3::from_array(organ.spaces[space].active.outward_normal);
             assert_eq!(pick(towards, space), Some(space));
             assert_ne!(pick(-towards, space), Some(space), "it is behind the organ");
         }

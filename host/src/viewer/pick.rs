@@ -58,8 +58,7 @@ mod tests {
     use crate::viewer::material::Material;
     use crate::viewer::raster::{Raster, Vertex};
     use glam::Vec2;
-    use palpate_core::Organ;
-    use palpate_core::Share;
+    use palpate_core::{NodeWeight, Organ};
 
     /// The rasteriser gives the depth at a pixel: the ray through that pixel must end there.
     #[test]
@@ -67,7 +66,7 @@ mod tests {
         let blob = synthetic::organ(&Shape::default());
         let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let mut surface = Deformation::at_rest(&organ);
-        let whole = [Share { space: 0, weight: 1.0 }, Share::default(), Share::default()];
+        let whole = [NodeWeight { space: 0, weight: 1.0 }, NodeWeight::default(), NodeWeight::default()];
         surface.update(&organ, &whole, [0.0, -0.02, 0.01]);
         let camera = OrbitCamera::framing(Vec3::ZERO, 0.12, Vec3::new(0.3, -0.9, 0.5), Vec3::Z);
         let projection = camera.projection(320, 240);

@@ -57,8 +57,8 @@ impl Reach {
 
 /// Closed polylines round the rest position, m.
 fn rings(space: &Space<'_>) -> Vec<Vec<Vec3>> {
-    let rest = Vec3::from_array(space.active().rest_position_m);
-    let axis = Vec3::from_array(space.active().outward_normal).normalize_or(Vec3::Z);
+    let rest = Vec3::from_array(space.active.rest_position_m);
+    let axis = Vec3::from_array(space.active.outward_normal).normalize_or(Vec3::Z);
     let (side, other) = axis.any_orthonormal_pair();
     let point = |polar: f32, around: f32| {
         let direction = axis * polar.cos() + (side * around.cos() + other * around.sin()) * polar.sin();
@@ -115,7 +115,7 @@ mod tests {
         let radius_m = space.lattice().radius_m();
         for ring in rings(space) {
             for point in ring {
-                let reach = point.distance(Vec3::from_array(space.active().rest_position_m));
+                let reach = point.distance(Vec3::from_array(space.active.rest_position_m));
                 assert!((reach - radius_m).abs() < 1e-5, "{reach}");
             }
         }
@@ -127,7 +127,7 @@ mod tests {
         let planes = SpacePlanes { flags: &cut, ..space.planes() };
         let vertices = organ.surface.node.len();
         let space =
-            Space::new(space.active().clone(), *space.lattice(), planes, vertices).expect("valid flags");
+            Space::new(space.active.clone(), *space.lattice(), planes, vertices).expect("valid flags");
         let (towards, away) = (reach_m(&space, Vec3::X), reach_m(&space, -Vec3::X));
         let spacing_m = space.lattice().spacing_m();
         assert!((towards - 1.5 * spacing_m).abs() < 0.2 * spacing_m, "{towards}");

@@ -118,7 +118,7 @@ impl Renderer {
                 scene: organ.scene.as_str().to_owned(),
                 law: organ.law.as_str().to_owned(),
                 method: method.name().to_owned(),
-                spaces: organ.spaces.iter().map(|space| space.active().name.as_str().to_owned()).collect(),
+                spaces: organ.spaces.iter().map(|space| space.active.name.as_str().to_owned()).collect(),
                 models: 1,
                 force_only: false,
             },

@@ -74,10 +74,8 @@ impl Scene {
             let [a, b] = edge.ends.map(|vertex| rest.rest_m()[vertex as usize]);
             a.distance(b)
         };
-        let active = organ
-            .spaces
-            .iter()
-            .map(|space| organ.surface.node.iter().position(|n| *n == space.active().node));
+        let active =
+            organ.spaces.iter().map(|space| organ.surface.node.iter().position(|n| *n == space.active.node));
         Self {
             radius_m,
             edge_m: edges.iter().map(length_m).sum::<f32>() / edges.len().max(1) as f32,
@@ -136,7 +134,7 @@ impl Scene {
             if engaged {
                 continue;
             }
-            let rest = Vec3::from_array(space.active().rest_position_m);
+            let rest = Vec3::from_array(space.active.rest_position_m);
             let moved = self.active_point(surface, i).unwrap_or(rest);
             self.shapes.sphere(raster, moved, marker * unit, linear(ACTIVE_COLOUR), Material::Plain);
         }
@@ -166,7 +164,7 @@ impl Scene {
         // The square root keeps a small force visible and the largest force inside the picture.
         let length_m = self.radius_m * 0.52 * (size_n / organ.max_force_n).min(1.5).sqrt();
         let gap_m = 0.040 * self.radius_m;
-        let pushes = direction.dot(Vec3::from_array(space.active().outward_normal)) < 0.0;
+        let pushes = direction.dot(Vec3::from_array(space.active.outward_normal)) < 0.0;
         let ends = if pushes {
             (hip - direction * (gap_m + length_m), hip - direction * gap_m)
         } else {
@@ -245,7 +243,7 @@ impl Scene {
         record: &TickRecord,
         image: &mut Image,
     ) {
-        let away = |space: &Space<'_>| vec3::distance(space.active().rest_position_m, record.hip_m);
+        let away = |space: &Space<'_>| vec3::distance(space.active.rest_position_m, record.hip_m);
         let engaged = record.engaged.map(usize::from);
         let nearest = || {
             (0..organ.spaces.len()).min_by(|a, b| away(&organ.spaces[*a]).total_cmp(&away(&organ.spaces[*b])))
@@ -269,7 +267,7 @@ impl Scene {
         found.extend(organ.spaces.iter().enumerate().map(|(i, space)| {
             let touched = record.engaged.is_some_and(|index| usize::from(index) == i);
             let place =
-                self.active_point(surface, i).unwrap_or(Vec3::from_array(space.active().rest_position_m));
+                self.active_point(surface, i).unwrap_or(Vec3::from_array(space.active.rest_position_m));
             let (pixel, inverse_depth) = projection.project(place)?;
             let front = raster.inverse_depth_at(pixel.x as i32, pixel.y as i32);
             let hidden = front > 0.0 && front.recip() < inverse_depth.recip() - 0.05 * self.radius_m;

@@ -39,7 +39,7 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
         .spaces
         .iter()
         .take(MAX_NODES)
-        .map(|space| Vec3::from_array(space.active().outward_normal))
+        .map(|space| Vec3::from_array(space.active.outward_normal))
         .collect();
     let up = up_axis(&normals, longest_axis(rest.rest_m(), centre_m));
     // The other nodes may face elsewhere; the first must not be on the underside.
@@ -101,9 +101,9 @@ fn shows<const N: usize>(
     skin_m: f32,
 ) -> bool {
     let eye_m = camera.projection(1, 1).eye_m;
-    let away = Vec3::from_array(space.active().rest_position_m) - eye_m;
+    let away = Vec3::from_array(space.active.rest_position_m) - eye_m;
     let direction = away.normalize_or_zero();
-    if -direction.dot(Vec3::from_array(space.active().outward_normal)) < MIN_FACING {
+    if -direction.dot(Vec3::from_array(space.active.outward_normal)) < MIN_FACING {
         return false;
     }
     let hit = pick::hit(rest.rest_m(), organ.surface.triangles, (eye_m, direction));
@@ -162,8 +162,8 @@ fn distance_m<const N: usize>(
     let projection = camera.projection(1, 1);
     let share = FREE_AREA * Vec2::new(aspect, 1.0) * (0.5 * camera.field_of_view_rad).tan();
     let hands = organ.spaces.iter().map(|space| {
-        Vec3::from_array(space.active().rest_position_m)
-            + Vec3::from_array(space.active().outward_normal) * (MARKER_SPACE * radius_m)
+        Vec3::from_array(space.active.rest_position_m)
+            + Vec3::from_array(space.active.outward_normal) * (MARKER_SPACE * radius_m)
     });
     rest.rest_m()
         .iter()
@@ -207,7 +207,7 @@ mod tests {
             let seen = organ
                 .spaces
                 .iter()
-                .filter(|space| Vec3::from_array(space.active().outward_normal).dot(view) > 0.0);
+                .filter(|space| Vec3::from_array(space.active.outward_normal).dot(view) > 0.0);
             assert!(seen.count() >= 2);
         }
     }
@@ -218,14 +218,14 @@ mod tests {
         let rest = Deformation::at_rest(organ);
         let camera = choose(organ, &rest, 16.0 / 9.0);
         let eye_m = camera.projection(1280, 720).eye_m;
-        let node_m = Vec3::from_array(organ.spaces[0].active().rest_position_m);
+        let node_m = Vec3::from_array(organ.spaces[0].active.rest_position_m);
         let between = rest.rest_m().iter().filter(|point| {
             let along = (**point - eye_m).dot((node_m - eye_m).normalize());
             let deviation = (**point - eye_m - along * (node_m - eye_m).normalize()).length();
             along < eye_m.distance(node_m) - 0.010 && deviation < 0.004
         });
         let facing =
-            Vec3::from_array(organ.spaces[0].active().outward_normal).dot((eye_m - node_m).normalize());
+            Vec3::from_array(organ.spaces[0].active.outward_normal).dot((eye_m - node_m).normalize());
         match between.count() {
             0 if facing > 0.3 && (-0.3..1.0).contains(&camera.elevation_rad) => Ok(camera),
             hiding => Err(format!("{hiding} points hide it, facing {facing}, {camera:?}")),
@@ -245,8 +245,8 @@ mod tests {
             let normal = (place_m / (half_m * half_m)).normalize();
             for (index, space) in organ.spaces.iter_mut().enumerate() {
                 let sign = if index == 0 { 1.0 } else { -1.0 };
-                space.active_mut().rest_position_m = (sign * place_m).to_array();
-                space.active_mut().outward_normal = (sign * normal).to_array();
+                space.active.rest_position_m = (sign * place_m).to_array();
+                space.active.outward_normal = (sign * normal).to_array();
             }
             first_is_visible(&organ).unwrap_or_else(|why| panic!("vertex {vertex} at {place_m}: {why}"));
         }
@@ -258,7 +258,7 @@ mod tests {
         let blob = synthetic::organ(&Shape { subdivisions: 4, ..Shape::default() });
         let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let plain = first_is_visible(&organ).expect("an ellipsoid hides nothing");
-        let node_m = Vec3::from_array(organ.spaces[0].active().rest_position_m);
+        let node_m = Vec3::from_array(organ.spaces[0].active.rest_position_m);
         let towards = (plain.projection(1, 1).eye_m - node_m).normalize();
         let lobe_m = node_m + 0.04 * towards;
         let surface = organ.surface;
@@ -282,7 +282,7 @@ mod tests {
         // The blob's displacement modes do not include the lobe.
         for space in &mut organ.spaces {
             let planes = palpate_core::SpacePlanes { displacement: None, ..space.planes() };
-            *space = Space::new(space.active().clone(), *space.lattice(), planes, 0).expect("valid planes");
+            *space = Space::new(space.active.clone(), *space.lattice(), planes, 0).expect("valid planes");
         }
         let rest = Deformation::at_rest(&organ);
         assert!(!shows(&plain, &organ, &rest, &organ.spaces[0], 0.002), "it is behind the lobe");

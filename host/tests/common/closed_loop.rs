@@ -99,7 +99,7 @@ pub(crate) fn hold(
 ) -> HoldResult {
     let node = &organ.spaces[space];
     let script =
-        Script::press_and_hold(node.active().rest_position_m, node.active().outward_normal, depth_m, HOLD_S);
+        Script::press_and_hold(node.active.rest_position_m, node.active.outward_normal, depth_m, HOLD_S);
     let simulated = SimulatedConfig { hand, ..SimulatedConfig::for_profile(profile) };
     let mut hand = SimulatedHand::with_palpation(Palpation::Tour(script), simulated);
     let mut memory = TouchMemory::default();
@@ -110,7 +110,7 @@ pub(crate) fn hold(
     let last_second = ticks(HOLD_S)..ticks(1.0 + HOLD_S);
     let mut held = HoldResult {
         stiffest_n_m: controller.stiffest_n_m() * profile.workspace.scale,
-        share: controller.force_share(),
+        share: controller.hand_scale(),
         peak_to_peak_m: 0.0,
         hold_j: 0.0,
         cycle_j: 0.0,
@@ -122,7 +122,7 @@ pub(crate) fn hold(
     let mut recent = Vec::new();
     let disturbed = ticks(DISTURBANCE_S.start)..ticks(DISTURBANCE_S.end);
     let disturbance_n = vec3::scale(
-        node.active().outward_normal,
+        node.active.outward_normal,
         if disturbance == Disturbance::Once { DISTURBANCE_N } else { 0.0 },
     );
     let mut work_before = Work::default();
@@ -250,7 +250,7 @@ pub(crate) fn palpate(
         }
         found.damped_ticks += u64::from(command.damped);
         found.blended_ticks +=
-            u64::from(command.shares.iter().filter(|share| share.weight > 0.0).count() > 1);
+            u64::from(command.weights.iter().filter(|share| share.weight > 0.0).count() > 1);
         engaged = command.engaged.is_some();
         found.engaged_ticks += u64::from(engaged);
         found.phase = command.phase;

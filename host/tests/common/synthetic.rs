@@ -3,7 +3,7 @@
 //! h = k d (1 + |d|^2 / l^2). The surface follows the active node with a smooth fall-off. Included by path.
 #![allow(dead_code)]
 
-use palpate_core::blob::format::{self, DisplacementHeader, PlaneRef, Preamble, SpaceHeader, SurfaceHeader};
+use palpate_core::format::{self, DisplacementHeader, PlaneRef, Preamble, SpaceHeader, SurfaceHeader};
 use palpate_core::{AlignedBytes, BallLattice, Vec3, flags, vec3};
 use std::collections::HashMap;
 
@@ -108,7 +108,7 @@ fn space(
 
     let force = |slot: usize| {
         let d = lattice.displacement_m(lattice.ijk(slot));
-        let secant = shape.stiffness_n_m * (1.0 + vec3::norm_squared(d) / shape.hardening_m.powi(2));
+        let secant = shape.stiffness_n_m * (1.0 + vec3::dot(d, d) / shape.hardening_m.powi(2));
         vec3::scale(d, secant)
     };
     let force_n = planes.put(&(0..lattice.slots()).map(force).collect::<Vec<_>>());

@@ -85,7 +85,7 @@ mod tests {
     use crate::fit::KernelFit;
     use crate::fit::synthetic::jet;
     use crate::spec::{Requirements, Tolerance};
-    use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
+    use palpate_core::HermitePlanes;
 
     const RADIUS_M: f64 = 0.002;
 
@@ -158,8 +158,7 @@ mod tests {
         assert_eq!((on.samples.len(), on.grid.spacing_m), (27, on.grid.radius_m));
         let nodes = crate::fit::hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
         let lattice = &on.grid.lattice;
-        let planes = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
-        let table = HermiteTable::new(lattice, planes).expect("a table");
+        let table = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
         for n in 0..200 {
             let at = crate::fit::synthetic::spread(n, 0.99 * on.grid.radius_m);
             let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));

@@ -2,8 +2,7 @@
 
 use std::collections::{BTreeMap, HashSet};
 
-use palpate_core::LatticeError;
-use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
+use palpate_core::{HermitePlanes, LatticeError};
 
 use super::fitted::AdaptiveFit;
 use super::prediction::Verdict;
@@ -149,9 +148,10 @@ fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Re
 fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
     let nodes = hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
     let lattice = &on.grid.lattice;
-    let Ok(table) = HermiteTable::new(lattice, HermitePlanes { row: &nodes.row, nodes: &nodes.nodes }) else {
+    let table = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
+    if table.check(lattice).is_err() {
         return f64::INFINITY;
-    };
+    }
     let mut shares: Vec<f64> = places
         .iter()
         .map(|&at| {

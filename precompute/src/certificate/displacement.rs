@@ -3,8 +3,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use palpate_core::displacement::{DisplacementPlanes, DisplacementTable};
-use palpate_core::{ConfigTag, Organ, Space};
+use palpate_core::{ConfigTag, DisplacementPlanes, DisplacementTable, Organ, Space};
 use serde::{Deserialize, Serialize};
 
 use super::has_branch_jump;

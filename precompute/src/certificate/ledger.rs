@@ -117,7 +117,7 @@ pub fn ledger(
     effort: AdditionalSolves<'_>,
 ) -> Result<Option<Ledger>, LedgerError> {
     let begun = Instant::now();
-    let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *certificate.active) else {
+    let Some(space) = organ.spaces.iter().find(|space| *space.active.name == *certificate.active) else {
         return Ok(None);
     };
     let is_certified = |method: Method| certificate.methods.iter().any(|of| of.method == method.name());

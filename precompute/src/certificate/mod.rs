@@ -234,7 +234,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
     let sampling = &identity.sampling;
     let mut spaces = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
-        let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *name) else { continue };
+        let Some(space) = organ.spaces.iter().find(|space| *space.active.name == *name) else { continue };
         let records = store.records(active)?;
         let truths = truths(store, active, space, sampling)?;
         // Adaptive sampling has neither table points nor neighbours.
@@ -310,7 +310,7 @@ pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<(usize, u
     let sampling = store.identity()?.sampling;
     let mut counts = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *name) else { continue };
+        let Some(space) = organ.spaces.iter().find(|space| *space.active.name == *name) else { continue };
         let truths = truths(store, active, space, &sampling)?;
         let clear = truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.folded).count();
         counts.push((active, clear));
@@ -350,7 +350,7 @@ fn truths(
     };
     // Paths can leave the workspace.
     let workspace = match sampling.scattered().filter(|scattered| scattered.workspace_m.is_some()) {
-        Some(scattered) => scattered.workspace_of(store.body()?.0.nodes_m[space.active().node as usize]),
+        Some(scattered) => scattered.workspace_of(store.body()?.0.nodes_m[space.active.node as usize]),
         None => None,
     };
     let mut truths = Vec::new();

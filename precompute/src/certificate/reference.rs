@@ -5,9 +5,8 @@
 //! fit.
 
 use palpate_core::flags::{BRANCH_JUMP, INTERIOR, SMOOTH, SUPERCELL};
-use palpate_core::grid::CORNERS;
-use palpate_core::method::kernel::{Block, KernelTable, LANES, NUMBERS};
-use palpate_core::{Method, Space, SpacePlanes};
+use palpate_core::kernel::{Block, KernelPlanes, KernelTable, LANES, NUMBERS};
+use palpate_core::{CORNERS, Method, Space, SpacePlanes};
 
 /// h at a displacement inside the ball, N; `None` if the method is not packed.
 pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
@@ -33,18 +32,25 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
             let share = if clear { cell.share(0, SMOOTH) } else { 0.0 };
             Some(mix(share, cell.hermite()?, cell.energy()?))
         }
-        Method::Kernel => kernel(space.kernel().as_ref()?, space.lattice().spacing_m(), displacement_m),
+        Method::Kernel => {
+            kernel(space.kernel()?, cell.planes.kernel?, space.lattice().spacing_m(), displacement_m)
+        }
     }
 }
 
 /// The sum over powers, with the library's exponential. Beyond the range of the kernel it uses the
 /// continuation with the core's own stiffness.
-fn kernel(table: &KernelTable<'_>, spacing_m: f32, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
+fn kernel(
+    table: &KernelTable<'_>,
+    planes: KernelPlanes<'_>,
+    spacing_m: f32,
+    displacement_m: [f32; 3],
+) -> Option<[f64; 3]> {
     let d = displacement_m.map(f64::from);
     let size = d.iter().map(|x| x * x).sum::<f64>().sqrt();
     let reach_m = f64::from(table.reach_m(displacement_m));
     if size <= reach_m {
-        return Some(kernel_within(table, d));
+        return Some(kernel_within(planes, d));
     }
     let rim = d.map(|x| x / size * reach_m);
     let (spacing_m, pulled_m) = (f64::from(spacing_m), size - reach_m);
@@ -54,14 +60,13 @@ fn kernel(table: &KernelTable<'_>, spacing_m: f32, displacement_m: [f32; 3]) -> 
         spacing_m / 2.0
     };
     let slopes = table.jet(rim.map(|x| x as f32)).stiffness_n_m;
-    let at_rim = kernel_within(table, rim);
+    let at_rim = kernel_within(planes, rim);
     Some(std::array::from_fn(|i| {
         at_rim[i] + rise_m * (0..3).map(|j| slopes[i][j] * d[j] / size).sum::<f64>()
     }))
 }
 
-fn kernel_within(table: &KernelTable<'_>, displacement_m: [f64; 3]) -> [f64; 3] {
-    let planes = table.planes();
+fn kernel_within(planes: KernelPlanes<'_>, displacement_m: [f64; 3]) -> [f64; 3] {
     let [length_m, xx, xy, xz, yy, yz, zz] = *planes.scalars.first_chunk().expect("checked planes");
     let x = displacement_m.map(|p| p / length_m);
     let base = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];

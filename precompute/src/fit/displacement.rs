@@ -21,7 +21,7 @@ use std::collections::HashSet;
 
 use faer::{Mat, Side};
 #[cfg(test)]
-use palpate_core::displacement::DisplacementPlanes;
+use palpate_core::DisplacementPlanes;
 
 use super::branch_jump::BranchJump;
 use super::ghosts::mean_of_nearest;

@@ -19,9 +19,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
-use palpate_core::flags;
-use palpate_core::grid::CORNERS;
-use palpate_core::method::hermite::Node;
+use palpate_core::{CORNERS, HermiteNode, flags};
 
 use derivatives::{
     Derivatives, factorial, limited_ghost, limited_slopes, orders, orders_up_to, orders_up_to_two, part,
@@ -39,7 +37,7 @@ pub struct HermiteNodes {
     /// Index into `nodes` for every slot of the box.
     pub row: Vec<u32>,
     /// One node per corner of a reachable cell. The first is the rest point, which all other slots share.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<HermiteNode>,
 }
 
 /// Sets the branch-jump flag of every cell with a flagged pair among its corners.
@@ -397,8 +395,8 @@ fn mean<const N: usize>(routes: [Option<f64>; N]) -> f64 {
     there.clone().sum::<f64>() / there.count().max(1) as f64
 }
 
-fn packed(w: &Derivatives) -> Node {
-    let mut node = Node::default();
+fn packed(w: &Derivatives) -> HermiteNode {
+    let mut node = HermiteNode::default();
     for (a, b, c) in orders_up_to_two() {
         node[a][b][c] = w[a][b][c] as f32;
     }

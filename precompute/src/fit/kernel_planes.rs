@@ -1,7 +1,7 @@
-//! A kernel fit in the core's form ([`palpate_core::method::kernel`]): a cubic polynomial at every
+//! A kernel fit in the core's form ([`palpate_core::kernel`]): a cubic polynomial at every
 //! configuration, and the range in which the fit is valid.
 
-use palpate_core::method::kernel::{
+use palpate_core::kernel::{
     self, Block, KernelTable, LANES, MAX_CENTRES, MAX_DISTANCE, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS,
 };
 

@@ -1,7 +1,7 @@
 //! The leading modes of the surface displacements in the core's form: int16 numbers and a scale.
 
 use crate::num::vector::inner;
-use palpate_core::displacement::DisplacementPlanes;
+use palpate_core::DisplacementPlanes;
 
 /// Largest packed number; a value is stored in units of 1/32767 of its range.
 pub(crate) const UNITS: f64 = 32767.0;

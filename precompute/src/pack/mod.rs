@@ -6,13 +6,11 @@ mod fitted;
 pub use error::PackError;
 
 use bytemuck::Pod;
-use palpate_core::blob::PC_SPACES;
-use palpate_core::blob::format::{
+use palpate_core::format::{
     self, ALIGNMENT, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader,
     SpaceHeader, SurfaceHeader,
 };
-use palpate_core::method::baseline::rbf::LANES;
-use palpate_core::{AlignedBytes, Method, Organ};
+use palpate_core::{AlignedBytes, Limits, Method, Organ, RBF_LANES};
 
 use crate::fit::{
     Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, RbfFit, fit_rbf, flag_branch_jumps,
@@ -148,7 +146,7 @@ pub fn pack_with(
     let surface_header = packer.surface(&fixed)?;
     let spaces = selected.iter().zip(fitted).map(|(selected, fitted)| packer.space(selected, &fitted));
     let spaces = spaces.collect::<Result<Vec<SpaceHeader>, PackError>>()?;
-    if spaces.len() > PC_SPACES {
+    if spaces.len() > Limits::PC.spaces {
         return Err(PackError::TooLarge("the number of active nodes"));
     }
     if spaces.is_empty() {
@@ -332,7 +330,7 @@ impl Packer<'_> {
 /// Pads a plane with zeros to a multiple of the core's lane count.
 fn padded(plane: &[f64]) -> Vec<f64> {
     let mut plane = plane.to_vec();
-    plane.resize(plane.len().next_multiple_of(LANES), 0.0);
+    plane.resize(plane.len().next_multiple_of(RBF_LANES), 0.0);
     plane
 }
 

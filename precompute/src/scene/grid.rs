@@ -10,7 +10,7 @@ use crate::error::InputError;
 use crate::spec::{Lattice, RADII_M, Sampling, Scattered, SpaceGrid, Tolerance, Workspace};
 
 /// Maximum number of cells along the radius: the limit of the core's tables, 8 million points.
-const MAX_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
+const MAX_CELLS: f64 = palpate_core::MAX_CELLS as f64;
 
 impl Lookup<'_> {
     pub(super) fn grid(

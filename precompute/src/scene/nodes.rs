@@ -2,8 +2,7 @@
 
 use std::ops::Range;
 
-use palpate_core::blob::PC_SPACES;
-use palpate_core::space::SPACE_NAME_LEN;
+use palpate_core::{Limits, SPACE_NAME_LEN};
 use toml::Spanned;
 
 use super::file::{ActiveTable, FixedTable, Tables};
@@ -146,8 +145,9 @@ impl Lookup<'_> {
                 all.push(active);
             }
         }
-        if all.len() > PC_SPACES {
-            let what = format!("the scene has {} active nodes, and a blob holds {PC_SPACES}", all.len());
+        let limit = Limits::PC.spaces;
+        if all.len() > limit {
+            let what = format!("the scene has {} active nodes, and a blob holds {limit}", all.len());
             let fix = "choose a smaller group, a workspace, or split the scene in two";
             return Err(self.place.error(scene.file.active.span(), what, fix));
         }

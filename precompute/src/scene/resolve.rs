@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use palpate_core::blob::format::SCENE_NAME_LEN;
+use palpate_core::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{BodyForceTable, NeedsTable, SolverTable, Tables};

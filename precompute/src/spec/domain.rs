@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use palpate_core::grid::CORNERS;
+use palpate_core::CORNERS;
 
 use super::{GridIndex, SpaceGrid};
 

@@ -44,7 +44,7 @@ pub(crate) struct Args {
 
 /// The space named `name`, or the first.
 pub(crate) fn find_space<'o, 'a>(organ: &'o Organ<'a>, name: Option<&str>) -> Option<&'o Space<'a>> {
-    organ.spaces.iter().find(|s| name.is_none_or(|name| s.active().name == name))
+    organ.spaces.iter().find(|s| name.is_none_or(|name| s.active.name == name))
 }
 
 /// Runs the command.
@@ -56,7 +56,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let file = blob::load(&args.blob)?;
     let organ = blob::organ(&args.blob, &file)?;
     let space = find_space(&organ, args.active.as_deref()).ok_or_else(|| {
-        let names: Vec<&str> = organ.spaces.iter().map(|s| s.active().name.as_str()).collect();
+        let names: Vec<&str> = organ.spaces.iter().map(|s| s.active.name.as_str()).collect();
         Failure::input(format!("{}: no such active node; it has {}", args.blob.display(), names.join(", ")))
     })?;
     if !space.has(args.method) {

@@ -171,7 +171,7 @@ fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Fa
         return Err(Failure::input(touch::MOUSE_NEEDS_WINDOW));
     }
     let start_m = organ.spaces.first().map_or(vec3::ZERO, |space| {
-        vec3::add(space.active().rest_position_m, vec3::scale(space.active().outward_normal, MOUSE_HEIGHT_M))
+        vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, MOUSE_HEIGHT_M))
     });
     Ok(mouse(start_m, MouseConfig::default()))
 }

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use palpate_core::blob::format::MAGIC;
+use palpate_core::format::MAGIC;
 use palpate_precompute::space::Store;
 
 /// Bytes read from a file: enough for a whole scene and for the header of any table.

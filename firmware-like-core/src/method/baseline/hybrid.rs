@@ -1,18 +1,18 @@
 //! Tri-cubic interpolation where the super-cell is complete, tri-linear at the rim.
 
-use super::{Forces, Tricubic, tricubic, trilinear};
+use super::{Forces, Tricubic, Trilinear};
 use crate::grid::Location;
-use crate::grid::flags::{self, CELL, INTERIOR, SUPERCELL};
+use crate::grid::flags::{Ball, CELL, INTERIOR, SUPERCELL};
 use crate::method::Coverage;
 use crate::method::blend::{blend, blend_slopes};
-use crate::method::interpolant::{Ball, Interpolant, Slopes};
-use crate::num::lanes::Machine;
+use crate::method::interpolant::{Interpolant, Slopes};
+use crate::num::lanes::{Baseline, Machine};
 use crate::num::vec3::{self, Vec3};
 
 /// Hybrid estimate of the reaction force.
 ///
 /// Source: Peterlik 2010, section 7. Deviation: the paper switches at the face, where the force would jump;
-/// here the two are blended, see [`crate::method::blend`].
+/// here the two are blended, see `blend`.
 #[derive(Clone, Copy)]
 pub(crate) struct Hybrid<'s>(pub(crate) Forces<'s>);
 
@@ -25,36 +25,31 @@ impl<'s> Interpolant for Hybrid<'s> {
     }
 
     #[inline(always)]
-    fn force<M: Machine>(self, _: M, at: &Location) -> Vec3 {
-        let Self(Forces { ball, force_n }) = self;
-        let strides = ball.lattice.strides();
-        let weight = flags::share(ball.flags, INTERIOR, strides, at.slot, at.t);
-        let linear =
-            if weight < 1.0 { trilinear::interpolate(force_n, strides, at.slot, at.t) } else { vec3::ZERO };
+    fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
+        let Self(forces) = self;
+        let weight = forces.ball.smooth(INTERIOR, at);
+        let linear = if weight < 1.0 { Trilinear(forces).force(machine, at) } else { vec3::ZERO };
         if weight <= 0.0 {
             return linear;
         }
-        blend(weight, linear, tricubic::interpolate(force_n, strides, at.slot, at.t))
+        blend(weight, linear, Tricubic(forces).force(machine, at))
     }
 
     fn slopes(self, at: &Location) -> Slopes {
-        let Self(Forces { ball, force_n }) = self;
-        let strides = ball.lattice.strides();
-        let linear = || {
-            let value = trilinear::interpolate(force_n, strides, at.slot, at.t);
-            (value, trilinear::slopes(force_n, strides, at.slot, at.t))
-        };
-        let cubic = || {
-            let value = tricubic::interpolate(force_n, strides, at.slot, at.t);
-            (value, tricubic::slopes(force_n, strides, at.slot, at.t))
-        };
-        let rows = blend_slopes(ball, INTERIOR, at, linear, cubic);
-        Slopes { stiffness_n_m: ball.per_metre(rows), energy_j: None }
+        let (linear, cubic) = (Trilinear(self.0), Tricubic(self.0));
+        let rows = blend_slopes(
+            self.0.ball,
+            INTERIOR,
+            at,
+            || (linear.force(Baseline, at), linear.rows(at)),
+            || (cubic.force(Baseline, at), cubic.rows(at)),
+        );
+        Slopes { stiffness_n_m: self.0.ball.per_metre(rows), energy_j: None }
     }
 
     /// The slopes of the tri-cubic force, because the tri-linear ones jump at faces.
     fn rim_slopes(self, at: &Location) -> [Vec3; 3] {
-        Tricubic(self.0).slopes(at).stiffness_n_m
+        Tricubic(self.0).rim_slopes(at)
     }
 
     #[inline(always)]

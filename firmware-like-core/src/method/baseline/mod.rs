@@ -1,7 +1,7 @@
 //! The methods of Peterlik 2010: on the lattice of forces, and by radial basis functions.
 
 mod hybrid;
-pub mod rbf;
+pub(crate) mod rbf;
 mod tricubic;
 mod trilinear;
 
@@ -9,7 +9,7 @@ pub(crate) use hybrid::Hybrid;
 pub(crate) use tricubic::Tricubic;
 pub(crate) use trilinear::Trilinear;
 
-use super::interpolant::Ball;
+use crate::grid::flags::Ball;
 use crate::num::vec3::Vec3;
 
 /// Forces at the slots of a lattice, newtons: solved configurations, and extrapolated values where there is

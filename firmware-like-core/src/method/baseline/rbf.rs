@@ -1,18 +1,16 @@
 //! Radial basis functions centred on the solved configurations; the weights are fitted offline.
 
-use core::ops::{Add, Mul, Sub};
-
-use crate::grid::flags::CELL;
+use crate::grid::flags::{Ball, CELL};
 use crate::grid::{Location, MAX_CELLS};
 use crate::method::Coverage;
-use crate::method::interpolant::{Ball, Interpolant, Slopes};
-use crate::num::lanes::{F32x4, Machine, sums};
+use crate::method::interpolant::{Interpolant, Slopes};
+use crate::num::lanes::{F32x4, Lanes, Machine, sums};
 use crate::num::math;
 use crate::num::vec3::Vec3;
 use crate::plane::{PlaneError, check_len, check_values};
 
 /// Tables are padded to a multiple of this length, so that the lane loops have no remainder.
-pub const LANES: usize = 16;
+pub const RBF_LANES: usize = 16;
 
 /// Largest coordinate of a centre, cells: twice that of any grid.
 const LARGEST_CENTRE: f64 = 2.0 * MAX_CELLS as f64;
@@ -29,118 +27,80 @@ pub struct RbfPlanes<'a, T> {
     pub weights: [&'a [T]; 3],
 }
 
-/// Checked planes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct RbfTable<'a, T> {
-    planes: RbfPlanes<'a, T>,
-}
-
-impl<'a, T: Copy + Into<f64>> RbfTable<'a, T> {
+impl<T: Copy + Into<f64>> RbfPlanes<'_, T> {
     /// Checks lengths and values; `name` is that of the method.
-    pub(crate) fn new(name: &'static str, planes: RbfPlanes<'a, T>) -> Result<Self, PlaneError> {
-        let RbfPlanes { centres, weights } = planes;
-        let len = centres.first().map_or(0, |plane| plane.len()).div_ceil(LANES).saturating_mul(LANES);
-        let limits = [(centres, LARGEST_CENTRE), (weights, LARGEST_WEIGHT)];
-        for (plane, largest) in limits.iter().flat_map(|(planes, largest)| planes.map(|p| (p, *largest))) {
-            check_len(name, plane, len)?;
-            // NaN fails the comparison.
-            check_values(name, plane, |&value| value.into().abs() <= largest)?;
+    pub(crate) fn check(&self, name: &'static str) -> Result<(), PlaneError> {
+        let len =
+            self.centres.first().map_or(0, |plane| plane.len()).div_ceil(RBF_LANES).saturating_mul(RBF_LANES);
+        for (planes, largest) in [(self.centres, LARGEST_CENTRE), (self.weights, LARGEST_WEIGHT)] {
+            for plane in planes {
+                check_len(name, plane, len)?;
+                // NaN fails the comparison.
+                check_values(name, plane, |&value| value.into().abs() <= largest)?;
+            }
         }
-        Ok(Self { planes })
-    }
-
-    /// The planes.
-    pub(crate) const fn planes(&self) -> RbfPlanes<'a, T> {
-        self.planes
+        Ok(())
     }
 }
 
-/// Coverage of scattered data: complete where the corners of the cell round the query are solved.
-#[inline(always)]
-fn coverage(ball: Ball<'_>, at: &Location) -> Coverage {
-    if ball.cell_flags(at) & CELL != 0 { Coverage::Scattered } else { Coverage::Extrapolated }
-}
-
-/// h(x) = sum_i w_i |x - x_i|,   x in cells.
+/// The methods `rbf-linear` (f32) and `rbf-cubic` (f64).
 ///
-/// f32 suffices: r is at most the size of the table, and the terms cancel little. At a centre r = 0 and its
-/// term vanishes; r is computed as a square root and never as r^2 / r, so there is no division by zero.
+/// h(x) = sum_i w_i phi(|x - x_i|),   x in cells
+///
 /// Cost: one root per centre, shared by the three components; the order of the sum is fixed.
 /// Source: Peterlik 2010, Eq. 12 (sum to N). Deviation: none; the equation has no polynomial term.
 #[derive(Clone, Copy)]
-pub(crate) struct RbfLinear<'s> {
+pub(crate) struct Rbf<'s, T> {
     pub(crate) ball: Ball<'s>,
-    pub(crate) table: &'s RbfTable<'s, f32>,
+    pub(crate) planes: &'s RbfPlanes<'s, T>,
 }
 
-/// h(x) = sum_i w_i |x - x_i|^3,   x in cells.
+/// Numbers of a table and the function phi that belongs to them.
+pub(crate) trait Radial: Lanes + PartialOrd {
+    /// h at a position in cells.
+    fn force<M: Machine>(planes: &RbfPlanes<'_, Self>, machine: M, position: Vec3) -> Vec3;
+
+    /// dh_i/dx_j as rows i, x in cells.
+    fn rows(planes: &RbfPlanes<'_, Self>, position: Vec3) -> [Vec3; 3];
+}
+
+impl<'s, T: Radial> Interpolant for Rbf<'s, T> {
+    type Domain = Ball<'s>;
+
+    #[inline(always)]
+    fn domain(self) -> Ball<'s> {
+        self.ball
+    }
+
+    #[inline(always)]
+    fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
+        T::force(self.planes, machine, at.position)
+    }
+
+    fn slopes(self, at: &Location) -> Slopes {
+        let rows = T::rows(self.planes, at.position);
+        Slopes { stiffness_n_m: self.ball.per_metre(rows), energy_j: None }
+    }
+
+    /// Complete where the corners of the cell round the query are solved.
+    #[inline(always)]
+    fn coverage(self, at: &Location) -> Coverage {
+        if self.ball.cell_flags(at) & CELL != 0 { Coverage::Scattered } else { Coverage::Extrapolated }
+    }
+}
+
+/// phi = r.
 ///
-/// f64 is needed: the terms grow with r^3 and cancel; in f32 the added error reached 43 mN on a dense grid.
-/// Cost, order and source as for [`RbfLinear`].
-#[derive(Clone, Copy)]
-pub(crate) struct RbfCubic<'s> {
-    pub(crate) ball: Ball<'s>,
-    pub(crate) table: &'s RbfTable<'s, f64>,
-}
-
-impl<'s> Interpolant for RbfLinear<'s> {
-    type Domain = Ball<'s>;
-
+/// f32 suffices: r is at most the size of the table, and the terms cancel little. At a centre r = 0 and its
+/// term vanishes; r is computed as a square root and never as r^2 / r, so there is no division by zero.
+impl Radial for f32 {
     #[inline(always)]
-    fn domain(self) -> Ball<'s> {
-        self.ball
-    }
-
-    #[inline(always)]
-    fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        self.table.linear(machine, at.position)
-    }
-
-    fn slopes(self, at: &Location) -> Slopes {
-        let rows = self.table.slopes(at.position, 0.0, |squared| 1.0 / math::sqrt(squared));
-        Slopes { stiffness_n_m: self.ball.per_metre(rows), energy_j: None }
-    }
-
-    #[inline(always)]
-    fn coverage(self, at: &Location) -> Coverage {
-        coverage(self.ball, at)
-    }
-}
-
-impl<'s> Interpolant for RbfCubic<'s> {
-    type Domain = Ball<'s>;
-
-    #[inline(always)]
-    fn domain(self) -> Ball<'s> {
-        self.ball
-    }
-
-    #[inline(always)]
-    fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        self.table.cubic(machine, at.position)
-    }
-
-    fn slopes(self, at: &Location) -> Slopes {
-        let position = at.position.map(f64::from);
-        let rows = self.table.slopes(position, 0.0, |squared| 3.0 * math::sqrt_f64(squared));
-        let rows = rows.map(|row| row.map(|value| value as f32));
-        Slopes { stiffness_n_m: self.ball.per_metre(rows), energy_j: None }
-    }
-
-    #[inline(always)]
-    fn coverage(self, at: &Location) -> Coverage {
-        coverage(self.ball, at)
-    }
-}
-
-impl RbfTable<'_, f32> {
-    #[inline(always)]
-    fn linear<M: Machine>(&self, machine: M, position: Vec3) -> Vec3 {
+    fn force<M: Machine>(planes: &RbfPlanes<'_, f32>, machine: M, position: Vec3) -> Vec3 {
         let [x, y, z] = position;
         let (x, y, z) = (machine.splat(x), machine.splat(y), machine.splat(z));
         let [mut sum_x, mut sum_y, mut sum_z] = [machine.splat(0.0); 3];
-        let [cx, cy, cz] = self.planes.centres.map(|plane| plane.as_chunks().0);
-        let [wx, wy, wz] = self.planes.weights.map(|plane| plane.as_chunks().0);
+        let [cx, cy, cz] = planes.centres.map(|plane| plane.as_chunks().0);
+        let [wx, wy, wz] = planes.weights.map(|plane| plane.as_chunks().0);
         for (((cx, cy), cz), ((wx, wy), wz)) in cx.iter().zip(cy).zip(cz).zip(wx.iter().zip(wy).zip(wz)) {
             let [dx, dy, dz] = [x - eight(machine, cx), y - eight(machine, cy), z - eight(machine, cz)];
             let r = machine.sqrt(dx * dx + dy * dy + dz * dz);
@@ -154,16 +114,24 @@ impl RbfTable<'_, f32> {
         };
         sums(sum(sum_x), sum(sum_y), sum(sum_z))
     }
+
+    #[inline(always)]
+    fn rows(planes: &RbfPlanes<'_, f32>, position: Vec3) -> [Vec3; 3] {
+        rows(planes, position, 0.0, |squared| 1.0 / math::sqrt(squared))
+    }
 }
 
-impl RbfTable<'_, f64> {
+/// phi = r^3.
+///
+/// f64 is needed: the terms grow with r^3 and cancel; in f32 the added error reached 43 mN on a dense grid.
+impl Radial for f64 {
     #[inline(always)]
-    fn cubic<M: Machine>(&self, machine: M, position: Vec3) -> Vec3 {
+    fn force<M: Machine>(planes: &RbfPlanes<'_, f64>, machine: M, position: Vec3) -> Vec3 {
         let [x, y, z] = position.map(f64::from);
         let (x, y, z) = (machine.splat_f64(x), machine.splat_f64(y), machine.splat_f64(z));
         let [mut sum_x, mut sum_y, mut sum_z] = [machine.splat_f64(0.0); 3];
-        let [cx, cy, cz] = self.planes.centres.map(|plane| plane.as_chunks().0);
-        let [wx, wy, wz] = self.planes.weights.map(|plane| plane.as_chunks().0);
+        let [cx, cy, cz] = planes.centres.map(|plane| plane.as_chunks().0);
+        let [wx, wy, wz] = planes.weights.map(|plane| plane.as_chunks().0);
         for (((cx, cy), cz), ((wx, wy), wz)) in cx.iter().zip(cy).zip(cz).zip(wx.iter().zip(wy).zip(wz)) {
             let [dx, dy, dz] = [x - machine.load_f64(cx), y - machine.load_f64(cy), z - machine.load_f64(cz)];
             let squared = dx * dx + dy * dy + dz * dz;
@@ -178,38 +146,44 @@ impl RbfTable<'_, f64> {
         };
         [sum(sum_x), sum(sum_y), sum(sum_z)]
     }
+
+    #[inline(always)]
+    fn rows(planes: &RbfPlanes<'_, f64>, position: Vec3) -> [Vec3; 3] {
+        let rows = rows(planes, position.map(f64::from), 0.0, |squared| 3.0 * math::sqrt_f64(squared));
+        rows.map(|row| row.map(|value| value as f32))
+    }
 }
 
-impl<T> RbfTable<'_, T>
-where
-    T: Copy + PartialOrd + Add<Output = T> + Sub<Output = T> + Mul<Output = T>,
-{
-    /// dh_i/dx_j as rows i, x in cells: sum of w_i phi'(r) (x - x_i) / r, `slope(r^2)` = phi'(r) / r.
-    ///
-    /// A centre at the query contributes nothing: phi = r has no slope there, that of phi = r^3 is zero.
-    /// Evaluated in the arithmetic of the table, because the tick needs it outside the ball and f64 is slow
-    /// on a microcontroller.
-    #[inline(always)]
-    fn slopes(&self, [x, y, z]: [T; 3], zero: T, slope: impl Fn(T) -> T) -> [[T; 3]; 3] {
-        let mut sums = [[zero; 3]; 3];
-        let [cx, cy, cz] = self.planes.centres;
-        let [wx, wy, wz] = self.planes.weights;
-        for (((cx, cy), cz), ((wx, wy), wz)) in cx.iter().zip(cy).zip(cz).zip(wx.iter().zip(wy).zip(wz)) {
-            let d = [x - *cx, y - *cy, z - *cz];
-            let [dx, dy, dz] = d;
-            let squared = dx * dx + dy * dy + dz * dz;
-            if squared > zero {
-                let factor = slope(squared);
-                for (sums, weight) in sums.iter_mut().zip([wx, wy, wz]) {
-                    let factor = *weight * factor;
-                    for (sum, d) in sums.iter_mut().zip(d) {
-                        *sum = *sum + factor * d;
-                    }
+/// dh_i/dx_j as rows i, x in cells: sum of w_i phi'(r) (x - x_i) / r, `slope(r^2)` = phi'(r) / r.
+///
+/// A centre at the query contributes nothing: phi = r has no slope there, that of phi = r^3 is zero.
+/// Evaluated in the arithmetic of the table, because the tick needs it outside the ball and f64 is slow
+/// on a microcontroller.
+#[inline(always)]
+fn rows<T: Radial>(
+    planes: &RbfPlanes<'_, T>,
+    [x, y, z]: [T; 3],
+    zero: T,
+    slope: impl Fn(T) -> T,
+) -> [[T; 3]; 3] {
+    let mut sums = [[zero; 3]; 3];
+    let [cx, cy, cz] = planes.centres;
+    let [wx, wy, wz] = planes.weights;
+    for (((cx, cy), cz), ((wx, wy), wz)) in cx.iter().zip(cy).zip(cz).zip(wx.iter().zip(wy).zip(wz)) {
+        let d = [x - *cx, y - *cy, z - *cz];
+        let [dx, dy, dz] = d;
+        let squared = dx * dx + dy * dy + dz * dz;
+        if squared > zero {
+            let factor = slope(squared);
+            for (sums, weight) in sums.iter_mut().zip([wx, wy, wz]) {
+                let factor = *weight * factor;
+                for (sum, d) in sums.iter_mut().zip(d) {
+                    *sum = *sum + factor * d;
                 }
             }
         }
-        sums
     }
+    sums
 }
 
 /// Eight consecutive numbers of a plane.

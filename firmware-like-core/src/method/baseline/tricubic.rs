@@ -7,10 +7,10 @@
 //! accurate, but only C0: its slope jumps at every face.
 
 use super::{Forces, run};
-use crate::grid::flags::SUPERCELL;
-use crate::grid::{Location, Strides};
+use crate::grid::Location;
+use crate::grid::flags::{Ball, SUPERCELL};
 use crate::method::Coverage;
-use crate::method::interpolant::{Ball, Interpolant, Slopes};
+use crate::method::interpolant::{Interpolant, Slopes};
 use crate::num::lanes::{F32x4, Machine};
 use crate::num::vec3::{self, Vec3};
 
@@ -24,6 +24,27 @@ use crate::num::vec3::{self, Vec3};
 #[derive(Clone, Copy)]
 pub(crate) struct Tricubic<'s>(pub(crate) Forces<'s>);
 
+impl Tricubic<'_> {
+    /// dh_i/dt_j as rows i.
+    pub(super) fn rows(self, at: &Location) -> [Vec3; 3] {
+        let (values, slopes) = (weights(at.t), weight_slopes(at.t));
+        let along = |axis: usize| {
+            let mut lanes = values;
+            for (value, slope) in lanes.iter_mut().zip(slopes) {
+                let pick = |lane: usize, value: f32, slope: f32| if lane == axis { slope } else { value };
+                *value = F32x4::new([
+                    pick(0, value.get::<0>(), slope.get::<0>()),
+                    pick(1, value.get::<1>(), slope.get::<1>()),
+                    pick(2, value.get::<2>(), slope.get::<2>()),
+                    0.0,
+                ]);
+            }
+            checked(self.0, at.slot as u32, &lanes).unwrap_or(vec3::ZERO)
+        };
+        vec3::transposed([along(0), along(1), along(2)])
+    }
+}
+
 impl<'s> Interpolant for Tricubic<'s> {
     type Domain = Ball<'s>;
 
@@ -34,13 +55,11 @@ impl<'s> Interpolant for Tricubic<'s> {
 
     #[inline(always)]
     fn force<M: Machine>(self, _: M, at: &Location) -> Vec3 {
-        interpolate(self.0.force_n, self.0.ball.lattice.strides(), at.slot, at.t)
+        checked(self.0, at.slot as u32, &weights(at.t)).unwrap_or(vec3::ZERO)
     }
 
     fn slopes(self, at: &Location) -> Slopes {
-        let Self(Forces { ball, force_n }) = self;
-        let rows = slopes(force_n, ball.lattice.strides(), at.slot, at.t);
-        Slopes { stiffness_n_m: ball.per_metre(rows), energy_j: None }
+        Slopes { stiffness_n_m: self.0.ball.per_metre(self.rows(at)), energy_j: None }
     }
 
     #[inline(always)]
@@ -61,12 +80,6 @@ fn weights([tx, ty, tz]: Vec3) -> [F32x4; 4] {
     [outer * s, middle(t), middle(s), outer * t]
 }
 
-/// h in the cell whose low corner is `slot`, at the position t in it.
-#[inline(always)]
-pub(super) fn interpolate(force: &[Vec3], strides: Strides, slot: usize, t: Vec3) -> Vec3 {
-    contract(force, strides, slot, &weights(t))
-}
-
 /// Derivatives of [`weights`].
 fn weight_slopes([tx, ty, tz]: Vec3) -> [F32x4; 4] {
     let t = F32x4::new([tx, ty, tz, tz]);
@@ -77,34 +90,12 @@ fn weight_slopes([tx, ty, tz]: Vec3) -> [F32x4; 4] {
     [outer(t, s), middle(t), F32x4::splat(0.0) - middle(s), F32x4::splat(0.0) - outer(s, t)]
 }
 
-/// dh_i/dt_j as rows i.
-pub(super) fn slopes(force: &[Vec3], strides: Strides, slot: usize, t: Vec3) -> [Vec3; 3] {
-    let (values, slopes) = (weights(t), weight_slopes(t));
-    let along = |axis: usize| {
-        let mut lanes = values;
-        for (value, slope) in lanes.iter_mut().zip(slopes) {
-            let pick = |lane: usize, value: f32, slope: f32| if lane == axis { slope } else { value };
-            *value = F32x4::new([
-                pick(0, value.get::<0>(), slope.get::<0>()),
-                pick(1, value.get::<1>(), slope.get::<1>()),
-                pick(2, value.get::<2>(), slope.get::<2>()),
-                0.0,
-            ]);
-        }
-        contract(force, strides, slot, &lanes)
-    };
-    vec3::transposed([along(0), along(1), along(2)])
-}
-
 /// Contracts rows of twelve values (four points along z) along x and y, then along z.
-#[inline(always)]
-fn contract(force: &[Vec3], strides: Strides, slot: usize, weights: &[F32x4; 4]) -> Vec3 {
-    checked(force, strides, slot as u32, weights).unwrap_or(vec3::ZERO)
-}
-
+///
 /// `None` beyond the end of the table, which a checked table never reaches.
 #[inline(always)]
-fn checked(force: &[Vec3], strides: Strides, slot: u32, weights: &[F32x4; 4]) -> Option<Vec3> {
+fn checked(Forces { ball, force_n: force }: Forces<'_>, slot: u32, weights: &[F32x4; 4]) -> Option<Vec3> {
+    let strides = ball.lattice.strides();
     let (side, sheet) = (strides.side as usize, strides.sheet as usize);
     let first = slot.wrapping_sub(strides.sheet.wrapping_add(strides.side).wrapping_add(1)) as usize;
     let [x0, x1, x2, x3] = weights.map(F32x4::spread::<0>);

@@ -1,12 +1,12 @@
 //! Tri-linear interpolation in one cell.
 
 use super::{Forces, run};
-use crate::grid::flags::CELL;
-use crate::grid::{Location, Strides};
+use crate::grid::Location;
+use crate::grid::flags::{Ball, CELL};
 use crate::method::Coverage;
 use crate::method::baseline::Tricubic;
-use crate::method::interpolant::{Ball, Interpolant, Slopes};
-use crate::num::lanes::{F32x4, Machine};
+use crate::method::interpolant::{Interpolant, Slopes};
+use crate::num::lanes::{Baseline, F32x4, Machine};
 use crate::num::vec3::{self, Vec3};
 
 /// Tri-linear estimate of the reaction force; C0.
@@ -19,6 +19,23 @@ use crate::num::vec3::{self, Vec3};
 #[derive(Clone, Copy)]
 pub(crate) struct Trilinear<'s>(pub(crate) Forces<'s>);
 
+impl Trilinear<'_> {
+    /// dh_i/dt_j as rows i.
+    pub(super) fn rows(self, at: &Location) -> [Vec3; 3] {
+        // The force is linear along each axis: its slope is the difference of the two ends.
+        let rise = |axis: fn(f32, Vec3) -> Vec3| {
+            let [low, high] =
+                [0.0, 1.0].map(|end| self.force(Baseline, &Location { t: axis(end, at.t), ..*at }));
+            vec3::sub(high, low)
+        };
+        vec3::transposed([
+            rise(|t, [_, y, z]| [t, y, z]),
+            rise(|t, [x, _, z]| [x, t, z]),
+            rise(|t, [x, y, _]| [x, y, t]),
+        ])
+    }
+}
+
 impl<'s> Interpolant for Trilinear<'s> {
     type Domain = Ball<'s>;
 
@@ -29,18 +46,16 @@ impl<'s> Interpolant for Trilinear<'s> {
 
     #[inline(always)]
     fn force<M: Machine>(self, _: M, at: &Location) -> Vec3 {
-        interpolate(self.0.force_n, self.0.ball.lattice.strides(), at.slot, at.t)
+        checked(self.0, at.slot as u32, at.t).unwrap_or(vec3::ZERO)
     }
 
     fn slopes(self, at: &Location) -> Slopes {
-        let Self(Forces { ball, force_n }) = self;
-        let rows = slopes(force_n, ball.lattice.strides(), at.slot, at.t);
-        Slopes { stiffness_n_m: ball.per_metre(rows), energy_j: None }
+        Slopes { stiffness_n_m: self.0.ball.per_metre(self.rows(at)), energy_j: None }
     }
 
     /// The slopes of the tri-cubic force, because the tri-linear ones jump at faces.
     fn rim_slopes(self, at: &Location) -> [Vec3; 3] {
-        Tricubic(self.0).slopes(at).stiffness_n_m
+        Tricubic(self.0).rim_slopes(at)
     }
 
     #[inline(always)]
@@ -49,15 +64,10 @@ impl<'s> Interpolant for Trilinear<'s> {
     }
 }
 
-/// h in the cell whose low corner is `slot`, at the position t in it.
-#[inline(always)]
-pub(super) fn interpolate(force: &[Vec3], strides: Strides, slot: usize, t: Vec3) -> Vec3 {
-    checked(force, strides, slot as u32, t).unwrap_or(vec3::ZERO)
-}
-
 /// `None` beyond the end of the table, which a checked table never reaches.
 #[inline(always)]
-fn checked(force: &[Vec3], strides: Strides, slot: u32, t: Vec3) -> Option<Vec3> {
+fn checked(Forces { ball, force_n: force }: Forces<'_>, slot: u32, t: Vec3) -> Option<Vec3> {
+    let strides = ball.lattice.strides();
     // The last edge is checked first: if it is in the table, so are the others, and the compiler drops their
     // checks.
     let (slot, side, sheet) = (slot as usize, strides.side as usize, strides.sheet as usize);
@@ -77,18 +87,6 @@ fn checked(force: &[Vec3], strides: Strides, slot: u32, t: Vec3) -> Option<Vec3>
     let far = mix([mix(c, z), mix(d, z)], y);
     let h = mix([near, far], x);
     Some([h.get::<0>(), h.get::<1>(), h.get::<2>()])
-}
-
-/// dh_i/dt_j as rows i.
-pub(super) fn slopes(force: &[Vec3], strides: Strides, slot: usize, [tx, ty, tz]: Vec3) -> [Vec3; 3] {
-    // The force is linear along each axis: its slope is the difference of the two ends.
-    let rise = |axis: fn(f32, Vec3) -> Vec3| {
-        let [low, high] = [0.0, 1.0].map(|end| interpolate(force, strides, slot, axis(end, [tx, ty, tz])));
-        vec3::sub(high, low)
-    };
-    let columns =
-        [rise(|t, [_, y, z]| [t, y, z]), rise(|t, [x, _, z]| [x, t, z]), rise(|t, [x, y, _]| [x, y, t])];
-    vec3::transposed(columns)
 }
 
 /// The two ends of an edge along z. The fourth lane holds the next value of the table and is not used.

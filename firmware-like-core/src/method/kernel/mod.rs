@@ -73,7 +73,7 @@ pub struct KernelPlanes<'a> {
     pub scalars: &'a [f64],
     /// The configurations.
     pub blocks: &'a [Block],
-    /// [`REACH_POINTS`] shares of the ball's radius in 255ths, by direction: point (a, b, c), c fastest,
+    /// [`REACH_POINTS`] fractions of the ball's radius in 255ths, by direction: point (a, b, c), c fastest,
     /// stands for the direction (a - 4, b - 4, c - 4). None on the surface of the cube is zero.
     pub reach: &'a [u8],
 }
@@ -81,7 +81,7 @@ pub struct KernelPlanes<'a> {
 /// Checked planes of a kernel, ready for evaluation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KernelTable<'a> {
-    scalars: &'a [f64],
+    length_m: f64,
     blocks: &'a [Block],
     reach: Reach<'a>,
     lengths_per_m: f64,
@@ -130,12 +130,7 @@ impl<'a> KernelTable<'a> {
         // Evaluated with the arithmetic of the tick, so that the force at rest is zero and not a rounding
         // error.
         let rest_n = (sum::gradient(Baseline, blocks, [0.0; 3]), sum::derivatives(blocks, [0.0; 3]).0);
-        Ok(Self { scalars, blocks, reach, lengths_per_m: 1.0 / length_m, base_n, rest_n })
-    }
-
-    /// The planes.
-    pub const fn planes(&self) -> KernelPlanes<'a> {
-        KernelPlanes { scalars: self.scalars, blocks: self.blocks, reach: self.reach.shares() }
+        Ok(Self { length_m, blocks, reach, lengths_per_m: 1.0 / length_m, base_n, rest_n })
     }
 
     /// Distance from rest at which the domain ends in the direction of a finite vector, metres.
@@ -167,9 +162,8 @@ impl<'a> KernelTable<'a> {
         let (quadratic, linear) = (0.5 * (bx * x + by * y + bz * z), gx * x + gy * y + gz * z);
         let upper = [xx + sxx, xy + sxy, xz + sxz, yy + syy, yz + syz, zz + szz];
         let [xx, xy, xz, yy, yz, zz] = upper.map(|s| s * self.lengths_per_m);
-        let length_m = self.scalars.first().copied().unwrap_or(1.0);
         KernelJet {
-            energy_j: length_m * (quadratic + (value - e) - linear),
+            energy_j: self.length_m * (quadratic + (value - e) - linear),
             force_n: [bx + (sx - gx), by + (sy - gy), bz + (sz - gz)],
             stiffness_n_m: [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]],
         }

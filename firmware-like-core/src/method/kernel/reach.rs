@@ -13,28 +13,23 @@ const HALF: f32 = 4.0;
 /// One lattice for the whole cube replaces six faces, so that two faces cannot differ on their common edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Reach<'a> {
-    shares: &'a [u8],
+    fractions: &'a [u8],
     unit_m: f32,
     min_m: f32,
 }
 
 impl<'a> Reach<'a> {
     /// Checks that there is a byte for every point and that none on the surface is zero.
-    pub(super) fn new(radius_m: f32, shares: &'a [u8]) -> Result<Self, PlaneError> {
-        check_len("kernel reach", shares, REACH_POINTS)?;
-        let surface = || shares.iter().enumerate().filter(|(index, _)| is_on_surface(*index));
-        if let Some((index, _)) = surface().find(|(_, share)| **share == 0) {
+    pub(super) fn new(radius_m: f32, fractions: &'a [u8]) -> Result<Self, PlaneError> {
+        check_len("kernel reach", fractions, REACH_POINTS)?;
+        let surface = || fractions.iter().enumerate().filter(|(index, _)| is_on_surface(*index));
+        if let Some((index, _)) = surface().find(|(_, fraction)| **fraction == 0) {
             return Err(PlaneProblem::OutOfRange { index }.of("kernel reach"));
         }
-        let least = surface().map(|(_, share)| *share).min().unwrap_or(1);
+        let least = surface().map(|(_, fraction)| *fraction).min().unwrap_or(1);
         let unit_m = radius_m / 255.0;
         // Reduced by the rounding error of the projection onto the cube.
-        Ok(Self { shares, unit_m, min_m: 0.9999 * unit_m * f32::from(least) })
-    }
-
-    /// The plane.
-    pub(super) const fn shares(&self) -> &'a [u8] {
-        self.shares
+        Ok(Self { fractions, unit_m, min_m: 0.9999 * unit_m * f32::from(least) })
     }
 
     /// A lower bound of [`Reach::range_along_m`] over all directions, metres.
@@ -58,17 +53,17 @@ impl<'a> Reach<'a> {
         // The division comes first, because four times the largest f32 would overflow.
         let [x, y, z] = direction.map(|x| (x / largest) * HALF + HALF);
         let ((i, x), (j, y), (k, z)) = (cell(x), cell(y), cell(z));
-        let mut share = 0.0;
+        let mut sum = 0.0;
         for (a, wx) in [(i, 1.0 - x), (i.wrapping_add(1), x)] {
             for (b, wy) in [(j, 1.0 - y), (j.wrapping_add(1), y)] {
                 for (c, wz) in [(k, 1.0 - z), (k.wrapping_add(1), z)] {
                     let at =
                         a.wrapping_mul(REACH_SIDE).wrapping_add(b).wrapping_mul(REACH_SIDE).wrapping_add(c);
-                    share += wx * wy * wz * f32::from(self.shares.get(at).copied().unwrap_or(0));
+                    sum += wx * wy * wz * f32::from(self.fractions.get(at).copied().unwrap_or(0));
                 }
             }
         }
-        share * self.unit_m
+        sum * self.unit_m
     }
 }
 

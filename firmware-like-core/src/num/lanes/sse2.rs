@@ -126,30 +126,6 @@ impl F32x4 {
     }
 }
 
-impl Add for F32x4 {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self(add_m128(self.0, other.0))
-    }
-}
-
-impl Sub for F32x4 {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self(sub_m128(self.0, other.0))
-    }
-}
-
-impl Mul for F32x4 {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(mul_m128(self.0, other.0))
-    }
-}
-
 /// Two f64.
 #[derive(Debug, Clone, Copy)]
 pub struct F64x2(m128d);
@@ -171,26 +147,16 @@ impl F64x2 {
     }
 }
 
-impl Add for F64x2 {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self(add_m128d(self.0, other.0))
-    }
+macro_rules! lane_by_lane {
+    ($($lanes:ident: $operator:ident $name:ident $instruction:ident),* $(,)?) => {$(
+        impl $operator for $lanes {
+            type Output = Self;
+            #[inline(always)]
+            fn $name(self, other: Self) -> Self {
+                Self($instruction(self.0, other.0))
+            }
+        }
+    )*};
 }
-
-impl Sub for F64x2 {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self(sub_m128d(self.0, other.0))
-    }
-}
-
-impl Mul for F64x2 {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(mul_m128d(self.0, other.0))
-    }
-}
+lane_by_lane!(F32x4: Add add add_m128, F32x4: Sub sub sub_m128, F32x4: Mul mul mul_m128);
+lane_by_lane!(F64x2: Add add add_m128d, F64x2: Sub sub sub_m128d, F64x2: Mul mul mul_m128d);

@@ -226,13 +226,13 @@ impl<'o> Bench<'o> {
         // Device z is the outward normal of the first active node. The device's origin lies on the surface
         // there.
         let space = &self.organ.spaces[0];
-        let normal = space.active().outward_normal;
+        let normal = space.active.outward_normal;
         let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
         let second = vec3::cross(normal, first);
         let workspace = Workspace {
             axes: [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]),
             device_origin_m: SURFACE_M,
-            model_origin_m: space.active().rest_position_m,
+            model_origin_m: space.active.rest_position_m,
             ..Workspace::default()
         };
         FalconConfig { workspace, ..FalconConfig::default() }

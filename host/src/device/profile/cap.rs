@@ -4,7 +4,6 @@
 use super::Profile;
 use crate::rt::latency::LatencyReport;
 use core::fmt;
-use palpate_core::stiffness::{passive_n_m, stable_n_m};
 
 /// Cap for a device whose damping is not stated, N/m in device metres.
 pub const DEFAULT_CAP_N_M: f32 = 1_000.0;
@@ -96,8 +95,9 @@ impl Profile {
             (Some(self.max_stiffness_n_m), CapReason::Listed),
             (damping.is_none().then_some(DEFAULT_CAP_N_M), CapReason::Default),
             (Some(HARD_CAP_N_M), CapReason::Hard),
-            (damping.map(|b| passive_n_m(b, 0.0, cycle_s)), CapReason::Passivity),
-            (damping.map(|b| stable_n_m(b, 0.0, cycle_s, delay_s)), CapReason::Stability),
+            // Colgate and Schenkel 1997, without virtual damping.
+            (damping.map(|b| 2.0 * b / cycle_s), CapReason::Passivity),
+            (damping.map(|b| b / (0.5 * cycle_s + delay_s)), CapReason::Stability),
             (friction.map(|(coulomb_n, quantum_m)| 2.0 * coulomb_n / quantum_m), CapReason::Quantisation),
         ];
         let highest = StiffnessCap { n_m: f32::INFINITY, reason: CapReason::Hard, timing };

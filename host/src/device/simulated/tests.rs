@@ -69,7 +69,7 @@ fn it_pushes_and_pulls() {
     let trace = run(SimulatedConfig::default(), 300.0, 7_000);
     let blob = synthetic::organ(&synthetic::Shape::default());
     let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
-    let normal = organ.spaces[0].active().outward_normal;
+    let normal = organ.spaces[0].active.outward_normal;
     let along: Vec<f32> = trace.iter().map(|(_, _, h)| vec3::dot(*h, normal)).collect();
     assert!(along.iter().copied().fold(0.0, f32::min) < -1.0, "presses into the body");
     assert!(along.iter().copied().fold(0.0, f32::max) > 1.0, "pulls out of it");
@@ -139,7 +139,7 @@ fn the_energy_through_the_handle_is_balanced() {
         hand.exchange(tick * 1_000, [0.5, 0.0, 0.0]).expect("never fails");
     }
     let (work, mass_kg) = (hand.work(), 0.1 + limp.mass_kg);
-    let motion_j = 0.5 * f64::from(mass_kg * vec3::norm_squared(hand.hand.velocity_m_s()));
+    let motion_j = 0.5 * f64::from(mass_kg * vec3::norm(hand.hand.velocity_m_s()).powi(2));
     assert!(work.motors_j > 0.01 && work.drag_j < -1e-3, "{work:?}");
     assert!((work.device_j() / motion_j - 1.0).abs() < 0.01, "{work:?}, {motion_j} J of motion");
 }

@@ -84,8 +84,8 @@ impl<'h> Bench<'h> {
         let forces = Forces::default();
         let device = Probe {
             forces: &forces,
-            rest_m: organ.spaces[0].active().rest_position_m,
-            normal: organ.spaces[0].active().outward_normal,
+            rest_m: organ.spaces[0].active.rest_position_m,
+            normal: organ.spaces[0].active.outward_normal,
             self_arming: self.self_arming,
             each,
             calls: 0,

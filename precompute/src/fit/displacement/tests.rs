@@ -1,5 +1,4 @@
-use palpate_core::displacement::DisplacementTable;
-use palpate_core::flags;
+use palpate_core::{DisplacementTable, flags};
 
 use super::*;
 

@@ -1,7 +1,7 @@
 //! The table of a polynomial of known derivatives.
 
 use nalgebra::Matrix3;
-use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
+use palpate_core::HermitePlanes;
 
 use super::*;
 use crate::num::jet::EnergyJet;
@@ -50,8 +50,8 @@ fn errors(spacing_m: f64, without: impl Fn(GridIndex) -> bool) -> [f64; 2] {
     let samples: Vec<Sample> =
         Domain::new(&grid, true).points().filter(|&p| !without(p)).map(|p| sample(&grid, p)).collect();
     let table = hermite_nodes(&grid, &samples, &[]);
-    let planes = HermitePlanes { row: &table.row, nodes: &table.nodes };
-    let table = HermiteTable::new(&grid.lattice, planes).expect("a table");
+    let table = HermitePlanes { row: &table.row, nodes: &table.nodes };
+    table.check(&grid.lattice).expect("a table");
     let mut worst = [0.0f64; 2];
     for n in 0..4000u32 {
         let x: [f64; 3] = std::array::from_fn(|i| 0.022 * f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
@@ -145,8 +145,8 @@ fn a_runaway_stiffness_at_a_fold_is_held() {
         hermite_nodes(&grid, &samples, branch_jumps)
     };
     let largest_n = |nodes: &HermiteNodes| {
-        let planes = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
-        let table = HermiteTable::new(&grid.lattice, planes).expect("a table");
+        let table = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
+        table.check(&grid.lattice).expect("a table");
         let at = |n: u32| -> [f32; 3] {
             let wave: [f64; 3] = std::array::from_fn(|i| f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
             [0.01 + 0.01 * wave[0], 0.01 * wave[1], 0.01 * wave[2]].map(|x| x as f32)
@@ -172,8 +172,7 @@ fn a_runaway_stiffness_at_a_fold_is_held() {
     let (folded, plain) = (runaway(1.0, &fold), runaway(1.0, &[]));
     for p in [[1, 0, 0], [2, 0, 0], [1, 1, 1]] {
         // W_xx, W_yy and W_zz.
-        let slopes =
-            |node: palpate_core::method::hermite::Node| [node[2][0][0], node[0][2][0], node[0][0][2]];
+        let slopes = |node: palpate_core::HermiteNode| [node[2][0][0], node[0][2][0], node[0][0][2]];
         assert_eq!(slopes(node(&folded, p)), slopes(node(&plain, p)), "{p:?}");
     }
 }

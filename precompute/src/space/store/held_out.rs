@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use palpate_core::ConfigTag;
-use palpate_core::blob::format::CHECKSUM;
+use palpate_core::format::CHECKSUM;
 use rusqlite::types::Type;
 use rusqlite::{Connection, OptionalExtension, params};
 

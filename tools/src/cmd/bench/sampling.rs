@@ -11,8 +11,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
-use palpate_core::Method;
-use palpate_core::grid::CORNERS;
+use palpate_core::{CORNERS, Method};
 use palpate_precompute::adaptive::{SingleSolverSearch, resample, search_alone};
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::fit::{Centre, Kernel, KernelFit, RbfFit, Sample, fit_rbf};

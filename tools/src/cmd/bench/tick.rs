@@ -290,7 +290,7 @@ impl Ball {
         for (vertex, tables) in tables.iter().enumerate().take(self.active) {
             let rest_position_m = [x[vertex], y[vertex], z[vertex]];
             let mut space = tables.space();
-            *space.active_mut() = ActiveNode {
+            space.active = ActiveNode {
                 node: vertex as u32,
                 rest_position_m,
                 outward_normal: vec3::normalize_or_zero(rest_position_m),

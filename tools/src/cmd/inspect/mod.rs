@@ -125,11 +125,16 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     let active: Vec<String> = scene.active.iter().map(|a| format!("{} (node {})", a.name, a.node)).collect();
     let grid_text = scene.grid.map_or("none".into(), |sampling| match sampling {
         Sampling::Lattice(Lattice { grid, .. }) => {
-            format!("{} points, r_G {} m, spacing {} m", grid.lattice.count(), grid.radius_m, grid.spacing_m)
+            format!(
+                "{} points, r_G {} m, spacing {} m",
+                grid.lattice.points().count(),
+                grid.radius_m,
+                grid.spacing_m
+            )
         }
         Sampling::Scattered(scattered) => in_words(&scattered),
     });
-    let points = scene.grid.and_then(|sampling| Some(sampling.lattice()?.grid.lattice.count()));
+    let points = scene.grid.and_then(|sampling| Some(sampling.lattice()?.grid.lattice.points().count()));
     let grid_figures = match scene.grid {
         Some(Sampling::Lattice(Lattice { grid, complete_cells, increments })) => json!({
             "radius_m": grid.radius_m, "spacing_m": grid.spacing_m, "complete_cells": complete_cells,
@@ -200,8 +205,8 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
         let solved = space.flags().iter().filter(|f| **f & palpate_core::flags::SOLVED != 0).count();
         text.push_str(&format!(
             "\n{} (node {})\n  {} slots, {solved} solved, r_G {} m, spacing {} m\n  {}{}\n",
-            space.active().name,
-            space.active().node,
+            space.active.name,
+            space.active.node,
             space.lattice().slots(),
             space.lattice().radius_m(),
             space.lattice().spacing_m(),
@@ -209,7 +214,7 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
             if space.displacement().is_some() { ", displacements" } else { "" }
         ));
         spaces.push(json!({
-            "name": space.active().name.as_str(), "node": space.active().node, "slots": space.lattice().slots(), "solved": solved,
+            "name": space.active.name.as_str(), "node": space.active.node, "slots": space.lattice().slots(), "solved": solved,
             "radius_m": space.lattice().radius_m(), "spacing_m": space.lattice().spacing_m(), "methods": methods,
             "displacements": space.displacement().is_some(),
         }));

@@ -64,7 +64,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
     let (sampling, plans) = (identity.sampling, Plans::of(&store)?);
     let (points, completed, grid_words) = match sampling {
         Sampling::Lattice(Lattice { grid, .. }) => {
-            let (points, total) = (grid.lattice.count(), plans.points().unwrap_or(0));
+            let (points, total) = (grid.lattice.points().count(), plans.points().unwrap_or(0));
             let completed = total - points;
             let corners = match completed {
                 0 => String::new(),

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use palpate_core::blob::format::ALIGNMENT;
-use palpate_core::method::baseline::rbf::{LANES, RbfPlanes};
-use palpate_core::method::hermite::{HermitePlanes, Node};
-use palpate_core::{ActiveNode, BallLattice, Method, Space, SpacePlanes};
+use palpate_core::format::ALIGNMENT;
+use palpate_core::{
+    ActiveNode, BallLattice, HermiteNode, HermitePlanes, Method, RBF_LANES, RbfPlanes, Space, SpacePlanes,
+};
 use palpate_precompute::certificate::nanoseconds;
 use palpate_precompute::fit::{
     Centre, Derivatives, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes,
@@ -62,7 +62,7 @@ impl Tables {
             planes
                 .into_iter()
                 .map(|mut plane| {
-                    plane.resize(plane.len().next_multiple_of(LANES), 0.0);
+                    plane.resize(plane.len().next_multiple_of(RBF_LANES), 0.0);
                     plane
                 })
                 .collect()
@@ -169,7 +169,7 @@ pub(super) fn space_bytes(
     let slots = grid.lattice.slots();
     let rows = Domain::new(grid, true).points().filter(|&p| grid.lattice.slot(p).is_some()).count();
     let has = |any: &[Method]| any.iter().any(|method| methods.contains(method));
-    let centres = solved.next_multiple_of(LANES);
+    let centres = solved.next_multiple_of(RBF_LANES);
     let mut planes = vec![slots];
     if has(&[Method::Trilinear, Method::Tricubic, Method::Hybrid]) {
         planes.push(size_of::<[f32; 3]>() * slots);
@@ -182,7 +182,7 @@ pub(super) fn space_bytes(
     }
     let energy = has(&[Method::Hermite, Method::Energy]);
     if energy {
-        planes.extend([size_of::<u32>() * slots, size_of::<Node>() * rows]);
+        planes.extend([size_of::<u32>() * slots, size_of::<HermiteNode>() * rows]);
     }
     if let Some(&VisualModel { vertices, modes, slopes, outliers }) = eye {
         let beyond = (outliers * solved as f64).round() as usize;

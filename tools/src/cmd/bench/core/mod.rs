@@ -95,9 +95,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let file = blob::load(path)?;
         let organ = blob::organ(path, &file)?;
         let named =
-            |space: &&Space<'_>| args.active.as_ref().is_none_or(|name| space.active().name == name.as_str());
+            |space: &&Space<'_>| args.active.as_ref().is_none_or(|name| space.active.name == name.as_str());
         let space = organ.spaces.iter().find(named).ok_or_else(|| {
-            let names: Vec<&str> = organ.spaces.iter().map(|space| space.active().name.as_str()).collect();
+            let names: Vec<&str> = organ.spaces.iter().map(|space| space.active.name.as_str()).collect();
             Failure::input(format!("no such active node in the blob; it has {}", names.join(", ")))
         })?;
         figures.rows = measure(space, true, figures.rounds);

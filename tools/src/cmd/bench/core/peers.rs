@@ -49,9 +49,9 @@ impl Peers {
         let plane = |force_n: &[Vec3], axis: usize| force_n.iter().map(|force| force[axis]).collect();
         Self {
             planes: force_n.map(|force_n| [0, 1, 2].map(|axis| plane(force_n, axis))),
-            side: lattice.side(),
+            side: (2 * lattice.reach() + 3) as usize,
             spacing_m: lattice.spacing_m(),
-            low_m: -(lattice.extent() as f32) * lattice.spacing_m(),
+            low_m: -((lattice.reach() + 1) as f32) * lattice.spacing_m(),
             scattered,
         }
     }

@@ -4,8 +4,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use palpate_core::displacement::{DisplacementPlanes, DisplacementTable};
 use palpate_core::flags::SMOOTH;
+use palpate_core::{DisplacementPlanes, DisplacementTable};
 use palpate_precompute::spec::SpaceGrid;
 use serde::Serialize;
 

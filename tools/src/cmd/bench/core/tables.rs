@@ -1,8 +1,6 @@
 //! Tables of a synthetic smooth energy, made by the fits for real tables.
 
-use palpate_core::method::baseline::rbf::{LANES, RbfPlanes};
-use palpate_core::method::hermite::HermitePlanes;
-use palpate_core::{ActiveNode, Space, SpacePlanes};
+use palpate_core::{ActiveNode, HermitePlanes, RBF_LANES, RbfPlanes, Space, SpacePlanes};
 use palpate_precompute::fit::{
     Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
 };
@@ -130,7 +128,7 @@ fn unfitted(samples: &[Sample]) -> RbfFit {
 fn padded<T: Copy + Default>(planes: &[Vec<f64>; 3], convert: impl Fn(f64) -> T) -> Vec<Vec<T>> {
     let pad = |plane: &Vec<f64>| {
         let mut padded: Vec<T> = plane.iter().map(|&x| convert(x)).collect();
-        padded.resize(plane.len().next_multiple_of(LANES), T::default());
+        padded.resize(plane.len().next_multiple_of(RBF_LANES), T::default());
         padded
     };
     planes.iter().map(pad).collect()

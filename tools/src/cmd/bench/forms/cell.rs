@@ -4,9 +4,8 @@
 //! W(t) = sum_abc C_abc tx^a ty^b tz^c, a, b, c in 0..=5: 216 coefficients per cell, rows along c padded to
 //! eight, 1,152 bytes. In the loop the core computes the same polynomial from the eight nodes.
 
-use palpate_core::grid::CORNERS;
 use palpate_core::lanes::{Baseline, Machine};
-use palpate_core::{BallLattice, Space, Vec3};
+use palpate_core::{BallLattice, CORNERS, Space, Vec3};
 
 /// `[a][b][c]`.
 type Cell = [[[f32; 8]; 6]; 6];

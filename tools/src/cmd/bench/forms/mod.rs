@@ -92,10 +92,8 @@ pub(crate) fn measure(store: &Store, wanted: Option<&str>, rounds: usize) -> Res
     let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
     let mut rows = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let space = organ
-            .spaces
-            .iter()
-            .find(|space| space.active().name == name.as_str() && space.has(Method::Kernel));
+        let space =
+            organ.spaces.iter().find(|space| space.active.name == name.as_str() && space.has(Method::Kernel));
         let (Some(space), Some(fit)) = (space, state(store, active)?.fit) else { continue };
         if wanted.is_some_and(|wanted| wanted != name) {
             continue;
