@@ -15,6 +15,7 @@ pub(crate) mod reach;
 mod resolve;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -25,10 +26,11 @@ use crate::fem::element::Order;
 use crate::fem::material::Material;
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
-use crate::fem::solve::{SolveFailure, solve_body_force};
+use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
 use crate::mesh::{Refined, TetMesh};
 use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered};
 use file::SceneFile;
+pub use file::SolverOptions;
 use place::Place;
 pub use reach::Unreachable;
 
@@ -65,12 +67,8 @@ pub struct ResolvedScene {
     pub max_force_n: f64,
     /// Force per undeformed volume, N/m^3.
     pub body_force: Option<[f64; 3]>,
-    /// Pressure field of incompressible regions.
-    pub pressure_pair: PressurePair,
-    /// Method that imposes prescribed displacements.
-    pub constraints: Constraints,
-    /// Whether a solution with inverted elements counts as failed.
-    pub reject_inverted: bool,
+    /// Options of the solver.
+    pub solver: SolverOptions,
     /// Whether the blob contains displacements for the display.
     pub visual: bool,
     /// Error bound of these displacements.
@@ -79,6 +77,15 @@ pub struct ResolvedScene {
     pub text: String,
     /// Warnings about the scene, one line each.
     pub warnings: Vec<String>,
+}
+
+impl SolverOptions {
+    /// The equilibrium problem of an active node's grasp on this body.
+    pub fn problem(self, body: Arc<Body>, active: &ActiveNode) -> Problem {
+        let mut problem = Problem::with(body, Some(active.handle()), self.constraints);
+        problem.newton.reject_inverted = self.reject_inverted;
+        problem
+    }
 }
 
 /// A part of the body and its material.
@@ -170,34 +177,18 @@ impl ActiveNode {
 }
 
 /// Why a scene defines no solvable body.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub enum BodyError {
     /// An element has no positive volume.
+    #[error("{0}")]
     Degenerate(DegenerateElement),
-    /// The pressures of an incompressible part are not unique.
-    Pressure {
-        /// Name of the active node for which the check failed.
-        active: String,
-        /// The fault.
-        fault: PressureFault,
-    },
+    /// The pressures of an incompressible part are not unique with the tool on this active node.
+    #[error("with the tool on \"{0}\", {1}")]
+    Pressure(String, PressureFault),
     /// The body has no equilibrium under the body force.
+    #[error("the body has no equilibrium under its [body_force] ({0}); reduce the force")]
     NoRest(SolveFailure),
 }
-
-impl std::fmt::Display for BodyError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Degenerate(element) => element.fmt(f),
-            Self::Pressure { active, fault } => write!(f, "with the tool on \"{active}\", {fault}"),
-            Self::NoRest(failure) => {
-                write!(f, "the body has no equilibrium under its [body_force] ({failure}); reduce the force")
-            }
-        }
-    }
-}
-
-impl std::error::Error for BodyError {}
 
 impl ResolvedScene {
     /// Builds the body of the scene, checks its pressures for every active node, and solves its rest state
@@ -206,7 +197,7 @@ impl ResolvedScene {
         let body = Body::new(&self.mesh, &self.model()).map_err(BodyError::Degenerate)?;
         for active in &self.active {
             body.check_pressures(Some(&active.handle()))
-                .map_err(|fault| BodyError::Pressure { active: active.name.clone(), fault })?;
+                .map_err(|fault| BodyError::Pressure(active.name.clone(), fault))?;
         }
         solve_body_force(body).map_err(BodyError::NoRest)
     }
@@ -241,7 +232,7 @@ impl ResolvedScene {
             |r: &MaterialRegion| Region { material: r.material.clone(), bulk_modulus_pa: r.bulk_modulus_pa };
         Model {
             order: Order::from_number(self.order).expect("the scene's order was checked when it was read"),
-            pressure_pair: self.pressure_pair,
+            pressure_pair: self.solver.pressure,
             regions: self.materials.iter().map(region).collect(),
             region_of_tet,
             fixed: self.fixed.clone(),
@@ -279,7 +270,7 @@ impl ResolvedScene {
             None => digest.numbers(&[0.0]),
         }
         digest.numbers(&[self.max_force_n]);
-        digest.count(usize::from(self.reject_inverted));
+        digest.count(usize::from(self.solver.reject_inverted));
         digest.finish()
     }
 
@@ -304,11 +295,13 @@ impl ResolvedScene {
         }
         digest.indices(&self.fixed);
         digest.numbers(self.body_force.as_ref().map_or(&[][..], |force| &force[..]));
-        digest.text(match self.pressure_pair {
+        // A new key must be handled here or in `content_hash`, at its default without an effect on the hash.
+        let SolverOptions { pressure, constraints, reject_inverted: _ } = self.solver;
+        digest.text(match pressure {
             PressurePair::Plain => "plain",
             PressurePair::Stabilised => "stabilised",
         });
-        digest.text(match self.constraints {
+        digest.text(match constraints {
             Constraints::Elimination => "elimination",
             Constraints::Multipliers => "multipliers",
         });

@@ -12,7 +12,7 @@ use palpate_precompute::fit::{
 use palpate_precompute::num::jet::{EnergyJet, THIRD_INDICES};
 use palpate_precompute::num::sequence::{split_mix, unit_interval};
 use palpate_precompute::num::vector::norm;
-use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid};
+use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 /// A stiffening potential with coupling and a saddle, and with known derivatives: a sum of c cosh(u . x).
 const TERMS: [([f64; 3], f64); 4] = [
@@ -102,7 +102,7 @@ fn grid() -> SpaceGrid {
 }
 
 fn points(grid: &SpaceGrid) -> Vec<GridIndex> {
-    Domain::new(grid, true).points().collect()
+    grid.points(true)
 }
 
 /// A number in 0..1 that depends only on its arguments.
@@ -324,8 +324,7 @@ fn cubic_radial_sums_need_f64() {
     println!("points     misfit N   f64 sums err mN     f32 sums err mN, mean and max");
     for spacing_m in [0.05 / 5.0, 0.05 / 7.0, 0.05 / 10.0] {
         let grid = SpaceGrid::new(spacing_m, 0.05).expect("a grid");
-        let samples: Vec<Sample> =
-            Domain::new(&grid, false).points().map(|p| sample(&grid, p, 1.0)).collect();
+        let samples: Vec<Sample> = grid.points(false).into_iter().map(|p| sample(&grid, p, 1.0)).collect();
         let tables = Tables::of(grid, &samples, &[]);
         let (space, fit) = (tables.space(), tables.cubic.as_ref().expect("the fit succeeds"));
         let (mut mean, mut max, mut kept) = (0.0, 0.0f64, 0.0f64);

@@ -9,7 +9,7 @@ use palpate_host::BlobFile;
 use palpate_precompute::fem::solve::Problem;
 use palpate_precompute::pack::{PackOptions, pack};
 use palpate_precompute::scene::ResolvedScene;
-use palpate_precompute::space::{Expansion, Store, StoreIdentity, WorkerContext, with_threads};
+use palpate_precompute::space::{Store, StoreIdentity, WorkerContext, expand, with_threads};
 use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid};
 
 /// Solves every active node of a scene on this grid and packs it for one method, without displacements.
@@ -38,13 +38,13 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
     let store = Store::create_or_resume(&file, &identity, &scene.mesh, &scene.fixed, &active);
     let store = store.expect("the store opens");
     let body = Arc::new(scene.body().expect("the body is valid"));
-    let problem = |handle| Arc::new(Problem::with(body.clone(), Some(handle), scene.constraints));
-    let problems: Vec<Arc<Problem>> = scene.active.iter().map(|active| problem(active.handle())).collect();
+    let problem = |active| Arc::new(scene.solver.problem(body.clone(), active));
+    let problems: Vec<Arc<Problem>> = scene.active.iter().map(problem).collect();
     let context = WorkerContext::new(move |active| problems[active].clone(), sampling, scene.max_force_n);
-    let expansion = Expansion { actives: (0..active.len()).collect() };
+    let actives: Vec<usize> = (0..active.len()).collect();
     let threads = available_parallelism().map_or(1, std::num::NonZero::get);
     let counts = with_threads(&Arc::new(context), threads, |executor| {
-        expansion.run(&store, executor, &AtomicBool::new(false), |_| ())
+        expand(&actives, &store, executor, &AtomicBool::new(false), |_| ())
     });
     for count in counts.expect("the run completes") {
         assert!(count.solved() >= 20, "{}: {count:?}", scene.name);

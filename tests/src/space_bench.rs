@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use palpate_precompute::fem::solve::Problem;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::space::{
-    Expansion, ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, WorkerContext, state,
+    ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, WorkerContext, expand, state,
     with_threads,
 };
 use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
@@ -81,8 +81,7 @@ impl SpaceBench {
         progress: impl FnMut(&Progress),
     ) -> Result<TagCounts, ExpansionError> {
         let context = self.context();
-        let expansion = Expansion { actives: vec![0] };
-        with_threads(&context, threads, |executor| expansion.run(store, executor, stop, progress))
+        with_threads(&context, threads, |executor| expand(&[0], store, executor, stop, progress))
             .map(|all| all[0])
     }
 

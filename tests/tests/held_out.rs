@@ -11,8 +11,9 @@ use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::held_out::{
     Draw, HeldOut, HeldOutError, HeldOutProgress, Summary, is_on_training_lattice,
 };
+use palpate_precompute::num::vector::norm;
 use palpate_precompute::space::{
-    Executor, ExecutorError, Kind, Store, StoreError, Truth, Walk, WalkJob, Work, with_threads,
+    Executor, ExecutorError, Kind, Store, Truth, Walk, WalkJob, Work, with_threads,
 };
 use palpate_tests::space_bench::SpaceBench;
 
@@ -94,7 +95,7 @@ fn every_kind_is_at_its_position_and_in_equilibrium() {
     let mut solver = Solver::new(bench.problem.clone());
     let rest = solver.rest().expect("the beam is fixed");
     for (n, ((kind, number, step), truth)) in all.iter().enumerate() {
-        let beyond = truth.equilibrium().is_some_and(|at| at.force_norm_n() >= 1.0);
+        let beyond = truth.equilibrium().is_some_and(|at| norm(at.force_n) >= 1.0);
         assert_eq!(truth.tag() == ConfigTag::Terminating, beyond, "{kind:?} {number} {step}");
         let last = !all.contains_key(&(*kind, *number, step + 1));
         assert!(last || truth.tag() == ConfigTag::Expandable, "a path ends where it leaves the reach");
@@ -160,7 +161,7 @@ fn an_unfinished_space_and_another_draw_are_refused() {
         Draw { regular_m: Some(5e-3), uniform: 0, ..DRAW },
     ] {
         let refused = run(other).expect_err("another draw");
-        assert!(matches!(refused, HeldOutError::Store(StoreError::Drawn { .. })), "{refused:?}");
+        assert!(refused.to_string().contains("of a different draw"), "{refused:?}");
         assert!(refused.to_string().contains("--again"), "{refused}");
     }
     store.forget_held_out().expect("forgotten");
@@ -177,7 +178,9 @@ fn intact_records_of_a_damaged_file_are_kept_and_the_rest_gets_the_same_bits() {
     let path = folder.path().join("a.space");
     let expected = bits(&solved(&bench, &path, DRAW, 2));
     let whole = std::fs::read(&path).expect("checkpointed when the last handle closed");
-    let damaged = |store: &Store| store.each_truth(0, |_, _, _| ()).err().is_some_and(|e| e.is_damage());
+    let damaged = |store: &Store| {
+        store.each_truth(0, |_, _, _| ()).err().is_some_and(|e| e.to_string().contains("--salvage"))
+    };
     let (mut hit, mut most_kept) = (0, 0);
     for page in 1..whole.len() / PAGE {
         let torn = folder.path().join(format!("torn{page}.space"));

@@ -64,54 +64,29 @@ impl Failure {
     }
 }
 
-impl From<ExpansionError> for Failure {
-    fn from(error: ExpansionError) -> Self {
-        match error {
-            ExpansionError::Store(error) => error.into(),
-            ExpansionError::Rest(_) => Self::input(error),
-            ExpansionError::Interrupted | ExpansionError::Executor(_) => Self::work(error),
-        }
-    }
-}
-
-impl From<HeldOutError> for Failure {
-    fn from(error: HeldOutError) -> Self {
-        if error.is_bad_input() { Self::input(error) } else { Self::work(error) }
-    }
-}
-
-impl From<PipelineError> for Failure {
-    fn from(error: PipelineError) -> Self {
-        if error.is_bad_input() { Self::input(error) } else { Self::work(error) }
-    }
-}
-
-impl From<LedgerError> for Failure {
-    fn from(error: LedgerError) -> Self {
-        PipelineError::from(error).into()
-    }
-}
-
-impl From<PackError> for Failure {
-    fn from(error: PackError) -> Self {
-        PipelineError::Pack(error).into()
-    }
-}
-
-impl From<StoreError> for Failure {
-    fn from(error: StoreError) -> Self {
-        if error.is_of_the_machine() { Self::work(error) } else { Self::input(error) }
-    }
-}
-
-macro_rules! bad_input {
+macro_rules! of_pipeline {
     ($($error:ty),* $(,)?) => { $(
         impl From<$error> for Failure {
             fn from(error: $error) -> Self {
-                Self::input(error)
+                let error = PipelineError::from(error);
+                if error.is_bad_input() { Self::input(error) } else { Self::work(error) }
             }
         }
     )* };
 }
 
-bad_input!(palpate_precompute::error::InputError, palpate_precompute::fem::body::DegenerateElement,);
+of_pipeline!(
+    ExpansionError,
+    HeldOutError,
+    PipelineError,
+    LedgerError,
+    PackError,
+    StoreError,
+    palpate_precompute::error::InputError,
+);
+
+impl From<palpate_precompute::fem::body::DegenerateElement> for Failure {
+    fn from(error: palpate_precompute::fem::body::DegenerateElement) -> Self {
+        Self::input(error)
+    }
+}

@@ -296,7 +296,6 @@ mod tests {
     fn progress(phase: Phase, tried: usize, left: SolvesLeft) -> Progress {
         Progress {
             counts: TagCounts { expandable: tried, ..TagCounts::default() },
-            total: None,
             passes: Some((3, 20)),
             spaces: (1, 2),
             space: 2,
@@ -304,7 +303,6 @@ mod tests {
             taken_over: usize::from(phase == Phase::FallbackLattice),
             tried,
             left,
-            round: 4,
             solved_now: tried,
             again: false,
             stopping: None,

@@ -140,7 +140,7 @@ impl Health {
             at_rounding_floor: reachable.iter().filter(|(r, _)| r.is_at_rounding_floor()).count(),
             residual_n: reachable
                 .iter()
-                .map(|(r, _)| r.residual_n)
+                .filter_map(|(r, _)| r.residual_n)
                 .fold(0.0, |a, b| if b <= a { a } else { b }),
             condition: found.fit.map(|fit| fit.condition),
             loop_passed: found
@@ -348,7 +348,7 @@ mod tests {
             let mut numbers = [0.0; 20];
             numbers[1] = force_n;
             let jet = EnergyJet::from_numbers([0.0; 3], &numbers);
-            Record { residual_n, ..Record::new(&task, Ok(Solution::of_jet(&jet, false))) }
+            Record { residual_n: Some(residual_n), ..Record::new(&task, Ok(Solution::of_jet(&jet, false))) }
         };
         let measured = [method(300, 300, None)];
         let found = Findings {

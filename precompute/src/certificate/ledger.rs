@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::displacement::modes_and_digits;
 use super::{Compared, Errors, SpaceCertificate, SurfaceDistances, Truth, answered, probes, truths};
-use crate::fem::solve::{Problem, Solver};
+use crate::fem::solve::Solver;
 use crate::num::parallel::{Pool, ThreadError};
 use crate::scene::ResolvedScene;
 use crate::space::{Kind, Store, StoreError};
@@ -200,9 +200,8 @@ fn forces(
 ) -> Result<Solved, ThreadError> {
     let nothing = || vec![None; positions.len()];
     let (Ok(body), Some(node)) = (scene.body(), scene.active.get(active)) else { return Ok(nothing()) };
-    let mut problem = Problem::with(Arc::new(body), Some(node.handle()), scene.constraints);
-    problem.newton.reject_inverted = scene.reject_inverted;
-    let (problem, next) = (Arc::new(problem), AtomicUsize::new(0));
+    let problem = Arc::new(scene.solver.problem(Arc::new(body), node));
+    let next = AtomicUsize::new(0);
     let work = || {
         let mut solver = Solver::new(problem.clone());
         let mut found = Vec::new();

@@ -327,7 +327,7 @@ fn cost(store: &Store, active: usize) -> Result<Cost, StoreError> {
         tries: attempts.len(),
         failed: records.len() - solved().count(),
         seconds: attempts.iter().map(|r| r.seconds).sum(),
-        residual_n: solved().map(|r| r.residual_n).fold(0.0, f64::max),
+        residual_n: solved().filter_map(|r| r.residual_n).fold(0.0, f64::max),
         ..Cost::default()
     };
     for summary in Summary::of(store, active)?.values() {

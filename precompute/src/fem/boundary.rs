@@ -16,6 +16,7 @@ use crate::fem::ordering::nested_dissection;
 
 /// Method that imposes prescribed displacements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Constraints {
     /// Elimination of the prescribed components.
     #[default]

@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 /// The pressure field of incompressible regions: linear and continuous, for displacements of either order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum PressurePair {
     /// Without stabilisation: P1/P1 (the paper's pair, not inf-sup stable: forces converge, pressures
     /// oscillate) or P2/P1 (Taylor-Hood).

@@ -273,18 +273,18 @@ impl Run<'_> {
         let steps: usize = queue.iter().map(|(walk, _)| self.held_out.positions_m(walk).len()).sum();
         self.state.steps.1 = self.state.steps.0 + steps + to_come;
         let (all, mut done) = (queue.len(), 0);
-        let mut shift = Dispatcher::new(executor, self.store, self.stop);
+        let mut dispatcher = Dispatcher::new(executor, self.store, self.stop);
         loop {
-            while let Some((worker, _)) = shift.free()
+            while let Some((worker, _)) = dispatcher.free()
                 && let Some((walk, start)) = queue.pop_front()
             {
-                shift.give(worker, walk.active as usize, Work::Walk(self.job(walk, start)?))?;
+                dispatcher.give(worker, walk.active as usize, Work::Walk(self.job(walk, start)?))?;
             }
-            if shift.out() == 0 {
+            if dispatcher.is_idle() {
                 return if done == all { Ok(()) } else { Err(HeldOutError::Interrupted) };
             }
-            let outcome = shift.take::<HeldOutError>()?;
-            self.state.stopping = shift.stopping();
+            let outcome = dispatcher.take::<HeldOutError>()?;
+            self.state.stopping = dispatcher.busy_after_stop();
             let Some(outcome) = outcome else {
                 (self.progress)(&self.state);
                 continue;

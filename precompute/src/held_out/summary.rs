@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::num::vector::norm;
 use crate::space::{Kind, Store, StoreError};
 
 /// Counts over the walks of one kind.
@@ -50,7 +51,7 @@ impl Summary {
                     if at.terminating {
                         sum.at_force_limit += 1;
                     } else {
-                        sum.largest_n = sum.largest_n.max(at.force_norm_n());
+                        sum.largest_n = sum.largest_n.max(norm(at.force_n));
                     }
                     sum.positions += 1;
                     sum.inverted += u32::from(at.inverted > 0);

@@ -5,21 +5,25 @@ use std::sync::atomic::Ordering;
 
 use palpate_core::{AlignedBytes, Method, Organ};
 
-use super::{Analysis, PipelineError, Run, Unfinished};
+use super::{Analysis, PipelineError, Run};
 use crate::certificate::{
     AdditionalSolves, Certificate, MAX_SEPARATE_NODES, certify, clear_positions, ledger,
 };
+use crate::error::InputError;
 use crate::held_out::{Draw, HeldOutProgress, Summary};
-use crate::pack::{PackOptions, Packed, pack};
+use crate::pack::{PackError, PackOptions, Packed, pack};
 use crate::space::{Kind, Store, state};
 
-/// The active nodes of a space that are not finished.
-pub fn unfinished(store: &Store) -> Result<Vec<Unfinished>, PipelineError> {
+/// One error for each active node of a space that has unsolved positions.
+pub fn unfinished(store: &Store) -> Result<Vec<InputError>, PipelineError> {
     let mut unfinished = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let open = state(store, active)?.open;
         if open > 0 {
-            unfinished.push(Unfinished { path: store.path().to_path_buf(), active: name, open });
+            let what =
+                format!("active node {name} is not finished: {open} points or more are still to be solved");
+            let fix = "run `palpate precompute` again, or pack with --partial";
+            unfinished.push(InputError::new(store.path(), what, fix));
         }
     }
     Ok(unfinished)
@@ -69,7 +73,7 @@ pub fn solve_truth(
         let store = Store::open(space)?;
         let flags_only = PackOptions { methods: &[], intermediate: false, threads: run.threads };
         let bytes = AlignedBytes::from(&pack(&store, &flags_only)?.bytes()?[..]);
-        let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes)?;
+        let organ = read(&bytes)?;
         let mut clear = clear_positions(&store, &organ)?;
         clear.retain(|&(_, count)| count > 0 && count < asked as usize);
         let Some(least) = clear.iter().map(|&(_, count)| count as u32).min() else { break };
@@ -126,10 +130,19 @@ fn lacking_uniform(store: &Store, actives: &[usize], wanted: u32) -> Result<Vec<
 pub fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Packed, Certificate), PipelineError> {
     let mut packed = pack(store, options)?;
     let bytes = AlignedBytes::from(&packed.bytes()?[..]);
-    let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes)?;
+    let organ = read(&bytes)?;
     let certificate = certify(store, &organ)?;
-    packed.certify(&serde_json::to_string(&certificate)?)?;
+    packed.certify(&as_json(&certificate))?;
     Ok((packed, certificate))
+}
+
+/// The organ of a packed blob.
+fn read(bytes: &AlignedBytes) -> Result<Box<Organ<'_>>, PackError> {
+    Organ::read_boxed(bytes).map_err(PackError::Refused)
+}
+
+fn as_json(certificate: &Certificate) -> String {
+    serde_json::to_string(certificate).expect("a certificate is plain data")
 }
 
 /// Adds the error ledgers to a certificate: the effects that the blob omits and, with `positions` above zero,
@@ -143,7 +156,7 @@ pub fn add_ledgers(
     began: impl Fn(&str),
 ) -> Result<(), PipelineError> {
     let bytes = AlignedBytes::from(&packed.bytes()?[..]);
-    let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes)?;
+    let organ = read(&bytes)?;
     let analysis = Analysis::of_store(store)?;
     let effort = AdditionalSolves { positions, threads: run.threads, stop: run.stop };
     let wanted = if certificate.spaces.len() > MAX_SEPARATE_NODES { 1 } else { certificate.spaces.len() };
@@ -158,7 +171,7 @@ pub fn add_ledgers(
             return Err(PipelineError::Interrupted);
         }
     }
-    packed.certify(&serde_json::to_string(&*certificate)?)?;
+    packed.certify(&as_json(certificate))?;
     Ok(())
 }
 
@@ -170,7 +183,7 @@ pub fn certified_blob(
     run: Run<'_>,
 ) -> Result<Vec<u8>, PipelineError> {
     if let Some(unfinished) = unfinished(&Store::open(space)?)?.into_iter().next() {
-        return Err(PipelineError::Unfinished(unfinished));
+        return Err(unfinished.into());
     }
     solve_truth(space, uniform, run, |_| {})?;
     let options = PackOptions { methods, intermediate: true, threads: run.threads };

@@ -13,7 +13,6 @@ mod error;
 
 pub use blob::{add_ledgers, certified, certified_blob, solve_truth, unfinished};
 pub use error::PipelineError;
-pub(crate) use error::Unfinished;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,12 +22,11 @@ use crate::error::InputError;
 use crate::fem::body::Body;
 use crate::fem::material::Material;
 use crate::fem::solve::Problem;
-use crate::held_out::{Draw, HeldOut, HeldOutError, HeldOutProgress};
+use crate::held_out::{Draw, HeldOut, HeldOutProgress};
 use crate::mesh::Surface;
 use crate::scene::{ActiveNode, ResolvedScene, Scene};
 use crate::space::{
-    Expansion, ExpansionError, Progress, Salvaged, Store, StoreIdentity, TagCounts, WorkerContext,
-    with_threads,
+    Progress, Salvaged, Store, StoreIdentity, TagCounts, WorkerContext, expand, with_threads,
 };
 use crate::spec::{Lattice, Sampling};
 
@@ -70,7 +68,7 @@ impl Analysis {
 
     /// Builds the body of a scene; error messages name `path`.
     pub fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Self, PipelineError> {
-        let body = scene.body().map_err(|error| PipelineError::Body { path: path.to_path_buf(), error })?;
+        let body = scene.body().map_err(|error| PipelineError::Body(path.to_path_buf(), error))?;
         Ok(Self { path: path.to_path_buf(), scene, body: Arc::new(body) })
     }
 
@@ -80,8 +78,9 @@ impl Analysis {
         let identity = store.identity()?;
         let scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;
         let analysis = Self::of_scene(store.path(), scene)?;
-        if !analysis.is_of(store)? {
-            return Err(PipelineError::OtherScene { path: store.path().to_path_buf() });
+        if identity.content_hash != analysis.scene.content_hash().to_string() {
+            let what = "the stored scene differs from the solved one";
+            return Err(InputError::new(store.path(), what, "run `palpate precompute` again").into());
         }
         Ok(analysis)
     }
@@ -90,11 +89,9 @@ impl Analysis {
     pub fn active(&self, name: Option<&str>) -> Result<(usize, &ActiveNode), PipelineError> {
         let mut nodes = self.scene.active.iter().enumerate();
         nodes.find(|(_, active)| name.is_none_or(|name| active.name == name)).ok_or_else(|| {
-            PipelineError::UnknownNode {
-                path: self.path.clone(),
-                name: name.unwrap_or_default().into(),
-                known: self.scene.active.iter().map(|active| active.name.clone()).collect(),
-            }
+            let known: Vec<&str> = self.scene.active.iter().map(|active| active.name.as_str()).collect();
+            let what = format!("no active node `{}`", name.unwrap_or_default());
+            InputError::new(&self.path, what, format!("it has {}", known.join(", "))).into()
         })
     }
 
@@ -105,24 +102,22 @@ impl Analysis {
     }
 
     fn problem_of(&self) -> impl Fn(&ActiveNode) -> Arc<Problem> + Send + Sync + 'static {
-        let (body, constraints) = (self.body.clone(), self.scene.constraints);
-        let reject_inverted = self.scene.reject_inverted;
-        move |active| {
-            let mut problem = Problem::with(body.clone(), Some(active.handle()), constraints);
-            problem.newton.reject_inverted = reject_inverted;
-            Arc::new(problem)
-        }
+        let (body, solver) = (self.body.clone(), self.scene.solver);
+        move |active| Arc::new(solver.problem(body.clone(), active))
     }
 
     /// The positions that the scene requests.
     pub fn sampling(&self) -> Result<Sampling, PipelineError> {
-        self.scene.grid.ok_or_else(|| PipelineError::NoGrid { path: self.path.clone() })
+        let none = || InputError::new(&self.path, "no [grid]", "add radius_m and spacing_m").into();
+        self.scene.grid.ok_or_else(none)
     }
 
     /// The lattice that the scene requests.
     pub fn lattice(&self) -> Result<Lattice, PipelineError> {
-        let not = || PipelineError::NotALattice { path: self.path.clone() };
-        self.sampling()?.lattice().copied().ok_or_else(not)
+        let what = "this command needs a lattice";
+        let fix = "give [grid] a `spacing_m` instead of a tolerance";
+        let adaptive = || InputError::new(&self.path, what, fix).into();
+        self.sampling()?.lattice().copied().ok_or_else(adaptive)
     }
 
     /// Opens the `.space` file of this scene for solving, or creates it. Fails if the file belongs to another
@@ -187,28 +182,21 @@ impl Analysis {
     /// `store`. Returns the number of positions per tag for each node.
     pub fn solve(
         &self,
-        actives: Vec<usize>,
+        actives: &[usize],
         store: &Store,
         run: Run<'_>,
         progress: impl FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, PipelineError> {
-        let (expansion, context) = (Expansion { actives }, self.context()?);
-        let solved: Result<Vec<TagCounts>, ExpansionError> =
-            with_threads(&context, run.threads, |executor| {
-                expansion.run(store, executor, run.stop, progress)
-            });
-        Ok(solved?)
+        with_threads(&self.context()?, run.threads, |executor| {
+            Ok(expand(actives, store, executor, run.stop, progress)?)
+        })
     }
 
     /// Solves the spaces of all active nodes into the `.space` file at `path`. Continues the file of an
     /// earlier run.
     pub fn solve_all(&self, path: &Path, run: Run<'_>) -> Result<Vec<TagCounts>, PipelineError> {
-        self.solve((0..self.scene.active.len()).collect(), &self.store(path)?, run, |_| {})
-    }
-
-    /// Whether a space was solved for this scene.
-    pub fn is_of(&self, store: &Store) -> Result<bool, PipelineError> {
-        Ok(store.identity()?.content_hash == self.scene.content_hash().to_string())
+        let all: Vec<usize> = (0..self.scene.active.len()).collect();
+        self.solve(&all, &self.store(path)?, run, |_| {})
     }
 
     /// Held-out positions and paths of these active nodes, which no fit uses.
@@ -226,9 +214,8 @@ impl Analysis {
         run: Run<'_>,
         progress: impl FnMut(&HeldOutProgress),
     ) -> Result<(), PipelineError> {
-        let solved: Result<(), HeldOutError> = with_threads(&self.context()?, run.threads, |executor| {
-            held_out.run(store, executor, run.stop, progress)
-        });
-        Ok(solved?)
+        with_threads(&self.context()?, run.threads, |executor| {
+            Ok(held_out.run(store, executor, run.stop, progress)?)
+        })
     }
 }

@@ -11,6 +11,8 @@ use toml::Spanned;
 use super::material::MaterialTable;
 use super::place::{Located, Place};
 use crate::error::InputError;
+use crate::fem::boundary::Constraints;
+use crate::fem::pressure::PressurePair;
 
 /// The whole file.
 #[derive(Debug, serde::Deserialize)]
@@ -24,8 +26,7 @@ pub(super) struct SceneFile {
     pub(super) grid: Option<Spanned<GridTable>>,
     pub(super) device: Option<Spanned<DeviceTable>>,
     pub(super) body_force: Option<Spanned<BodyForceTable>>,
-    #[serde(default)]
-    pub(super) solver: SolverTable,
+    pub(super) solver: Option<Spanned<SolverOptions>>,
     #[serde(default)]
     pub(super) needs: NeedsTable,
 }
@@ -89,15 +90,26 @@ pub(super) struct GridTable {
     pub(super) workspace_max_m: Option<Spanned<[f64; 3]>>,
 }
 
+/// A key with its place, if it is given.
+type GivenKey = Option<(Range<usize>, &'static str)>;
+
+fn given<T>(key: &'static str, value: &Option<Spanned<T>>) -> GivenKey {
+    value.as_ref().map(|value| (value.span(), key))
+}
+
 impl GridTable {
     /// The first key that requests adaptive sampling.
-    pub(super) fn error_driven(&self) -> Option<(Range<usize>, &'static str)> {
-        let keys = [
-            self.tolerance_n.as_ref().map(|v| (v.span(), "tolerance_n")),
-            self.tolerance_relative.as_ref().map(|v| (v.span(), "tolerance_relative")),
-            self.cannot_be_felt.as_ref().map(|v| (v.span(), "cannot_be_felt")),
-        ];
-        keys.into_iter().flatten().next()
+    pub(super) fn adaptive_key(&self) -> GivenKey {
+        given("tolerance_n", &self.tolerance_n)
+            .or_else(|| given("tolerance_relative", &self.tolerance_relative))
+            .or_else(|| given("cannot_be_felt", &self.cannot_be_felt))
+    }
+
+    /// The first key that requests a lattice.
+    pub(super) fn lattice_key(&self) -> GivenKey {
+        given("spacing_m", &self.spacing_m)
+            .or_else(|| given("points", &self.points))
+            .or_else(|| given("increments", &self.increments))
     }
 }
 
@@ -119,31 +131,36 @@ pub(super) struct BodyForceTable {
     pub(super) gravity_m_s2: Option<Spanned<[f64; 3]>>,
 }
 
-#[derive(Debug, Default, serde::Deserialize)]
+/// The table `[solver]`. A new key is one field here; its default is the behaviour of scenes without it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct SolverTable {
-    /// plain | stabilised
-    pub(super) pressure: Option<Spanned<String>>,
-    /// elimination | multipliers
-    pub(super) constraints: Option<Spanned<String>>,
-    pub(super) reject_inverted: bool,
+pub struct SolverOptions {
+    /// Pressure field of incompressible regions.
+    pub pressure: PressurePair,
+    /// Method that imposes prescribed displacements.
+    pub constraints: Constraints,
+    /// Whether a solution with inverted elements counts as failed.
+    pub reject_inverted: bool,
 }
 
-#[derive(Debug, serde::Deserialize)]
+/// Forces that the tool can exert.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Contact {
+    #[default]
+    Any,
+    Push,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct NeedsTable {
-    pub(super) visual: bool,
-    /// any | push
-    pub(super) contact: Option<Spanned<String>>,
+    /// Default: true.
+    pub(super) visual: Option<bool>,
+    pub(super) contact: Contact,
     /// Error bounds of packed displacements: RMS over the surface, and maximum over its nodes.
     pub(super) displacement_rms_mm: Option<Spanned<f64>>,
     pub(super) displacement_max_mm: Option<Spanned<f64>>,
-}
-
-impl Default for NeedsTable {
-    fn default() -> Self {
-        Self { visual: true, contact: None, displacement_rms_mm: None, displacement_max_mm: None }
-    }
 }
 
 /// `[material]` or `[[material]]`: one table or several.

@@ -78,7 +78,7 @@ impl Lookup<'_> {
                 "the largest force {max_force_n} N is within the tolerance {} N: no force would be perceptible",
                 tolerance.absolute_n
             );
-            let span = grid.get_ref().error_driven().map_or(grid.span(), |(span, _)| span);
+            let span = grid.get_ref().adaptive_key().map_or(grid.span(), |(span, _)| span);
             return Err(self.place.error(
                 span,
                 what,
@@ -146,39 +146,30 @@ impl Lookup<'_> {
     /// The tolerance of adaptive sampling; `None` for a lattice.
     fn tolerance(&self, table: &GridTable) -> Result<Option<Tolerance>, InputError> {
         let GridTable { tolerance_n, tolerance_relative, cannot_be_felt, .. } = table;
-        let felt = cannot_be_felt.as_ref().filter(|felt| *felt.get_ref());
-        let Some((span, key)) = table.error_driven() else { return Ok(None) };
-        let lattice = [
-            table.spacing_m.as_ref().map(|v| (v.span(), "spacing_m")),
-            table.points.as_ref().map(|v| (v.span(), "points")),
-            table.increments.as_ref().map(|v| (v.span(), "increments")),
-        ];
-        if let Some((span, other)) = lattice.into_iter().flatten().next() {
+        let Some((span, key)) = table.adaptive_key() else { return Ok(None) };
+        if let Some((span, other)) = table.lattice_key() {
             let what = format!("[grid] has both `{other}` and `{key}`");
             let fix = format!("keep `{other}` for a lattice, or `{key}` for adaptive sampling");
             return Err(self.place.error(span, what, fix));
         }
-        let other = tolerance_n.as_ref().or(tolerance_relative.as_ref());
-        match (felt, other) {
-            (Some(_), None) => Ok(Some(Tolerance::IMPERCEPTIBLE)),
-            (Some(felt), Some(_)) => {
+        let is_given = tolerance_n.is_some() || tolerance_relative.is_some();
+        match cannot_be_felt {
+            Some(felt) if *felt.get_ref() && is_given => {
                 let what = "`cannot_be_felt` excludes other tolerances";
                 Err(self.place.error(felt.span(), what, "keep it, or `tolerance_n` and `tolerance_relative`"))
             }
-            (None, None) => {
-                let what = format!("`{key}` = false has no effect");
-                Err(self.place.error(
-                    span,
-                    what,
-                    "set it to true, or give `spacing_m`, `points` or a tolerance",
-                ))
-            }
-            (None, Some(_)) => {
+            Some(felt) if *felt.get_ref() => Ok(Some(Tolerance::IMPERCEPTIBLE)),
+            _ if is_given => {
                 let given = |key, value: &Option<Spanned<f64>>| {
                     value.as_ref().map_or(Ok(0.0), |value| positive(self.place, key, value))
                 };
                 let relative = given("tolerance_relative", tolerance_relative)?;
                 Ok(Some(Tolerance { relative, absolute_n: given("tolerance_n", tolerance_n)? }))
+            }
+            _ => {
+                let what = format!("`{key}` = false has no effect");
+                let fix = "set it to true, or give `spacing_m`, `points` or a tolerance";
+                Err(self.place.error(span, what, fix))
             }
         }
     }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use palpate_core::{Limits, SPACE_NAME_LEN};
 use toml::Spanned;
 
-use super::file::{ActiveTable, FixedTable, Tables};
+use super::file::{ActiveTable, BoxTable, FixedTable, Tables};
 use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
 use super::resolve::Lookup;
@@ -30,38 +30,28 @@ impl Lookup<'_> {
     pub(super) fn fixed(&self, table: &Spanned<FixedTable>) -> Result<Vec<u32>, InputError> {
         let FixedTable { nodes, group, in_box, file, key } = table.get_ref();
         let ways = "`nodes`, `group`, `box`, or `file` with `key`";
-        let given = [nodes.is_some(), group.is_some(), in_box.is_some(), file.is_some() || key.is_some()];
-        match given.iter().filter(|&&given| given).count() {
-            0 => {
+        let (span, mut fixed) = match (nodes, group, in_box, (file, key)) {
+            (Some(nodes), None, None, (None, None)) => {
+                let nodes_of = nodes.get_ref().iter().map(|node| self.node(node));
+                (nodes.span(), nodes_of.collect::<Result<Vec<_>, _>>()?)
+            }
+            (None, Some(group), None, (None, None)) => {
+                (group.span(), self.group(&self.mesh.node_groups, "nodes", group)?.to_vec())
+            }
+            (None, None, Some(in_box), (None, None)) => (in_box.span(), self.in_box(in_box)?),
+            (None, None, None, (Some(file), Some(key))) => (key.span(), self.fixed_from_json(file, key)?),
+            (None, None, None, (None, None)) => {
                 let what = "[fixed] selects no nodes";
                 return Err(self.place.error(table.span(), what, format!("give one of {ways}")));
             }
-            1 => {}
+            (None, None, None, _) => {
+                let what = "[fixed] needs both `file` and `key`";
+                return Err(self.place.error(table.span(), what, "add the other of the two"));
+            }
             _ => {
                 let what = "[fixed] selects nodes in several ways";
                 return Err(self.place.error(table.span(), what, format!("keep one of {ways}")));
             }
-        }
-        let (span, mut fixed) = if let Some(nodes) = nodes {
-            (nodes.span(), nodes.get_ref().iter().map(|node| self.node(node)).collect::<Result<Vec<_>, _>>()?)
-        } else if let Some(group) = group {
-            (group.span(), self.group(&self.mesh.node_groups, "nodes", group)?.to_vec())
-        } else if let Some(in_box) = in_box {
-            let (min, max) = (in_box.get_ref().min, in_box.get_ref().max);
-            // The negated comparison also refuses a NaN corner.
-            if !(0..3).all(|axis| min[axis] <= max[axis]) {
-                let what = format!("the box is empty: min {min:?} is not below max {max:?}");
-                return Err(self.place.error(in_box.span(), what, "swap the corners (metres)"));
-            }
-            let inside = |x: &[f64; 3]| (0..3).all(|axis| (min[axis]..=max[axis]).contains(&x[axis]));
-            let nodes = (0u32..).zip(&self.mesh.nodes_m).filter(|(_, x)| inside(x)).map(|(node, _)| node);
-            (in_box.span(), nodes.collect())
-        } else {
-            let (Some(file), Some(key)) = (file, key) else {
-                let what = "[fixed] needs both `file` and `key`";
-                return Err(self.place.error(table.span(), what, "add the other of the two"));
-            };
-            (key.span(), self.fixed_from_json(file, key)?)
         };
         fixed.sort_unstable();
         fixed.dedup();
@@ -74,6 +64,18 @@ impl Lookup<'_> {
             return Err(self.place.error(span, "the fixed set is empty", fix));
         }
         Ok(fixed)
+    }
+
+    /// Nodes in a box, faces included.
+    fn in_box(&self, in_box: &Spanned<BoxTable>) -> Result<Vec<u32>, InputError> {
+        let &BoxTable { min, max } = in_box.get_ref();
+        // The negated comparison also refuses a NaN corner.
+        if !(0..3).all(|axis| min[axis] <= max[axis]) {
+            let what = format!("the box is empty: min {min:?} is not below max {max:?}");
+            return Err(self.place.error(in_box.span(), what, "swap the corners (metres)"));
+        }
+        let inside = (0..).zip(&self.mesh.nodes_m).filter(|(_, x)| is_within(&[min, max], x));
+        Ok(inside.map(|(node, _)| node).collect())
     }
 
     /// Node list `key` of a JSON object of named lists.
@@ -219,48 +221,46 @@ impl Lookup<'_> {
             let what = "a patch rotates about one node, not about a `group`";
             return Err(self.place.error(group.span(), what, "give `node` or `nearest` with the patch"));
         }
-        match (&at.table.node, &at.table.nearest, &at.table.group) {
-            (Some(index), None, None) => {
-                let node = self.node(index)?;
-                self.touchable(index.span(), node, name, fixed)?;
-                Ok(vec![self.handle(at.table, name, node, fixed)?])
-            }
-            (None, Some(point), None) => {
-                let node = self.nearest(point)?;
-                self.touchable(point.span(), node, name, fixed)?;
-                Ok(vec![self.handle(at.table, name, node, fixed)?])
-            }
-            (None, None, Some(group)) => {
-                let groups = &self.mesh.node_groups;
-                // Every mesh has a surface, even without a group of that name.
-                let members = match group.get_ref().as_str() {
-                    SURFACE if !groups.contains_key(SURFACE) => &self.skin.nodes,
-                    _ => self.group(groups, "nodes", group)?,
-                };
-                let free = |node: &&u32| self.skin.contains(**node) && fixed.binary_search(node).is_err();
-                let nodes: Vec<u32> = members.iter().filter(free).copied().collect();
-                if nodes.is_empty() {
-                    let what = format!("group \"{}\" has no free surface node", group.get_ref());
-                    return Err(self.place.error(
-                        group.span(),
-                        what,
-                        "choose a group on the surface that is not fixed",
-                    ));
-                }
-                Ok(nodes
-                    .into_iter()
-                    .map(|node| ActiveNode { name: format!("{name}-{node}"), node, patch: Vec::new() })
-                    .collect())
-            }
+        let (span, node) = match (&at.table.node, &at.table.nearest, &at.table.group) {
+            (Some(index), None, None) => (index.span(), self.node(index)?),
+            (None, Some(point), None) => (point.span(), self.nearest(point)?),
+            (None, None, Some(group)) => return self.of_group(group, name, fixed),
             (None, None, None) => {
                 let what = format!("active node \"{name}\" has no position");
-                Err(self.place.error(at.span.clone(), what, "give `node`, `nearest` or `group`"))
+                return Err(self.place.error(at.span.clone(), what, "give `node`, `nearest` or `group`"));
             }
             _ => {
                 let what = format!("active node \"{name}\" has several positions");
-                Err(self.place.error(at.span.clone(), what, "keep one of `node`, `nearest` and `group`"))
+                let fix = "keep one of `node`, `nearest` and `group`";
+                return Err(self.place.error(at.span.clone(), what, fix));
             }
+        };
+        self.touchable(span, node, name, fixed)?;
+        Ok(vec![self.handle(at.table, name, node, fixed)?])
+    }
+
+    /// The free surface nodes of a group.
+    fn of_group(
+        &self,
+        group: &Spanned<String>,
+        name: &str,
+        fixed: &[u32],
+    ) -> Result<Vec<ActiveNode>, InputError> {
+        let groups = &self.mesh.node_groups;
+        // Every mesh has a surface, even without a group of that name.
+        let members = match group.get_ref().as_str() {
+            SURFACE if !groups.contains_key(SURFACE) => &self.skin.nodes,
+            _ => self.group(groups, "nodes", group)?,
+        };
+        let is_free = |node: &u32| self.skin.contains(*node) && fixed.binary_search(node).is_err();
+        let active = |node| ActiveNode { name: format!("{name}-{node}"), node, patch: Vec::new() };
+        let active: Vec<ActiveNode> = members.iter().copied().filter(is_free).map(active).collect();
+        if active.is_empty() {
+            let what = format!("group \"{}\" has no free surface node", group.get_ref());
+            let fix = "choose a group on the surface that is not fixed";
+            return Err(self.place.error(group.span(), what, fix));
         }
+        Ok(active)
     }
 
     /// The active node with its rigid patch.

@@ -64,6 +64,10 @@ impl Place {
                 None => "remove it".into(),
             };
             (format!("unknown key `{key}`"), format!("{guess} (allowed here: {})", allowed.join(", ")))
+        } else if message.starts_with("unknown variant") {
+            let (word, allowed) = quoted.split_first().map_or(("", &[][..]), |(word, rest)| (*word, rest));
+            let allowed: Vec<String> = allowed.iter().map(|word| format!("\"{word}\"")).collect();
+            (format!("unknown word \"{word}\""), format!("use {}", allowed.join(" or ")))
         } else if message.starts_with("missing field") {
             let key = quoted.first().copied().unwrap_or_default();
             let table = ["mesh", "material", "fixed", "active"].contains(&key);

@@ -6,11 +6,10 @@ use std::ops::Range;
 use palpate_core::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{BodyForceTable, NeedsTable, SolverTable, Tables};
+use super::file::{BodyForceTable, Contact, NeedsTable, Tables};
 use super::place::{Place, check_name, finite, positive};
-use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, device, material, reach};
+use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, SolverOptions, device, material, reach};
 use crate::error::{InputError, count, nearest_word};
-use crate::fem::boundary::Constraints;
 use crate::fem::pressure::PressurePair;
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
 use crate::num::vector::{cross, difference, norm};
@@ -36,7 +35,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let workspace = grid_table.map_or(Ok(None), |table| reach::workspace(place, table))?;
     let (active, unreachable) = lookup.all_active(scene, &fixed, workspace.as_ref())?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
-    let only_push = only_push(place, &file.needs)?;
+    let only_push = file.needs.contact == Contact::Push;
     let grid =
         file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n, workspace)).transpose()?;
     if let (Some(_), Some(force), Some(table)) = (workspace, &file.body_force, grid_table) {
@@ -45,7 +44,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         return Err(place.error(span, what, "remove one of the two"));
     }
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
-    let (pressure_pair, constraints) = solver(place, &file.solver, order)?;
+    let solver = solver(scene, order)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
     let mut warnings = lookup.warnings;
     if materials.iter().any(|region| region.material.rest_pressure_pa().is_some()) {
@@ -55,7 +54,6 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
             warnings.extend(doubts.warning());
         }
     }
-    let visual = file.needs.visual;
     let displacement_bound = displacement_bound(place, &file.needs)?;
     let text = place.canonical(max_force_n);
     Ok(ResolvedScene {
@@ -69,30 +67,12 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         grid,
         max_force_n,
         body_force,
-        pressure_pair,
-        constraints,
-        reject_inverted: file.solver.reject_inverted,
-        visual,
+        solver,
+        visual: file.needs.visual.unwrap_or(true),
         displacement_bound,
         text,
         warnings,
     })
-}
-
-/// Whether the tool only pushes.
-fn only_push(place: &Place, table: &NeedsTable) -> Result<bool, InputError> {
-    match table.contact.as_ref().map(|word| (word.get_ref().as_str(), word)) {
-        None | Some(("any", _)) => Ok(false),
-        Some(("push", _)) => Ok(true),
-        Some((other, word)) => {
-            let what = format!("unknown contact \"{other}\"");
-            Err(place.error(
-                word.span(),
-                what,
-                "use \"push\", or \"any\" for a tool that also holds and pulls",
-            ))
-        }
-    }
 }
 
 /// The error bound of the packed displacements.
@@ -130,29 +110,14 @@ fn body_force(place: &Place, table: &Spanned<BodyForceTable>) -> Result<[f64; 3]
     }
 }
 
-fn solver(place: &Place, table: &SolverTable, order: u8) -> Result<(PressurePair, Constraints), InputError> {
-    let pair = match table.pressure.as_ref().map(|word| (word.get_ref().as_str(), word)) {
-        None | Some(("plain", _)) => PressurePair::Plain,
-        Some(("stabilised", word)) if order == 2 => {
-            let what =
-                "`pressure` = \"stabilised\" is for `order` = 1: the pair of order 2 is stable by itself";
-            return Err(place.error(word.span(), what, "leave `pressure` out"));
-        }
-        Some(("stabilised", _)) => PressurePair::Stabilised,
-        Some((other, word)) => {
-            let what = format!("unknown pressure field \"{other}\"");
-            return Err(place.error(word.span(), what, "use \"plain\" or \"stabilised\""));
-        }
-    };
-    let constraints = match table.constraints.as_ref().map(|word| (word.get_ref().as_str(), word)) {
-        None | Some(("elimination", _)) => Constraints::Elimination,
-        Some(("multipliers", _)) => Constraints::Multipliers,
-        Some((other, word)) => {
-            let what = format!("unknown kind of constraints \"{other}\"");
-            return Err(place.error(word.span(), what, "use \"elimination\" or \"multipliers\""));
-        }
-    };
-    Ok((pair, constraints))
+/// The options of the solver, checked against the order of the elements.
+fn solver(scene: &Scene, order: u8) -> Result<SolverOptions, InputError> {
+    let Some(table) = &scene.file.solver else { return Ok(SolverOptions::default()) };
+    if order == 2 && table.get_ref().pressure == PressurePair::Stabilised {
+        let what = "`pressure` = \"stabilised\" is for `order` = 1: the pair of order 2 is stable by itself";
+        return Err(scene.place.error(table.span(), what, "leave `pressure` out"));
+    }
+    Ok(*table.get_ref())
 }
 
 fn load_mesh(scene: &Scene) -> Result<TetMesh, InputError> {

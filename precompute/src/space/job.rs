@@ -6,6 +6,7 @@ use super::record::{Record, StoredSeed};
 use super::task::Task;
 use super::walk::{WalkJob, WalkOutcome};
 use crate::num::jet::EnergyJet;
+use crate::num::parallel::ThreadError;
 
 /// Work for a worker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -50,4 +51,24 @@ pub struct Outcome {
     /// Intermediate configurations of the transition, if the scene requests them (scattered centres of radial
     /// basis functions).
     pub intermediate: Vec<EnergyJet>,
+}
+
+/// Why an executor failed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+pub enum ExecutorError {
+    /// A worker stopped on an internal error.
+    #[error("a worker stopped on an internal error; please report it")]
+    Panicked,
+    /// The start state of a job does not fit this body.
+    #[error("a stored state does not fit the body; the file is damaged")]
+    StartState,
+    /// The connection to a worker on another machine is lost.
+    #[error("{0}; the unfinished work of this worker is lost; run the same command to continue")]
+    Lost(String),
+    /// A worker returned a result that was not requested.
+    #[error("a worker returned a result that was not requested; please report it")]
+    UnexpectedResult,
+    /// The operating system refuses to start so many threads.
+    #[error(transparent)]
+    Threads(ThreadError),
 }

@@ -5,50 +5,50 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::plan::{Plan, ScatteredPlan, SpacePlan};
-use super::record::Record;
+use super::record::{Record, Solution};
 use super::state::SpaceState;
 use super::store::{Store, StoreError};
-use crate::spec::{Domain, GridIndex, Requirements, Sampling, SpaceGrid};
+use crate::num::jet::EnergyJet;
+use crate::spec::{Domain, GridIndex, Lattice, Requirements, Sampling, SpaceGrid};
 
 /// Makes the plans of the spaces of one store.
 #[derive(Debug)]
-pub struct Plans(Kind);
-
-#[derive(Debug)]
-enum Kind {
-    Lattice { domain: Arc<Domain>, grid: SpaceGrid },
+pub(crate) enum Plans {
+    Lattice {
+        domain: Arc<Domain>,
+        grid: SpaceGrid,
+    },
+    /// By active node.
     Scattered(Vec<Requirements>),
 }
 
 impl Plans {
     /// The plans that the scene of `store` defines.
-    pub fn of(store: &Store) -> Result<Self, StoreError> {
+    pub(crate) fn of(store: &Store) -> Result<Self, StoreError> {
         let identity = store.identity()?;
-        Ok(Self(match identity.sampling {
-            Sampling::Lattice(lattice) => Kind::Lattice {
-                domain: Arc::new(Domain::new(&lattice.grid, lattice.complete_cells)),
-                grid: lattice.grid,
-            },
-            Sampling::Scattered(scattered) => {
-                let (mesh, _) = store.body()?;
-                let active = store.active()?;
-                if identity.normals.len() != active.len() {
-                    return Err(store.corrupt("the numbers of normals and of active nodes differ"));
-                }
-                let wanted = |((_, node), normal): ((String, u32), [f64; 3])| {
-                    scattered.wanted(identity.max_force_n, mesh.nodes_m[node as usize], normal)
-                };
-                Kind::Scattered(active.into_iter().zip(identity.normals).map(wanted).collect())
+        let scattered = match identity.sampling {
+            Sampling::Lattice(lattice) => {
+                let domain = Arc::new(Domain::new(&lattice.grid, lattice.complete_cells));
+                return Ok(Self::Lattice { domain, grid: lattice.grid });
             }
-        }))
+            Sampling::Scattered(scattered) => scattered,
+        };
+        let ((mesh, _), active) = (store.body()?, store.active()?);
+        if identity.normals.len() != active.len() {
+            return Err(store.corrupt("the numbers of normals and of active nodes differ"));
+        }
+        let wanted = |((_, node), normal): ((String, u32), [f64; 3])| {
+            scattered.wanted(identity.max_force_n, mesh.nodes_m[node as usize], normal)
+        };
+        Ok(Self::Scattered(active.into_iter().zip(identity.normals).map(wanted).collect()))
     }
 
     /// Points of one space without the rest point; `None` for adaptive sampling, where it is not known in
     /// advance.
-    pub fn points(&self) -> Option<usize> {
-        match &self.0 {
-            Kind::Lattice { domain, .. } => Some(domain.count() - 1),
-            Kind::Scattered(_) => None,
+    pub(crate) fn points(&self) -> Option<usize> {
+        match self {
+            Self::Lattice { domain, .. } => Some(domain.count() - 1),
+            Self::Scattered(_) => None,
         }
     }
 
@@ -57,45 +57,32 @@ impl Plans {
     /// # Panics
     ///
     /// If the store has no such active node.
-    pub(crate) fn plan(&self, active: usize) -> SpacePlan {
-        match &self.0 {
-            Kind::Lattice { domain, grid } => SpacePlan::Lattice(Box::new(Plan::new(domain.clone(), *grid))),
-            Kind::Scattered(wanted) => SpacePlan::Scattered(Box::new(ScatteredPlan::new(wanted[active]))),
+    pub(crate) fn plan(&self, active: usize) -> Box<dyn SpacePlan> {
+        match self {
+            Self::Lattice { domain, grid } => Box::new(Plan::new(domain.clone(), *grid)),
+            Self::Scattered(wanted) => Box::new(ScatteredPlan::new(wanted[active])),
         }
-    }
-
-    /// State of the space of an active node: as stored if it is finished, otherwise replayed from its
-    /// attempts.
-    pub fn state(&self, store: &Store, active: usize) -> Result<SpaceState, StoreError> {
-        match store.finished(active)? {
-            Some(state) => Ok(state),
-            None => self.replayed(store, active),
-        }
-    }
-
-    /// The state of a space from its attempts. A search repeats all of its fits.
-    fn replayed(&self, store: &Store, active: usize) -> Result<SpaceState, StoreError> {
-        REPLAYS.fetch_add(1, Ordering::Relaxed);
-        let (mut plan, attempts) = (self.plan(active), store.attempts(active)?);
-        let known: HashMap<(GridIndex, u32), &Record> =
-            attempts.iter().map(|r| ((r.index, r.attempt), r)).collect();
-        let mut open = 0;
-        while let Some(task) = plan.next_task() {
-            match known.get(&(task.target, task.attempt)) {
-                Some(record) => plan.decide(record),
-                None => open += 1,
-            }
-        }
-        Ok(plan.state(open))
     }
 }
 
-/// State of the space of one active node ([`Plans::state`]).
+/// State of the space of one active node: as stored if it is finished, otherwise replayed from its attempts.
 pub fn state(store: &Store, active: usize) -> Result<SpaceState, StoreError> {
-    match store.finished(active)? {
-        Some(state) => Ok(state),
-        None => Plans::of(store)?.replayed(store, active),
+    if let Some(state) = store.finished(active)? {
+        return Ok(state);
     }
+    // A search repeats all of its fits.
+    REPLAYS.fetch_add(1, Ordering::Relaxed);
+    let (mut plan, attempts) = (Plans::of(store)?.plan(active), store.attempts(active)?);
+    let known: HashMap<(GridIndex, u32), &Record> =
+        attempts.iter().map(|r| ((r.index, r.attempt), r)).collect();
+    let mut open = 0;
+    while let Some(task) = plan.next_task() {
+        match known.get(&(task.target, task.attempt)) {
+            Some(record) => plan.decide(record),
+            None => open += 1,
+        }
+    }
+    Ok(plan.state(open))
 }
 
 static REPLAYS: AtomicU64 = AtomicU64::new(0);
@@ -103,4 +90,15 @@ static REPLAYS: AtomicU64 = AtomicU64::new(0);
 /// Number of replays of this process. A finished space needs none.
 pub fn replays() -> u64 {
     REPLAYS.load(Ordering::Relaxed)
+}
+
+/// Runs the plan of a lattice on a model: `solve` returns the jet at a displacement, and whether no other
+/// point is solved from there.
+pub fn expand_model(lattice: &Lattice, mut solve: impl FnMut(GridIndex) -> (EnergyJet, bool)) {
+    let domain = Domain::new(&lattice.grid, lattice.complete_cells);
+    let mut plan = Plan::new(Arc::new(domain), lattice.grid);
+    while let Some(task) = plan.next_task() {
+        let (jet, is_last) = solve(task.target);
+        plan.decide(&Record::new(&task, Ok(Solution::of_jet(&jet, is_last))));
+    }
 }

@@ -23,8 +23,8 @@ pub struct Record {
     pub parent: Option<(GridIndex, u32)>,
     /// The solution, or the reason of the failure.
     pub result: Result<Solution, String>,
-    /// Residual, N.
-    pub residual_n: f64,
+    /// Residual, N; `None` for a failed solve whose residual is not a number.
+    pub residual_n: Option<f64>,
     /// Newton iterations.
     pub iterations: u32,
     /// Number of factorisations.
@@ -72,11 +72,6 @@ impl Equilibrium {
             unstable_modes,
             switched,
         }
-    }
-
-    /// |h|, N.
-    pub fn force_norm_n(&self) -> f64 {
-        norm(self.force_n)
     }
 
     /// Expandable or terminating.
@@ -139,7 +134,7 @@ impl Record {
             round,
             parent,
             result,
-            residual_n: 0.0,
+            residual_n: Some(0.0),
             iterations: 0,
             factorisations: 0,
             increments: 0,
@@ -156,7 +151,7 @@ impl Record {
             volume_m3: c.volume_m3,
         };
         Self {
-            residual_n: c.residual_n,
+            residual_n: Some(c.residual_n),
             iterations: c.iterations,
             factorisations: c.factorisations,
             increments: c.increments,
@@ -168,7 +163,7 @@ impl Record {
     /// Record of a failed transition.
     pub(super) fn failed(task: &Task, failure: &SolveFailure, seconds: f64) -> Self {
         Self {
-            residual_n: failure.residual_n,
+            residual_n: unless_nan(failure.residual_n),
             iterations: failure.iterations,
             seconds,
             ..Self::new(task, Err(failure.reason.name().into()))
@@ -197,8 +192,8 @@ impl Record {
     /// no record contains; the imperceptible force replaces them here.
     pub(crate) fn is_at_rounding_floor(&self) -> bool {
         let least_n = Tolerance::IMPERCEPTIBLE.absolute_n;
-        self.equilibrium().is_some_and(|at| {
-            self.residual_n > NewtonOptions::default().tolerance * at.force_norm_n().max(least_n)
+        self.equilibrium().zip(self.residual_n).is_some_and(|(at, residual_n)| {
+            residual_n > NewtonOptions::default().tolerance * norm(at.force_n).max(least_n)
         })
     }
 
@@ -219,6 +214,11 @@ impl Record {
         let jet = EnergyJet::from_numbers(displacement_m, &jet.numbers().map(|x| x + 0.0));
         Some(if self.index == [0; 3] { jet.as_rest() } else { jet })
     }
+}
+
+/// The residual of a failed solve as stored.
+pub(super) fn unless_nan(residual_n: f64) -> Option<f64> {
+    (!residual_n.is_nan()).then_some(residual_n)
 }
 
 /// Start state of later solves as stored: little-endian f32, and the condensed energy. Every child starts

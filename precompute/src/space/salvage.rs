@@ -6,9 +6,9 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension};
 
 use super::job::Outcome;
 use super::plans::Plans;
-use super::store::{LAYOUT, Store, StoreError, StoreIdentity, held_out, lock, rows, solver_version};
+use super::store::{Store, StoreError, StoreFault, StoreIdentity, held_out, lock, rows};
 use crate::mesh::TetMesh;
-use crate::spec::{Domain, GridIndex, Lattice, Sampling};
+use crate::spec::{GridIndex, Lattice, Sampling};
 
 /// Result of a salvage.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,7 +37,6 @@ impl Store {
         fixed: &[u32],
         active: &[(String, u32)],
     ) -> Result<(Self, Salvaged), StoreError> {
-        let io = |error| StoreError::Io { path: path.to_path_buf(), error };
         Self::expect_saveable(path)?;
         {
             let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -45,10 +44,8 @@ impl Store {
             let lock = lock(path)?;
             if let Ok(connection) = connection {
                 let old = Self::with(connection, path, Some(lock));
-                let belongs = old.expect_meta("layout", LAYOUT);
-                let belongs = belongs.and_then(|()| old.expect_meta("solver", &solver_version()));
-                let belongs = belongs.and_then(|()| old.expect_content(identity));
-                if let Err(other @ StoreError::Mismatch { .. }) = belongs {
+                let differs = |error: &StoreError| matches!(error.fault(), StoreFault::Mismatch { .. });
+                if let Some(other) = old.expect_inputs(identity).err().filter(differs) {
                     return Err(other);
                 }
             }
@@ -59,7 +56,8 @@ impl Store {
         for suffix in ["", "-wal", "-shm"] {
             let with = |p: &Path| PathBuf::from(format!("{}{suffix}", p.display()));
             if with(path).exists() {
-                std::fs::rename(with(path), with(&moved_to)).map_err(io)?;
+                let moved = std::fs::rename(with(path), with(&moved_to));
+                moved.map_err(|error| StoreFault::Io(error).at(path))?;
             }
         }
         let store = Self::create_or_resume(path, identity, mesh, fixed, active)?;
@@ -69,7 +67,7 @@ impl Store {
         for number in 0..active.len() {
             match identity.sampling {
                 Sampling::Lattice(Lattice { grid, complete_cells, increments }) => {
-                    for point in Domain::new(&grid, complete_cells).points() {
+                    for point in grid.points(complete_cells) {
                         salvaged.copy(&old, &store, number, point, increments)?;
                     }
                 }
@@ -105,39 +103,36 @@ impl Salvaged {
     ) -> Result<(), StoreError> {
         for attempt in 0.. {
             let row = rows::record(old, active, index, attempt).optional();
-            let record = match row {
+            let outcome = match row {
                 Ok(None) => return Ok(()),
-                Ok(Some(row)) if row.checksum == rows::checksum(active, &row.record) => row.record,
-                _ => {
-                    self.damaged += 1;
-                    return Ok(());
-                }
+                row => row.ok().flatten().and_then(|row| intact(old, active, row, increments)),
             };
-            let seed = if record.tag().is_solved() {
-                let state = rows::state(old, active, index, attempt).ok();
-                let Some(seed) = state.and_then(|state| state.seed(&record)) else {
-                    self.damaged += 1;
-                    return Ok(());
-                };
-                Some(seed)
-            } else {
-                None
-            };
-            // A transition of n parts has n - 1 intermediate states. The rest point and failed attempts have
-            // none.
-            let parts = match increments {
-                Some(parts) if seed.is_some() && record.parent.is_some() => parts - 1,
-                _ => 0,
-            };
-            let on_the_way: Option<Vec<_>> =
-                (1..=parts).map(|part| rows::intermediate(old, active, index, attempt, part)).collect();
-            let Some(intermediate) = on_the_way else {
+            let Some(outcome) = outcome else {
                 self.damaged += 1;
                 return Ok(());
             };
-            store.add(&Outcome { active: active as u32, record, seed, intermediate }, None)?;
+            store.add(&outcome, None)?;
             self.saved += 1;
         }
         Ok(())
     }
+}
+
+/// The outcome of a row with its state and intermediate states; `None` if one of them is damaged.
+fn intact(old: &Connection, active: usize, row: rows::Row, increments: Option<u32>) -> Option<Outcome> {
+    let record = row.intact(active)?;
+    let (index, attempt) = (record.index, record.attempt);
+    let seed = match record.tag().is_solved() {
+        true => Some(rows::state(old, active, index, attempt).ok()?.seed(&record)?),
+        false => None,
+    };
+    // A transition of n parts has n - 1 intermediate states. The rest point and failed attempts have none.
+    let parts = match increments {
+        Some(parts) if seed.is_some() && record.parent.is_some() => parts - 1,
+        _ => 0,
+    };
+    let intermediate = (1..=parts)
+        .map(|part| rows::intermediate(old, active, index, attempt, part))
+        .collect::<Option<_>>()?;
+    Some(Outcome { active: active as u32, record, seed, intermediate })
 }

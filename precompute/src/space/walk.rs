@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use super::record::{Equilibrium, StoredSeed};
+use super::record::{Equilibrium, StoredSeed, unless_nan};
 use crate::fem::solve::{Configuration, Seed, SolveFailure, Solver};
 use crate::num::vector::norm;
 use crate::spec::GridIndex;
@@ -80,8 +80,8 @@ pub struct Truth {
     pub displacement_m: [f64; 3],
     /// The solution, or the reason of the failure.
     pub result: Result<Equilibrium, String>,
-    /// Residual, N.
-    pub residual_n: f64,
+    /// Residual, N; `None` for a failed solve whose residual is not a number.
+    pub residual_n: Option<f64>,
     /// Newton iterations.
     pub iterations: u32,
     /// Number of factorisations.
@@ -98,7 +98,7 @@ impl Truth {
         Self {
             displacement_m: at,
             result: Ok(Equilibrium::of(c, !reachable)),
-            residual_n: c.residual_n,
+            residual_n: Some(c.residual_n),
             iterations: c.iterations,
             factorisations: c.factorisations,
             seconds,
@@ -110,7 +110,7 @@ impl Truth {
         Self {
             displacement_m: at,
             result: Err(failure.reason.name().into()),
-            residual_n: failure.residual_n,
+            residual_n: unless_nan(failure.residual_n),
             iterations: failure.iterations,
             factorisations: 0,
             seconds,

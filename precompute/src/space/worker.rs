@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Instant;
 
-use super::job::{Done, Job, Outcome, Work};
+use super::job::{Done, ExecutorError, Job, Outcome, Work};
 use super::record::{Record, StoredSeed};
 use super::walk::{WalkJob, WalkOutcome};
 use crate::fem::solve::{Configuration, LoadingOptions, Problem, Seed, SolveFailure, Solver};
@@ -75,10 +75,6 @@ const FIRST_ATTEMPT: LoadingOptions =
 const LATER_ATTEMPT: LoadingOptions =
     LoadingOptions { max_halvings: 1, perturbations: 0, snap_through: false };
 
-/// The start state of a job does not fit this body.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct UnusableSeed;
-
 impl Worker {
     /// A worker without a solver, which stops working once `stop` is set.
     pub(crate) fn new(context: Arc<WorkerContext>, stop: Arc<AtomicBool>) -> Self {
@@ -86,7 +82,7 @@ impl Worker {
     }
 
     /// Executes a piece of work.
-    pub(crate) fn work(&mut self, work: &Work) -> Result<Done, UnusableSeed> {
+    pub(crate) fn execute(&mut self, work: &Work) -> Result<Done, ExecutorError> {
         if self.stop.load(Ordering::Relaxed) {
             return Ok(Done::Abandoned);
         }
@@ -109,25 +105,23 @@ impl Worker {
     }
 
     /// The stored state as the seed at a grid point, if it fits this body.
-    fn seed(&mut self, active: u32, at: GridIndex, stored: &StoredSeed) -> Result<Seed, UnusableSeed> {
-        let seed = stored.unpack(self.context.sampling.displacement_m(at)).ok_or(UnusableSeed)?;
+    fn seed(&mut self, active: u32, at: GridIndex, stored: &StoredSeed) -> Result<Seed, ExecutorError> {
+        let seed =
+            stored.unpack(self.context.sampling.displacement_m(at)).ok_or(ExecutorError::StartState)?;
         let fits = seed.state.len() == self.solver(active).problem().body.state_len();
-        fits.then_some(seed).ok_or(UnusableSeed)
+        fits.then_some(seed).ok_or(ExecutorError::StartState)
     }
 
-    fn walk(&mut self, job: &WalkJob) -> Result<Option<WalkOutcome>, UnusableSeed> {
+    fn walk(&mut self, job: &WalkJob) -> Result<Option<WalkOutcome>, ExecutorError> {
         let (active, max_force_n) = (job.walk.active, self.context.max_force_n);
-        let start = match &job.start {
-            Some((at, stored)) => Some(self.seed(active, *at, stored)?),
-            None => None,
-        };
+        let start = job.start.as_ref().map(|(at, stored)| self.seed(active, *at, stored)).transpose()?;
         let stop = self.stop.clone();
         let solver = self.solver(active);
         solver.loading = LoadingOptions { snap_through: false, ..LoadingOptions::default() };
         Ok(job.solve(solver, start, max_force_n, &stop))
     }
 
-    fn point(&mut self, job: &Job) -> Result<Outcome, UnusableSeed> {
+    fn point(&mut self, job: &Job) -> Result<Outcome, ExecutorError> {
         let context = self.context.clone();
         let seed = match (&job.seed, job.task.parent) {
             (Some(stored), Some((parent, _))) => Some(self.seed(job.active, parent, stored)?),
@@ -144,12 +138,12 @@ impl Worker {
         };
         let seconds = start.elapsed().as_secs_f64();
         Ok(match solved {
-            Ok(configuration) => {
-                let record = Record::solved(&job.task, &configuration, context.max_force_n, seconds);
-                let seed = record.tag().is_solved().then(|| StoredSeed::pack(&configuration.seed));
-                let intermediate = if seed.is_some() { intermediate } else { Vec::new() };
-                Outcome { active: job.active, record, seed, intermediate }
-            }
+            Ok(configuration) => Outcome {
+                active: job.active,
+                record: Record::solved(&job.task, &configuration, context.max_force_n, seconds),
+                seed: Some(StoredSeed::pack(&configuration.seed)),
+                intermediate,
+            },
             Err(failure) => Outcome {
                 active: job.active,
                 record: Record::failed(&job.task, &failure, seconds),

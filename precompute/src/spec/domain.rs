@@ -13,7 +13,7 @@ use super::{GridIndex, SpaceGrid};
 /// reachable tool position has eight solved corners. Transitions start only in the ball. A shell point is
 /// solved only from a point that shares such a cell with it.
 #[derive(Debug)]
-pub struct Domain {
+pub(crate) struct Domain {
     points: Vec<GridIndex>,
     ball: usize,
     position: HashMap<GridIndex, u32>,
@@ -28,7 +28,7 @@ pub(crate) const REST: u32 = 0;
 
 impl Domain {
     /// Points of `grid`, with the shell if `complete_cells`.
-    pub fn new(grid: &SpaceGrid, complete_cells: bool) -> Self {
+    pub(crate) fn new(grid: &SpaceGrid, complete_cells: bool) -> Self {
         let mut points = vec![[0; 3]];
         points.extend(grid.lattice.points());
         let ball = points.len();
@@ -71,12 +71,12 @@ impl Domain {
     }
 
     /// Number of points, including the point at rest.
-    pub fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.points.len()
     }
 
     /// All points, the point at rest first.
-    pub fn points(&self) -> impl Iterator<Item = GridIndex> + '_ {
+    pub(crate) fn points(&self) -> impl Iterator<Item = GridIndex> + '_ {
         self.points.iter().copied()
     }
 
@@ -99,6 +99,14 @@ impl Domain {
 
     pub(crate) fn children(&self, point: u32) -> &[u32] {
         &self.children[point as usize]
+    }
+}
+
+impl SpaceGrid {
+    /// The points of a space on this lattice, rest first: those in the ball and, if `complete_cells`, the
+    /// outer corners of the cells that intersect it.
+    pub fn points(&self, complete_cells: bool) -> Vec<GridIndex> {
+        Domain::new(self, complete_cells).points
     }
 }
 

@@ -9,11 +9,9 @@ mod tolerance;
 mod workspace;
 
 pub use bounds::DisplacementBound;
-pub use domain::Domain;
-pub(crate) use domain::corners;
 #[cfg(test)]
 pub(crate) use domain::squared;
-pub(crate) use domain::{REST, neighbours, plus};
+pub(crate) use domain::{Domain, REST, corners, neighbours, plus};
 pub use grid::{GridIndex, RADII_M, SpaceGrid};
 pub(crate) use grid::{UNIT_M, displacement_m, nearest_index};
 pub use requirements::Requirements;

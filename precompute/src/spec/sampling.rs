@@ -74,6 +74,12 @@ impl Sampling {
         }
     }
 
+    /// Number of points of one space without the rest point; `None` for adaptive sampling, where it is not
+    /// known in advance.
+    pub fn points(&self) -> Option<usize> {
+        self.lattice().map(|lattice| lattice.grid.points(lattice.complete_cells).len() - 1)
+    }
+
     /// Unit of the grid indices, m.
     pub fn unit_m(&self) -> f64 {
         match self {

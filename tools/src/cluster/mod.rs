@@ -19,7 +19,7 @@ use clap::{Parser, Subcommand};
 use mpi::Threading;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::Communicator;
-use palpate_precompute::space::with_threads;
+use palpate_precompute::space::{expand, with_threads};
 
 use crate::analysis;
 use crate::analysis::threads_or;
@@ -126,9 +126,9 @@ fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
     let (context, team) = (bench.context()?, Workers::threads(threads));
     match command {
         Command::Precompute(args) => {
-            precompute::run_with(args, (&bench, &space), &stop, &team, |expansion, store, stop, progress| {
+            precompute::run_with(args, (&bench, &space), &stop, &team, |actives, store, stop, progress| {
                 Ok(with_threads(&context, threads, |executor| {
-                    expansion.run(store, executor, stop, progress)
+                    expand(actives, store, executor, stop, progress)
                 })?)
             })
         }
@@ -150,8 +150,8 @@ fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
     let team = Workers::ranks(ranks.workers(), world.size() as usize - 1);
     match command {
         Command::Precompute(args) => {
-            precompute::run_with(args, (&bench, &space), &stop, &team, |expansion, store, stop, progress| {
-                Ok(expansion.run(store, &mut ranks, stop, progress)?)
+            precompute::run_with(args, (&bench, &space), &stop, &team, |actives, store, stop, progress| {
+                Ok(expand(actives, store, &mut ranks, stop, progress)?)
             })
         }
         Command::HeldOut(args) => {

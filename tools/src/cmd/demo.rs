@@ -14,7 +14,7 @@ use palpate_precompute::certificate::Certificate;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::pack::{PackOptions, Packed};
 use palpate_precompute::pipeline::{Analysis, Run, certified};
-use palpate_precompute::space::{Plans, Store, TagCounts};
+use palpate_precompute::space::{Store, TagCounts};
 use serde_json::json;
 
 use super::inspect::certificate::in_words;
@@ -251,21 +251,17 @@ fn solve(bench: &Analysis, store: &Store, stop: &AtomicBool) -> Result<Solved, F
     let mut solved = Solved {
         names: bench.scene.active.iter().map(|a| a.name.clone()).collect(),
         counts: Vec::new(),
-        points: Plans::of(store)?.points().unwrap_or(0),
+        points: bench.sampling()?.points().unwrap_or(0),
         solved_now: 0,
         seconds: 0.0,
         threads: threads(None)?,
     };
     let mut progress = WorkProgress::new(&bench.scene.name, "solves");
-    let counts = bench.solve(
-        (0..bench.scene.active.len()).collect(),
-        store,
-        Run { threads: solved.threads, stop },
-        |p| {
-            solved.solved_now = p.solved_now;
-            progress.spaces(p);
-        },
-    );
+    let all: Vec<usize> = (0..bench.scene.active.len()).collect();
+    let counts = bench.solve(&all, store, Run { threads: solved.threads, stop }, |p| {
+        solved.solved_now = p.solved_now;
+        progress.spaces(p);
+    });
     progress.finish();
     solved.counts = counts?;
     solved.seconds = start.elapsed().as_secs_f64();

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_core::Method;
 use palpate_precompute::pack::{PackError, PackOptions, pack};
-use palpate_precompute::pipeline::{PipelineError, Run, add_ledgers, certified, solve_truth, unfinished};
+use palpate_precompute::pipeline::{Run, add_ledgers, certified, solve_truth, unfinished};
 use palpate_precompute::space::{Store, state};
 
 use super::inspect::certificate;
@@ -162,10 +162,10 @@ fn solve_certificate(args: &Args, space: &Output) -> Result<(), Failure> {
 fn check_finished(store: &Store, args: &Args) -> Result<bool, Failure> {
     let unfinished = unfinished(store)?;
     match unfinished.first() {
-        Some(first) if !args.partial => Err(PipelineError::Unfinished(first.clone()).into()),
+        Some(first) if !args.partial => Err(first.clone().into()),
         _ => {
             for node in &unfinished {
-                eprintln!("palpate: warning: {node}");
+                eprintln!("palpate: warning: {}: {}", node.file.display(), node.what);
             }
             Ok(unfinished.is_empty())
         }

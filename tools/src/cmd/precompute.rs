@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_precompute::adaptive::Verdict;
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::space::{Expansion, Plans, Progress, Store, TagCounts, state, with_threads};
+use palpate_precompute::space::{Progress, Store, TagCounts, expand, state, with_threads};
 use serde_json::json;
 
 use super::inspect::scattered;
@@ -96,25 +96,20 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let space = args.space()?;
     let bench = analysis::load(&args.scene)?;
-    run_with(args, (&bench, &space), &stop, &Workers::threads(threads), |expansion, store, stop, progress| {
+    run_with(args, (&bench, &space), &stop, &Workers::threads(threads), |actives, store, stop, progress| {
         Ok(with_threads(&bench.context()?, threads, |executor| {
-            expansion.run(store, executor, stop, progress)
+            expand(actives, store, executor, stop, progress)
         })?)
     })
 }
 
-/// Runs the command with `team`; `work` expands the space with it.
+/// Runs the command with `team`; `work` expands the spaces of these active nodes with it.
 pub(crate) fn run_with(
     args: &Args,
     (bench, space): (&Analysis, &Output),
     stop: &AtomicBool,
     team: &Workers,
-    work: impl FnOnce(
-        &Expansion,
-        &Store,
-        &AtomicBool,
-        &mut dyn FnMut(&Progress),
-    ) -> Result<Vec<TagCounts>, Failure>,
+    work: impl FnOnce(&[usize], &Store, &AtomicBool, &mut dyn FnMut(&Progress)) -> Result<Vec<TagCounts>, Failure>,
 ) -> Result<(), Failure> {
     let chosen: Vec<usize> = match &args.active {
         Some(name) => vec![bench.active(Some(name))?.0],
@@ -122,10 +117,10 @@ pub(crate) fn run_with(
     };
     let store = open_space(bench, space, args.salvage)?;
     let start = Instant::now();
-    let points = Plans::of(&store)?.points();
+    let points = bench.sampling()?.points();
     let mut progress = WorkProgress::new(&bench.scene.name, "solves");
     let mut solved_now = 0;
-    let counts = work(&Expansion { actives: chosen.clone() }, &store, stop, &mut |p| {
+    let counts = work(&chosen, &store, stop, &mut |p| {
         solved_now = p.solved_now;
         progress.spaces(p);
     });

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 
 use super::*;
 use crate::space::Truth;
-use crate::space::synthetic::SyntheticExecutor;
+use crate::space::tests::synthetic::SyntheticExecutor;
 
 const DRAW: Draw = Draw { regular_m: None, random: 0, uniform: 60, ..Draw::PAPER };
 

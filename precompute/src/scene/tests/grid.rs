@@ -31,7 +31,13 @@ fn sampling_driven_by_the_error_is_read() {
     refuses("cannot_be_felt = true\ntolerance_n = 0.1", 21, "excludes other tolerances", "keep it, or");
     refuses("cannot_be_felt = false", 21, "has no effect", "set it to true");
     refuses("tolerance_n = 0.0", 21, "`tolerance_n` = 0", "");
-    bench.refuses("[needs]", "[needs]\ncontact = \"stroke\"", "block.toml:25", "unknown contact", "\"push\"");
+    bench.refuses(
+        "[needs]",
+        "[needs]\ncontact = \"stroke\"",
+        "block.toml:25",
+        "unknown word \"stroke\"",
+        "use \"any\" or \"push\"",
+    );
 }
 
 #[test]

@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use palpate_core::ConfigTag;
 
-use super::super::synthetic::{SyntheticExecutor, actives, mesh};
+use super::super::tests::synthetic::{SyntheticExecutor, actives, all, mesh};
 use super::super::{Outcome, Store};
 use super::*;
 
 /// Runs until `tries` attempts are solved in this run; returns the last reported number.
 fn stopped(synthetic: &mut SyntheticExecutor, store: &Store, nodes: u32, tries: usize) -> usize {
     let (stop, mut told) = (AtomicBool::new(false), 0);
-    let ended = synthetic.expansion(nodes).run(store, synthetic, &stop, |p| {
+    let ended = expand(&all(nodes), store, synthetic, &stop, |p| {
         told = p.solved_now;
         stop.store(told >= tries, Ordering::Relaxed);
     });
@@ -68,8 +68,8 @@ fn all_that_was_done_before_a_worker_is_lost_is_committed() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.space");
     let synthetic = SyntheticExecutor::new(1.0, 1.3);
-    let (store, expansion) = (synthetic.store(&path, 1), synthetic.expansion(1));
-    let ended = expansion.run(&store, &mut Dies(synthetic, 23), &AtomicBool::new(false), |_| ());
+    let store = synthetic.store(&path, 1);
+    let ended = expand(&[0], &store, &mut Dies(synthetic, 23), &AtomicBool::new(false), |_| ());
     assert!(matches!(ended, Err(ExpansionError::Executor(ExecutorError::Lost(_)))), "{ended:?}");
     assert_eq!(committed(&path, 1), 23);
 }
@@ -118,10 +118,9 @@ fn what_is_done_before_a_long_silence_is_committed_within_a_second() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.space");
     let synthetic = SyntheticExecutor::new(1.0, 0.0);
-    let (store, expansion, stop) =
-        (synthetic.store(&path, 1), synthetic.expansion(1), AtomicBool::new(false));
+    let (store, stop) = (synthetic.store(&path, 1), AtomicBool::new(false));
     let mut slow = Slow { synthetic, path, silent: Duration::ZERO, given_back: 0 };
-    let ended = expansion.run(&store, &mut slow, &stop, |p| stop.store(p.solved_now >= 4, Ordering::Relaxed));
+    let ended = expand(&[0], &store, &mut slow, &stop, |p| stop.store(p.solved_now >= 4, Ordering::Relaxed));
     assert!(matches!(ended, Err(ExpansionError::Interrupted)), "{ended:?}");
     assert!(slow.given_back >= 4);
 }
@@ -162,8 +161,7 @@ fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
         alter(&mut outcomes[at].record);
         outcomes.iter().for_each(|outcome| store.add(outcome, None).expect("added"));
         synthetic.given.clear();
-        let expansion = synthetic.expansion(1);
-        let ended = expansion.run(&store, &mut synthetic, &AtomicBool::new(false), |_| ());
+        let ended = expand(&[0], &store, &mut synthetic, &AtomicBool::new(false), |_| ());
         if n == 0 {
             ended.expect("the copy is accepted");
             assert_eq!(synthetic.given.len(), 0, "nothing is solved again");
@@ -216,9 +214,9 @@ fn a_body_without_a_rest_is_refused_the_second_time_too() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut synthetic = SyntheticExecutor::new(1.0, 0.0);
     synthetic.rest_fails = true;
-    let (store, expansion) = (synthetic.store(&folder.path().join("a.space"), 1), synthetic.expansion(1));
+    let store = synthetic.store(&folder.path().join("a.space"), 1);
     for time in ["first", "second"] {
-        let ended = expansion.run(&store, &mut synthetic, &AtomicBool::new(false), |_| ());
+        let ended = expand(&[0], &store, &mut synthetic, &AtomicBool::new(false), |_| ());
         assert!(matches!(&ended, Err(ExpansionError::Rest(why)) if why == "singular"), "{time}: {ended:?}");
     }
     assert_eq!(store.records(0).expect("read")[0].tag(), ConfigTag::Failed);

@@ -2,8 +2,8 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use super::SolvesLeft;
 use super::switched::Switched;
+use super::{Phase, PlanStatus, SolvesLeft, SpacePlan};
 use crate::adaptive::{AdaptiveFit, STREAK, Search, SolveResult, Step, Target, Verdict};
 use crate::num::jet::EnergyJet;
 use crate::space::record::Record;
@@ -13,7 +13,7 @@ use crate::spec::{GridIndex, Requirements, displacement_m, nearest_index};
 /// The rest point.
 const REST: GridIndex = [0; 3];
 
-/// The plan of one adaptive space: the counterpart of [`super::Plan`].
+/// The plan of one adaptive space.
 #[derive(Debug)]
 pub(crate) struct ScatteredPlan {
     wanted: Requirements,
@@ -52,64 +52,6 @@ impl ScatteredPlan {
         }
     }
 
-    /// The current fit; `None` before rest is solved.
-    pub(crate) fn fit(&self) -> Option<AdaptiveFit> {
-        self.search.as_ref().map(|search| search.fitted(self.verdict))
-    }
-
-    /// Length of the validation streak: successive predictions within tolerance.
-    pub(crate) fn passes(&self) -> usize {
-        self.search.as_ref().map_or(0, Search::passes)
-    }
-
-    /// Points by tag of the search and of the fallback lattice, without the rest point.
-    pub(crate) fn counts(&self) -> TagCounts {
-        let mut counts = self.counts;
-        counts += self.switched.as_ref().map(Switched::counts).unwrap_or_default();
-        counts
-    }
-
-    /// Number of batches so far, or level of the lattice.
-    pub(crate) fn round(&self) -> u32 {
-        self.round.max(self.switched.as_ref().map_or(0, Switched::round))
-    }
-
-    /// Whether failed points or those at branch jumps are being solved again.
-    pub(crate) fn is_solving_again(&self) -> bool {
-        self.switched.as_ref().is_some_and(Switched::is_solving_again)
-    }
-
-    /// Whether the fallback lattice has replaced the search.
-    pub(crate) fn is_taken_over(&self) -> bool {
-        self.switched.is_some()
-    }
-
-    /// Estimate of the solves that are still needed.
-    pub(crate) fn left(&self) -> SolvesLeft {
-        match (&self.switched, &self.search) {
-            (Some(lattice), _) => SolvesLeft::About(lattice.left()),
-            _ if self.verdict.is_some() => SolvesLeft::About(0),
-            (None, Some(search)) => SolvesLeft::AtLeast(search.predictions_missing().max(1)),
-            (None, None) => SolvesLeft::AtLeast(1 + STREAK),
-        }
-    }
-
-    /// Whether nothing is left to do.
-    pub(crate) fn is_done(&self) -> bool {
-        self.verdict.is_some() && self.switched.as_ref().is_none_or(Switched::is_done)
-    }
-
-    /// The next task. `None` while results of the batch are outstanding, or when all is done.
-    pub(crate) fn next_task(&mut self) -> Option<Task> {
-        if self.ready.is_empty() && self.batch.is_empty() && self.verdict.is_none() {
-            self.begin_batch();
-        }
-        match &mut self.switched {
-            Some(lattice) => lattice.next_task(),
-            None => self.ready.pop_front(),
-        }
-    }
-
     fn begin_batch(&mut self) {
         let Some(search) = &mut self.search else { return };
         match search.step() {
@@ -132,9 +74,21 @@ impl ScatteredPlan {
             }
         }
     }
+}
 
-    /// Records the outcome of a task.
-    pub(crate) fn decide(&mut self, record: &Record) {
+impl SpacePlan for ScatteredPlan {
+    /// `None` also while results of the batch are outstanding.
+    fn next_task(&mut self) -> Option<Task> {
+        if self.ready.is_empty() && self.batch.is_empty() && self.verdict.is_none() {
+            self.begin_batch();
+        }
+        match &mut self.switched {
+            Some(lattice) => lattice.next_task(),
+            None => self.ready.pop_front(),
+        }
+    }
+
+    fn decide(&mut self, record: &Record) {
         if let Some(lattice) = &mut self.switched {
             return lattice.decide(record);
         }
@@ -166,6 +120,30 @@ impl ScatteredPlan {
             let at = |jet: &EnergyJet| nearest_index(jet.control_m);
             self.learned = search.jets().iter().map(at).collect();
         }
+    }
+
+    fn is_done(&self) -> bool {
+        self.verdict.is_some() && self.switched.as_ref().is_none_or(|lattice| lattice.plan.is_done())
+    }
+
+    fn status(&self) -> PlanStatus {
+        let passes = self.search.as_ref().map_or(0, Search::passes).min(STREAK);
+        if let Some(lattice) = &self.switched {
+            let mut status = PlanStatus { phase: Phase::FallbackLattice, passes, ..lattice.plan.status() };
+            status.counts += self.counts;
+            return status;
+        }
+        let left = match &self.search {
+            _ if self.verdict.is_some() => SolvesLeft::About(0),
+            Some(search) => SolvesLeft::AtLeast(search.predictions_missing().max(1)),
+            None => SolvesLeft::AtLeast(1 + STREAK),
+        };
+        let (phase, is_solving_again) = (Phase::Search, false);
+        PlanStatus { counts: self.counts, phase, is_solving_again, left, passes }
+    }
+
+    fn fit(&self) -> Option<AdaptiveFit> {
+        self.search.as_ref().map(|search| search.fitted(self.verdict))
     }
 }
 
@@ -237,7 +215,7 @@ mod tests {
         let points: std::collections::BTreeSet<GridIndex> = own.iter().map(|r| r.index).collect();
         assert_eq!(points.len(), 613);
         let all: std::collections::BTreeSet<GridIndex> = records.iter().map(|r| r.index).collect();
-        assert_eq!(plan.counts().solved(), all.len() - 1);
+        assert_eq!(plan.status().counts.solved(), all.len() - 1);
         // Its branch jumps are at the plane and nowhere else.
         let kept: Vec<Record> = own.into_iter().filter(|r| r.attempt == 0).collect();
         let branch_jumps = branch_jumps(&lattice.grid, &kept);

@@ -22,6 +22,7 @@ use std::sync::Arc;
 
 use palpate_core::ConfigTag;
 
+use super::{Phase, PlanStatus, SolvesLeft, SpacePlan};
 use crate::fit::flagged_pairs;
 use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
@@ -31,7 +32,7 @@ use crate::spec::{Domain, REST, SpaceGrid};
 const MAX_JUMP_ATTEMPTS: usize = 2;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
+enum Stage {
     Expand,
     Retry,
     BranchJump,
@@ -80,11 +81,11 @@ const NEVER: u32 = u32::MAX;
 
 /// The plan of one space.
 #[derive(Debug)]
-pub struct Plan {
+pub(crate) struct Plan {
     domain: Arc<Domain>,
     grid: SpaceGrid,
     points: Vec<Point>,
-    phase: Phase,
+    stage: Stage,
     /// Certain points that are not issued yet.
     ready: VecDeque<u32>,
     pending: usize,
@@ -97,7 +98,7 @@ pub struct Plan {
 
 impl Plan {
     /// Plan with nothing solved.
-    pub fn new(domain: Arc<Domain>, grid: SpaceGrid) -> Self {
+    pub(crate) fn new(domain: Arc<Domain>, grid: SpaceGrid) -> Self {
         let blank = Point {
             level: NEVER,
             floor: 0,
@@ -113,7 +114,7 @@ impl Plan {
             points: vec![blank; domain.count()],
             domain,
             grid,
-            phase: Phase::Expand,
+            stage: Stage::Expand,
             ready: VecDeque::from([REST]),
             pending: 0,
             floors_stale: true,
@@ -122,71 +123,23 @@ impl Plan {
         }
     }
 
-    /// Points by tag, without the rest point.
-    pub(crate) fn counts(&self) -> TagCounts {
-        self.counts
-    }
-
-    /// Highest level or round so far.
-    pub(crate) fn round(&self) -> u32 {
-        self.round
-    }
-
-    /// Whether failed points or those at branch jumps are being solved again.
-    pub(crate) fn is_solving_again(&self) -> bool {
-        matches!(self.phase, Phase::Retry | Phase::BranchJump)
-    }
-
     /// Estimate of the solves that are still needed: the undecided points, and the attempts of the present
     /// round of repeated solves.
-    pub fn left(&self) -> usize {
-        let is_fold = self.phase == Phase::BranchJump;
+    fn left(&self) -> usize {
+        let is_fold = self.stage == Stage::BranchJump;
         let again = self.points.iter().filter(|point| is_fold || !point.tag().is_solved());
-        match self.phase {
-            Phase::Expand => self.counts.unknown,
-            Phase::Retry | Phase::BranchJump => {
+        match self.stage {
+            Stage::Expand => self.counts.unknown,
+            Stage::Retry | Stage::BranchJump => {
                 self.pending + again.map(|point| point.left.len()).sum::<usize>()
             }
-            Phase::Done => 0,
-        }
-    }
-
-    /// Whether nothing is left to do.
-    pub(crate) fn is_done(&self) -> bool {
-        self.phase == Phase::Done
-    }
-
-    /// The next certain task. `None` while outstanding results decide what is next, or when all is done.
-    pub fn next_task(&mut self) -> Option<Task> {
-        loop {
-            if let Some(point) = self.ready.pop_front() {
-                return Some(self.begin_task(point));
-            }
-            if self.phase == Phase::Expand && self.floors_stale {
-                self.raise_floors();
-                if !self.ready.is_empty() {
-                    continue;
-                }
-            }
-            if self.pending > 0 || self.phase == Phase::Done {
-                return None;
-            }
-            self.phase = match self.phase {
-                Phase::Expand => Phase::Retry,
-                Phase::Retry => Phase::BranchJump,
-                Phase::BranchJump | Phase::Done => Phase::Done,
-            };
-            match self.phase {
-                Phase::Retry => self.begin_retries(),
-                Phase::BranchJump => self.begin_jump_attempts(),
-                Phase::Expand | Phase::Done => {}
-            }
+            Stage::Done => 0,
         }
     }
 
     fn begin_task(&mut self, p: u32) -> Task {
-        let parent = match self.phase {
-            Phase::Expand => {
+        let parent = match self.stage {
+            Stage::Expand => {
                 let level = self.points[p as usize].floor;
                 self.points[p as usize].level = level;
                 self.round = self.round.max(level);
@@ -194,12 +147,12 @@ impl Plan {
             }
             _ => self.points[p as usize].left.pop(),
         };
-        let round = if self.phase == Phase::Expand { self.points[p as usize].level } else { self.round };
+        let round = if self.stage == Stage::Expand { self.points[p as usize].level } else { self.round };
         let from = parent.map(|(w, attempt)| (self.domain.index(w), attempt));
         let point = &mut self.points[p as usize];
         let attempt = point.tried.len() as u32;
         point.tried.push(parent.unwrap_or((REST, 0)));
-        if self.phase == Phase::BranchJump {
+        if self.stage == Stage::BranchJump {
             point.first_at_fold.get_or_insert(attempt);
         }
         point.pending = true;
@@ -223,53 +176,6 @@ impl Plan {
         if !self.points[p as usize].queued {
             self.points[p as usize].queued = true;
             self.ready.push_back(p);
-        }
-    }
-
-    /// Records the outcome of a task.
-    ///
-    /// # Panics
-    ///
-    /// If no attempt at that point is in flight.
-    pub fn decide(&mut self, record: &Record) {
-        let p = self.domain.position(record.index).expect("a task's target is a point of the domain");
-        let point = &mut self.points[p as usize];
-        assert!(point.pending, "{:?} was not handed out", record.index);
-        point.pending = false;
-        self.pending -= 1;
-        let before = point.tag();
-        if super::supersedes(record, point.kept.as_ref()) {
-            point.kept = Some(record.clone());
-        }
-        let after = point.tag();
-        if p != REST {
-            *self.counts.of(before) -= 1;
-            *self.counts.of(after) += 1;
-        }
-        let in_ball = self.domain.in_ball(p);
-        let opens = in_ball && after == ConfigTag::Expandable && before != after;
-        match self.phase {
-            Phase::Expand if opens => {
-                let domain = self.domain.clone();
-                for &child in domain.children(p) {
-                    self.release_if_decided(child);
-                }
-            }
-            Phase::Expand => self.floors_stale |= in_ball,
-            Phase::Retry | Phase::BranchJump => {
-                if opens {
-                    self.points[p as usize].level = self.round;
-                }
-                let settled = self.phase == Phase::BranchJump || after.is_solved();
-                if !settled && !self.points[p as usize].left.is_empty() {
-                    self.queue(p);
-                } else if self.pending == 0 && self.ready.is_empty() {
-                    // Points that this round opened are expanded before further retries.
-                    self.phase = Phase::Expand;
-                    self.floors_stale = true;
-                }
-            }
-            Phase::Done => {}
         }
     }
 
@@ -409,6 +315,90 @@ impl Plan {
                 self.queue(p);
             }
         }
+    }
+}
+
+impl SpacePlan for Plan {
+    fn next_task(&mut self) -> Option<Task> {
+        loop {
+            if let Some(point) = self.ready.pop_front() {
+                return Some(self.begin_task(point));
+            }
+            if self.stage == Stage::Expand && self.floors_stale {
+                self.raise_floors();
+                if !self.ready.is_empty() {
+                    continue;
+                }
+            }
+            if self.pending > 0 || self.stage == Stage::Done {
+                return None;
+            }
+            self.stage = match self.stage {
+                Stage::Expand => Stage::Retry,
+                Stage::Retry => Stage::BranchJump,
+                Stage::BranchJump | Stage::Done => Stage::Done,
+            };
+            match self.stage {
+                Stage::Retry => self.begin_retries(),
+                Stage::BranchJump => self.begin_jump_attempts(),
+                Stage::Expand | Stage::Done => {}
+            }
+        }
+    }
+
+    /// # Panics
+    ///
+    /// If no attempt at that point is in flight.
+    fn decide(&mut self, record: &Record) {
+        let p = self.domain.position(record.index).expect("a task's target is a point of the domain");
+        let point = &mut self.points[p as usize];
+        assert!(point.pending, "{:?} was not handed out", record.index);
+        point.pending = false;
+        self.pending -= 1;
+        let before = point.tag();
+        if super::supersedes(record, point.kept.as_ref()) {
+            point.kept = Some(record.clone());
+        }
+        let after = point.tag();
+        if p != REST {
+            *self.counts.of(before) -= 1;
+            *self.counts.of(after) += 1;
+        }
+        let in_ball = self.domain.in_ball(p);
+        let opens = in_ball && after == ConfigTag::Expandable && before != after;
+        match self.stage {
+            Stage::Expand if opens => {
+                let domain = self.domain.clone();
+                for &child in domain.children(p) {
+                    self.release_if_decided(child);
+                }
+            }
+            Stage::Expand => self.floors_stale |= in_ball,
+            Stage::Retry | Stage::BranchJump => {
+                if opens {
+                    self.points[p as usize].level = self.round;
+                }
+                let settled = self.stage == Stage::BranchJump || after.is_solved();
+                if !settled && !self.points[p as usize].left.is_empty() {
+                    self.queue(p);
+                } else if self.pending == 0 && self.ready.is_empty() {
+                    // Points that this round opened are expanded before further retries.
+                    self.stage = Stage::Expand;
+                    self.floors_stale = true;
+                }
+            }
+            Stage::Done => {}
+        }
+    }
+
+    fn is_done(&self) -> bool {
+        self.stage == Stage::Done
+    }
+
+    fn status(&self) -> PlanStatus {
+        let is_solving_again = matches!(self.stage, Stage::Retry | Stage::BranchJump);
+        let (phase, left) = (Phase::Lattice, SolvesLeft::About(self.left()));
+        PlanStatus { counts: self.counts, phase, is_solving_again, left, passes: 0 }
     }
 }
 

@@ -5,12 +5,12 @@ mod lattice;
 mod switched;
 
 pub(crate) use adaptive::ScatteredPlan;
-pub use lattice::Plan;
+pub(crate) use lattice::Plan;
 
 use super::record::Record;
 use super::state::SpaceState;
 use super::task::{TagCounts, Task};
-use crate::adaptive::STREAK;
+use crate::adaptive::{AdaptiveFit, STREAK};
 
 /// What is solved in a space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,109 +43,70 @@ impl std::ops::Add for SolvesLeft {
     }
 }
 
-/// The plan of one space.
-#[derive(Debug)]
-pub(crate) enum SpacePlan {
-    /// Of a lattice.
-    Lattice(Box<Plan>),
-    /// Of adaptive sampling.
-    Scattered(Box<ScatteredPlan>),
-    /// Of a space with nothing left to solve.
-    Finished(Box<SpaceState>),
+/// How far a plan has come.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PlanStatus {
+    /// Points by tag, without the rest point.
+    pub counts: TagCounts,
+    /// What is solved.
+    pub phase: Phase,
+    /// Failed points or those at branch jumps are being solved again.
+    pub is_solving_again: bool,
+    /// Estimate of the solves that are still needed.
+    pub left: SolvesLeft,
+    /// Length of the validation streak of adaptive sampling, at most [`STREAK`]; 0 on a lattice.
+    pub passes: usize,
 }
 
-impl SpacePlan {
+/// The plan of one space.
+pub(crate) trait SpacePlan {
     /// The next certain task. `None` while outstanding results decide what is next, or when all is done.
-    pub(crate) fn next_task(&mut self) -> Option<Task> {
-        match self {
-            Self::Lattice(plan) => plan.next_task(),
-            Self::Scattered(plan) => plan.next_task(),
-            Self::Finished(_) => None,
-        }
-    }
+    fn next_task(&mut self) -> Option<Task>;
 
     /// Records the outcome of a task.
-    pub(crate) fn decide(&mut self, record: &Record) {
-        match self {
-            Self::Lattice(plan) => plan.decide(record),
-            Self::Scattered(plan) => plan.decide(record),
-            Self::Finished(_) => {}
-        }
-    }
-
-    /// Points by tag, without the rest point.
-    pub(crate) fn counts(&self) -> TagCounts {
-        match self {
-            Self::Lattice(plan) => plan.counts(),
-            Self::Scattered(plan) => plan.counts(),
-            Self::Finished(state) => state.counts,
-        }
-    }
-
-    /// Highest level, round or batch so far.
-    pub(crate) fn round(&self) -> u32 {
-        match self {
-            Self::Lattice(plan) => plan.round(),
-            Self::Scattered(plan) => plan.round(),
-            Self::Finished(_) => 0,
-        }
-    }
-
-    /// Whether failed points or those at branch jumps are being solved again.
-    pub(crate) fn is_solving_again(&self) -> bool {
-        match self {
-            Self::Lattice(plan) => plan.is_solving_again(),
-            Self::Scattered(plan) => plan.is_solving_again(),
-            Self::Finished(_) => false,
-        }
-    }
-
-    /// What is being solved.
-    pub(crate) fn phase(&self) -> Phase {
-        match self {
-            Self::Lattice(_) => Phase::Lattice,
-            Self::Scattered(plan) if plan.is_taken_over() => Phase::FallbackLattice,
-            Self::Finished(state) if state.fallback().is_some() => Phase::FallbackLattice,
-            Self::Finished(state) if state.fit.is_none() => Phase::Lattice,
-            Self::Scattered(_) | Self::Finished(_) => Phase::Search,
-        }
-    }
-
-    /// Estimate of the solves that are still needed.
-    pub(crate) fn left(&self) -> SolvesLeft {
-        match self {
-            Self::Lattice(plan) => SolvesLeft::About(plan.left()),
-            Self::Scattered(plan) => plan.left(),
-            Self::Finished(_) => SolvesLeft::About(0),
-        }
-    }
+    fn decide(&mut self, record: &Record);
 
     /// Whether nothing is left to do.
-    pub(crate) fn is_done(&self) -> bool {
-        match self {
-            Self::Lattice(plan) => plan.is_done(),
-            Self::Scattered(plan) => plan.is_done(),
-            Self::Finished(_) => true,
-        }
-    }
+    fn is_done(&self) -> bool;
 
-    /// Length of the validation streak of adaptive sampling; `None` on a lattice.
-    pub(crate) fn passes(&self) -> Option<usize> {
-        match self {
-            Self::Lattice(_) => None,
-            Self::Scattered(plan) => Some(plan.passes().min(STREAK)),
-            Self::Finished(state) => state.fit.as_ref().map(|_| STREAK),
-        }
+    /// How far the plan has come.
+    fn status(&self) -> PlanStatus;
+
+    /// The fit of adaptive sampling; `None` on a lattice and before rest is solved.
+    fn fit(&self) -> Option<AdaptiveFit> {
+        None
     }
 
     /// The state of the space with `open` open attempts.
-    pub(super) fn state(&self, open: usize) -> SpaceState {
-        let fit = match self {
-            Self::Lattice(_) => None,
-            Self::Scattered(plan) => plan.fit(),
-            Self::Finished(state) => return SpaceState::clone(state),
+    fn state(&self, open: usize) -> SpaceState {
+        SpaceState { open, counts: self.status().counts, fit: self.fit() }
+    }
+}
+
+/// The plan of a space with nothing left to solve.
+impl SpacePlan for SpaceState {
+    fn next_task(&mut self) -> Option<Task> {
+        None
+    }
+
+    fn decide(&mut self, _: &Record) {}
+
+    fn is_done(&self) -> bool {
+        true
+    }
+
+    fn status(&self) -> PlanStatus {
+        let phase = match &self.fit {
+            None => Phase::Lattice,
+            Some(_) if self.fallback().is_some() => Phase::FallbackLattice,
+            Some(_) => Phase::Search,
         };
-        SpaceState { open, counts: self.counts(), fit }
+        let (is_solving_again, left) = (false, SolvesLeft::About(0));
+        PlanStatus { counts: self.counts, phase, is_solving_again, left, passes: STREAK }
+    }
+
+    fn fit(&self) -> Option<AdaptiveFit> {
+        self.fit.clone()
     }
 }
 

@@ -6,17 +6,17 @@
 
 use std::sync::Arc;
 
-use super::Plan;
+use super::{Plan, SpacePlan};
 use crate::space::fallback::FallbackLattice;
 use crate::space::record::{Record, Solution};
-use crate::space::task::{TagCounts, Task};
+use crate::space::task::Task;
 use crate::spec::{Domain, GridIndex, Requirements};
 
 /// The plan of the fallback lattice.
 #[derive(Debug)]
 pub(super) struct Switched {
     wanted: Requirements,
-    plan: Plan,
+    pub(super) plan: Plan,
     lattice: FallbackLattice,
 }
 
@@ -30,28 +30,6 @@ impl Switched {
         plan.next_task()?;
         plan.decide(rest);
         Some(Self { wanted, plan, lattice })
-    }
-
-    /// Points of the lattice by tag, without the rest point.
-    pub(super) fn counts(&self) -> TagCounts {
-        self.plan.counts()
-    }
-
-    pub(super) fn round(&self) -> u32 {
-        self.plan.round()
-    }
-
-    pub(super) fn is_done(&self) -> bool {
-        self.plan.is_done()
-    }
-
-    /// Estimate of the solves that are still needed.
-    pub(super) fn left(&self) -> usize {
-        self.plan.left()
-    }
-
-    pub(super) fn is_solving_again(&self) -> bool {
-        self.plan.is_solving_again()
     }
 
     pub(super) fn next_task(&mut self) -> Option<Task> {

@@ -130,8 +130,9 @@ mod tests {
     use super::*;
     use crate::fit::synthetic::{jet, spread};
     use crate::space::plan::SpacePlan;
-    use crate::space::synthetic::{SyntheticExecutor, actives, mesh};
-    use crate::space::{Outcome, Plans, Record, Solution, Task};
+    use crate::space::plans::{Plans, state};
+    use crate::space::tests::synthetic::{SyntheticExecutor, actives, mesh};
+    use crate::space::{Outcome, Record, Solution, Task};
     use crate::spec::{Sampling, Scattered, Tolerance};
 
     /// A body whose force jumps by `jump_n` to another branch beyond a plane.
@@ -147,7 +148,7 @@ mod tests {
     }
 
     /// A store whose only space is solved to its end but not stored as finished, with its plan.
-    fn solved(folder: &std::path::Path, radius_m: f64, jump_n: f64) -> (Store, SpacePlan) {
+    fn solved(folder: &std::path::Path, radius_m: f64, jump_n: f64) -> (Store, Box<dyn SpacePlan>) {
         let scattered = Scattered {
             radius_m,
             tolerance: Tolerance::IMPERCEPTIBLE,
@@ -194,7 +195,7 @@ mod tests {
         {
             let (store, plan) = solved(folder.path(), radius_m, jump_n);
             assert!(store.finished(0).expect("read").is_none());
-            let replayed = Plans::of(&store).and_then(|plans| plans.state(&store, 0)).expect("replayed");
+            let replayed = state(&store, 0).expect("replayed");
             store.finish(0, &plan.state(0)).expect("kept");
             let kept = store.finished(0).expect("read").expect("finished");
             assert_eq!(kept.fit.as_ref().and_then(|fit| fit.verdict), Some(verdict));

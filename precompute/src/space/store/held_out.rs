@@ -3,13 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use palpate_core::ConfigTag;
-use palpate_core::format::CHECKSUM;
-use rusqlite::types::Type;
-use rusqlite::{Connection, OptionalExtension, params};
+use rusqlite::types::{Type, Value};
+use rusqlite::{Connection, params};
 
-use super::rows::{equilibrium, nullable, plain, unreadable};
+use super::error::StoreFault;
+use super::rows::{CHECKSUM, equilibrium, insert_row, numbers, plain, unreadable};
 use super::{Store, StoreError};
-use crate::space::record::Equilibrium;
 use crate::space::walk::{Kind, Truth, Walk, WalkOutcome};
 
 const COLUMNS: &str = "kind, number, step, x_m, y_m, z_m, tag, failure, energy_j, fx_n, fy_n, fz_n, sxx_n_m, sxy_n_m, sxz_n_m, \
@@ -28,21 +27,17 @@ impl Store {
 
     /// The rule of the stored draw; `None` if nothing is drawn yet.
     pub(crate) fn draw_identity(&self) -> Result<Option<String>, StoreError> {
-        let sql = "SELECT value FROM meta WHERE key = 'held_out'";
-        self.wrap(self.connection.query_row(sql, [], |row| row.get(0)).optional())
+        self.optional("held_out")
     }
 
     fn agree(&self, key: &str, wanted: &str) -> Result<(), StoreError> {
-        let sql = "SELECT value FROM meta WHERE key = ?1";
-        let stored: Option<String> =
-            self.wrap(self.connection.query_row(sql, [key], |row| row.get(0)).optional())?;
-        match stored {
+        match self.optional(key)? {
             None => {
                 let sql = "INSERT INTO meta VALUES (?1, ?2)";
                 self.wrap(self.connection.execute(sql, params![key, wanted])).map(drop)
             }
             Some(stored) if stored == wanted => Ok(()),
-            Some(stored) => Err(StoreError::Drawn { path: self.path.clone(), stored, wanted: wanted.into() }),
+            Some(stored) => Err(StoreFault::Drawn { stored, wanted: wanted.into() }.at(&self.path)),
         }
     }
 
@@ -56,8 +51,11 @@ impl Store {
     /// Adds the outcome of a walk in one transaction. A walk with a number that is not finite is refused.
     pub fn add_walk(&self, outcome: &WalkOutcome) -> Result<(), StoreError> {
         for (step, truth) in (1..).zip(&outcome.truths) {
-            let of_solution = truth.equilibrium().map(Equilibrium::numbers).unwrap_or_default();
-            self.expect_finite(truth.displacement_m.iter().chain(&of_solution), || {
+            let residual_n = truth.residual_n.unwrap_or(f64::NAN);
+            let of_solution = truth.equilibrium().into_iter();
+            let of_solution =
+                of_solution.flat_map(|at| at.numbers().into_iter().chain([at.min_jacobian, residual_n]));
+            self.expect_finite(truth.displacement_m.into_iter().chain(of_solution), || {
                 format!("{} walk {}, step {step}", outcome.walk.kind.name(), outcome.walk.number)
             })?;
         }
@@ -92,17 +90,15 @@ impl Store {
         mut see: impl FnMut(&Walk, u32, &Truth),
     ) -> Result<(), StoreError> {
         let sql = format!("SELECT {COLUMNS} FROM held_out WHERE active = ?1 ORDER BY kind, number, step");
-        let mut statement = self.wrap(self.connection.prepare(&sql))?;
-        let mut found = self.wrap(statement.query([active as i64]))?;
-        while let Some(row) = self.wrap(found.next())? {
+        self.each_row(&sql, active, |row| {
             let (walk, step, truth, stored) = self.wrap(read(active, row))?;
             if stored != checksum(&walk, step, &truth) {
                 let what = format!("{} walk {}, step {step} is damaged", walk.kind.name(), walk.number);
                 return Err(self.corrupt(what));
             }
             see(&walk, step, &truth);
-        }
-        Ok(())
+            Ok(())
+        })
     }
 }
 
@@ -174,67 +170,35 @@ fn keep(
 }
 
 fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlite::Result<()> {
-    let places: Vec<String> = (1..=29).map(|n| format!("?{n}")).collect();
-    let sql = format!("INSERT INTO held_out (active, {COLUMNS}) VALUES ({})", places.join(", "));
     let at = t.equilibrium();
-    let number = |column: usize| at.map(|at| at.numbers()[column]);
-    let [x, y, z] = t.displacement_m;
-    connection
-        .prepare_cached(&sql)?
-        .execute(params![
-            walk.active,
-            walk.kind.name(),
-            walk.number,
-            step,
-            x,
-            y,
-            z,
-            t.tag().name(),
-            t.failure(),
-            number(0),
-            number(1),
-            number(2),
-            number(3),
-            number(4),
-            number(5),
-            number(6),
-            number(7),
-            number(8),
-            number(9),
-            t.residual_n,
-            at.map(|at| at.min_jacobian),
-            at.map_or(0, |at| at.inverted),
-            at.and_then(|at| at.unstable_modes),
-            at.is_some_and(|at| at.switched),
-            t.iterations,
-            t.factorisations,
-            t.seconds,
-            t.displacements,
-            checksum(walk, step, t),
-        ])
-        .map(drop)
+    let mut row: Vec<Value> =
+        vec![walk.active.into(), walk.kind.name().to_owned().into(), walk.number.into(), step.into()];
+    row.extend(t.displacement_m.map(Value::from));
+    row.extend([t.tag().name().to_owned().into(), t.failure().map(str::to_owned).into()]);
+    row.extend(numbers(at));
+    row.extend([
+        t.residual_n.into(),
+        at.map(|at| at.min_jacobian).into(),
+        at.map_or(0, |at| at.inverted).into(),
+        at.and_then(|at| at.unstable_modes).into(),
+        at.is_some_and(|at| at.switched).into(),
+        t.iterations.into(),
+        t.factorisations.into(),
+        t.seconds.into(),
+        t.displacements.clone().into(),
+        checksum(walk, step, t).into(),
+    ]);
+    insert_row(connection, "held_out", COLUMNS, row)
 }
 
 /// Reads a row of [`COLUMNS`] with its stored checksum.
 fn read(active: usize, row: &rusqlite::Row<'_>) -> rusqlite::Result<(Walk, u32, Truth, u32)> {
-    let (kind, tag): (String, String) = (row.get(0)?, row.get(6)?);
-    let kind = Kind::from_name(&kind).ok_or_else(|| unreadable(0, Type::Text))?;
+    let kind = Kind::from_name(&row.get::<_, String>(0)?).ok_or_else(|| unreadable(0, Type::Text))?;
     let walk = Walk { active: active as u32, kind, number: row.get(1)? };
-    let result = match ConfigTag::from_name(&tag) {
-        Some(ConfigTag::Failed) => Err(row.get::<_, Option<String>>(7)?.unwrap_or_default()),
-        Some(tag) if tag.is_solved() => Ok(Equilibrium {
-            min_jacobian: nullable(row, 19)?,
-            inverted: row.get(20)?,
-            unstable_modes: row.get(21)?,
-            switched: row.get(22)?,
-            ..equilibrium(row, tag, 8)?
-        }),
-        _ => return Err(unreadable(6, Type::Text)),
-    };
     let truth = Truth {
         displacement_m: [row.get(3)?, row.get(4)?, row.get(5)?],
-        result,
-        residual_n: nullable(row, 18)?,
+        result: equilibrium(row, [6, 7, 18])?,
+        residual_n: row.get(18)?,
         iterations: row.get(23)?,
         factorisations: row.get(24)?,
         seconds: row.get(25)?,
@@ -259,7 +223,7 @@ fn checksum(walk: &Walk, step: u32, t: &Truth) -> u32 {
         let [energy_j, force_and_stiffness @ ..] = at.numbers();
         [energy_j, at.min_jacobian].into_iter().chain(force_and_stiffness)
     });
-    let always = t.displacement_m.into_iter().chain([t.residual_n, t.seconds]);
+    let always = t.displacement_m.into_iter().chain([t.residual_n.unwrap_or(f64::NAN), t.seconds]);
     for x in of_solution.into_iter().flatten().chain(always) {
         digest.update(&plain(x).to_le_bytes());
     }

@@ -2,11 +2,12 @@
 
 use rusqlite::{OptionalExtension, params};
 
+use super::error::StoreFault;
 use super::{Store, StoreError};
 use crate::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
 
 /// Layout of the file. A store of another layout is refused.
-pub(in crate::space) const LAYOUT: &str = "5";
+const LAYOUT: &str = "5";
 
 /// Increased whenever the bits of the solver or the course of a search change.
 const SOLVER_REVISION: u32 = 8;
@@ -36,17 +37,41 @@ pub struct StoreIdentity {
     pub displacement_bound: DisplacementBound,
 }
 
+/// Keys of the table `meta` that may change between runs because no number depends on them.
+const REFRESHED: [&str; 5] = ["scene_name", "scene", "visual", "displacement_rms_m", "displacement_max_m"];
+
+impl StoreIdentity {
+    /// The rows of the table `meta`.
+    pub(super) fn meta(&self) -> Vec<(&'static str, String)> {
+        let sampling = &self.sampling;
+        let scattered = sampling.scattered().map(|scattered| serde_json::json!(scattered).to_string());
+        let normals: Vec<String> = self.normals.as_flattened().iter().map(|x| format!("{x:?}")).collect();
+        vec![
+            ("layout", LAYOUT.to_string()),
+            ("solver", solver_version()),
+            ("scene_name", self.scene_name.clone()),
+            ("scene", self.scene.clone()),
+            ("content_hash", self.content_hash.clone()),
+            ("mesh_hash", blake3::Hash::from_bytes(self.mesh_hash).to_string()),
+            ("law", self.law.clone()),
+            ("max_force_n", format!("{:?}", self.max_force_n)),
+            ("spacing_m", format!("{:?}", sampling.unit_m())),
+            ("radius_m", format!("{:?}", sampling.radius_m())),
+            ("visual", self.visual.to_string()),
+            ("displacement_rms_m", format!("{:?}", self.displacement_bound.rms_m)),
+            ("displacement_max_m", format!("{:?}", self.displacement_bound.max_m)),
+            ("complete_cells", sampling.lattice().is_some_and(|l| l.complete_cells).to_string()),
+            ("increments", sampling.increments().map_or(String::new(), |n| n.to_string())),
+            ("scattered", scattered.unwrap_or_default()),
+            ("normals", normals.join(" ")),
+        ]
+    }
+}
+
 impl Store {
-    /// Updates the properties that may change between runs because no number depends on them.
+    /// Updates the properties that may change between runs.
     pub(super) fn refresh(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
-        let current = [
-            ("scene_name", identity.scene_name.clone()),
-            ("scene", identity.scene.clone()),
-            ("visual", identity.visual.to_string()),
-            ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
-            ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
-        ];
-        for (key, value) in current {
+        for (key, value) in identity.meta().into_iter().filter(|(key, _)| REFRESHED.contains(key)) {
             let sql = "INSERT INTO meta VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2 WHERE value <> ?2";
             self.wrap(self.connection.execute(sql, params![key, value]))?;
         }
@@ -54,34 +79,35 @@ impl Store {
     }
 
     pub(super) fn check(&self, identity: &StoreIdentity, active: &[(String, u32)]) -> Result<(), StoreError> {
-        self.expect_meta("layout", LAYOUT)?;
-        self.expect_meta("solver", &solver_version())?;
-        self.expect_content(identity)?;
+        self.expect_inputs(identity)?;
         let stored = self.active()?;
-        if stored != active {
-            return Err(StoreError::Mismatch {
-                path: self.path.clone(),
-                what: "set of active nodes",
-                stored: format!("{stored:?}"),
-                wanted: format!("{active:?}"),
-            });
-        }
-        Ok(())
-    }
-
-    pub(in crate::space) fn expect_meta(&self, key: &'static str, wanted: &str) -> Result<(), StoreError> {
-        let stored = self.meta(key)?;
-        if stored == wanted {
+        if stored == active {
             return Ok(());
         }
-        let what = if key == "layout" { "file layout" } else { "version of the solver" };
+        let what = "set of active nodes";
+        Err(StoreFault::Mismatch { what, stored: format!("{stored:?}"), wanted: format!("{active:?}") }
+            .at(&self.path))
+    }
+
+    /// Refuses a store of another layout, solver, scene or mesh.
+    pub(in crate::space) fn expect_inputs(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
+        self.expect_layout()?;
+        let (stored, wanted) = (self.meta("solver")?, solver_version());
+        if stored != wanted {
+            return Err(self.mismatch("version of the solver", &stored, &wanted));
+        }
+        self.expect_content(identity)
+    }
+
+    pub(super) fn expect_layout(&self) -> Result<(), StoreError> {
+        let stored = self.meta("layout")?;
+        if stored == LAYOUT { Ok(()) } else { Err(self.mismatch("file layout", &stored, LAYOUT)) }
+    }
+
+    /// A difference between the file and this run, each side at most 40 characters long.
+    pub(super) fn mismatch(&self, what: &'static str, stored: &str, wanted: &str) -> StoreError {
         let short = |s: &str| s.chars().take(40).collect::<String>();
-        Err(StoreError::Mismatch {
-            path: self.path.clone(),
-            what,
-            stored: short(&stored),
-            wanted: short(wanted),
-        })
+        StoreFault::Mismatch { what, stored: short(stored), wanted: short(wanted) }.at(&self.path)
     }
 
     /// Value of a `meta` key.

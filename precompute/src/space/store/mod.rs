@@ -15,7 +15,7 @@ mod refusal;
 pub(super) mod rows;
 
 pub use error::StoreError;
-pub(super) use identity::LAYOUT;
+pub(super) use error::StoreFault;
 pub use identity::{StoreIdentity, solver_version};
 
 use std::cell::Cell;
@@ -32,7 +32,7 @@ use super::state::SpaceState;
 use crate::fem::solve::Seed;
 use crate::mesh::TetMesh;
 use crate::num::jet::EnergyJet;
-use crate::spec::{GridIndex, Sampling};
+use crate::spec::GridIndex;
 
 const SCHEMA: &str = include_str!("schema.sql");
 
@@ -72,7 +72,7 @@ impl Store {
     ) -> Result<Self, StoreError> {
         let fresh = !path.exists();
         Self::expect_space(path)?;
-        let at = |error| StoreError::sqlite(path, error);
+        let at = |error| StoreFault::Sqlite(error).at(path);
         let connection = Connection::open(path).map_err(at)?;
         let lock = lock(path)?;
         configure(&connection).map_err(at)?;
@@ -90,9 +90,9 @@ impl Store {
         Self::expect_space(path)?;
         let store = Self::with(reading::connect(path)?, path, None);
         if store.is_empty()? {
-            return Err(StoreError::Empty { path: path.to_path_buf() });
+            return Err(StoreFault::Empty.at(path));
         }
-        store.expect_meta("layout", LAYOUT)?;
+        store.expect_layout()?;
         Ok(store)
     }
 
@@ -108,11 +108,11 @@ impl Store {
     }
 
     fn wrap<T>(&self, result: rusqlite::Result<T>) -> Result<T, StoreError> {
-        result.map_err(|error| StoreError::sqlite(&self.path, error))
+        result.map_err(|error| StoreFault::Sqlite(error).at(&self.path))
     }
 
     pub(crate) fn corrupt(&self, what: impl Into<String>) -> StoreError {
-        StoreError::Corrupt { path: self.path.clone(), what: what.into() }
+        StoreFault::Corrupt(what.into()).at(&self.path)
     }
 
     fn is_empty(&self) -> Result<bool, StoreError> {
@@ -128,54 +128,25 @@ impl Store {
         fixed: &[u32],
         active: &[(String, u32)],
     ) -> Result<(), StoreError> {
-        let path = self.path.clone();
-        let at = |error| StoreError::sqlite(&path, error);
-        let transaction = self.connection.transaction().map_err(at)?;
-        transaction.execute_batch(SCHEMA).map_err(at)?;
-        let scattered = match identity.sampling {
-            Sampling::Lattice(_) => String::new(),
-            Sampling::Scattered(scattered) => serde_json::json!(scattered).to_string(),
-        };
-        let normals: Vec<String> = identity.normals.as_flattened().iter().map(|x| format!("{x:?}")).collect();
-        let meta = [
-            ("layout", LAYOUT.to_string()),
-            ("solver", solver_version()),
-            ("scene_name", identity.scene_name.clone()),
-            ("scene", identity.scene.clone()),
-            ("content_hash", identity.content_hash.clone()),
-            ("mesh_hash", blake3::Hash::from_bytes(identity.mesh_hash).to_string()),
-            ("law", identity.law.clone()),
-            ("max_force_n", format!("{:?}", identity.max_force_n)),
-            ("spacing_m", format!("{:?}", identity.sampling.unit_m())),
-            ("radius_m", format!("{:?}", identity.sampling.radius_m())),
-            ("visual", identity.visual.to_string()),
-            ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
-            ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
-            ("complete_cells", identity.sampling.lattice().is_some_and(|l| l.complete_cells).to_string()),
-            ("increments", identity.sampling.increments().map_or(String::new(), |n| n.to_string())),
-            ("scattered", scattered),
-            ("normals", normals.join(" ")),
-        ];
-        for (key, value) in meta {
-            transaction.execute("INSERT INTO meta VALUES (?1, ?2)", params![key, value]).map_err(at)?;
-        }
-        transaction
-            .execute(
-                "INSERT INTO mesh VALUES (0, ?1, ?2, ?3, ?4)",
-                params![
-                    mesh.nodes_m.iter().flatten().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>(),
-                    mesh.tets.iter().flatten().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
-                    fixed.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
-                    serde_json::json!([mesh.node_groups, mesh.tet_groups]).to_string(),
-                ],
-            )
-            .map_err(at)?;
-        for (id, (name, node)) in active.iter().enumerate() {
-            transaction
-                .execute("INSERT INTO active VALUES (?1, ?2, ?3)", params![id as i64, name, node])
-                .map_err(at)?;
-        }
-        transaction.commit().map_err(at)
+        let created = self.connection.transaction().and_then(|transaction| {
+            transaction.execute_batch(SCHEMA)?;
+            for (key, value) in identity.meta() {
+                transaction.execute("INSERT INTO meta VALUES (?1, ?2)", params![key, value])?;
+            }
+            let row = params![
+                mesh.nodes_m.iter().flatten().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>(),
+                mesh.tets.iter().flatten().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
+                fixed.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
+                serde_json::json!([mesh.node_groups, mesh.tet_groups]).to_string(),
+            ];
+            transaction.execute("INSERT INTO mesh VALUES (0, ?1, ?2, ?3, ?4)", row)?;
+            for (id, (name, node)) in active.iter().enumerate() {
+                transaction
+                    .execute("INSERT INTO active VALUES (?1, ?2, ?3)", params![id as i64, name, node])?;
+            }
+            transaction.commit()
+        });
+        self.wrap(created)
     }
 
     /// Active nodes (name, mesh node) in the order of their numbers.
@@ -215,18 +186,32 @@ impl Store {
             "SELECT {} FROM configuration WHERE active = ?1 ORDER BY i, j, k, attempt",
             rows::COLUMNS
         );
-        let mut statement = self.wrap(self.connection.prepare(&sql))?;
-        let mut found = self.wrap(statement.query([active as i64]))?;
         let mut records = Vec::new();
-        while let Some(row) = self.wrap(found.next())? {
+        self.each_row(&sql, active, |row| {
             records.push(self.checked(active, self.wrap(rows::read(row))?)?);
-        }
+            Ok(())
+        })?;
         Ok(records)
     }
 
+    /// Calls `see` for each row that `sql` selects for an active node.
+    fn each_row(
+        &self,
+        sql: &str,
+        active: usize,
+        mut see: impl FnMut(&rusqlite::Row<'_>) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        let mut statement = self.wrap(self.connection.prepare(sql))?;
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        while let Some(row) = self.wrap(found.next())? {
+            see(row)?;
+        }
+        Ok(())
+    }
+
     fn checked(&self, active: usize, row: rows::Row) -> Result<Record, StoreError> {
-        let intact = row.checksum == rows::checksum(active, &row.record);
-        if intact { Ok(row.record) } else { Err(self.corrupt(rows::damaged(&row.record.index))) }
+        let index = row.record.index;
+        row.intact(active).ok_or_else(|| self.corrupt(rows::damaged(&index)))
     }
 
     /// All decided points of one active node, sorted by grid index: the accepted solution of each, or its
@@ -246,37 +231,35 @@ impl Store {
     /// Intermediate states of transitions, each with target point and attempt, sorted by these and along the
     /// transition.
     pub fn intermediate(&self, active: usize) -> Result<Vec<(GridIndex, u32, EnergyJet)>, StoreError> {
-        let mut states = Vec::new();
-        self.each_intermediate(active, |index, attempt, state| states.push((index, attempt, state)))?;
-        Ok(states)
-    }
-
-    fn each_intermediate(
-        &self,
-        active: usize,
-        mut see: impl FnMut(GridIndex, u32, EnergyJet),
-    ) -> Result<(), StoreError> {
         let sql = "SELECT i, j, k, attempt, numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
-        let mut statement = self.wrap(self.connection.prepare(sql))?;
-        let mut found = self.wrap(statement.query([active as i64]))?;
-        while let Some(row) = self.wrap(found.next())? {
+        let mut states = Vec::new();
+        self.each_row(sql, active, |row| {
             let read =
                 || Ok(([row.get(0)?, row.get(1)?, row.get(2)?], row.get(3)?, row.get::<_, Vec<u8>>(4)?));
             let (index, attempt, bytes) = self.wrap(read())?;
             let state = rows::unpack_intermediate(&bytes);
-            see(index, attempt, state.ok_or_else(|| self.corrupt("an intermediate state is damaged"))?);
-        }
-        Ok(())
+            states.push((
+                index,
+                attempt,
+                state.ok_or_else(|| self.corrupt("an intermediate state is damaged"))?,
+            ));
+            Ok(())
+        })?;
+        Ok(states)
     }
 
     /// Adds an outcome, and with the last outcome of a space the state of the space. Outcomes in quick
     /// succession share a commit; slow ones are committed at once. A number that is not finite is refused.
     pub(crate) fn add(&self, outcome: &Outcome, finished: Option<&SpaceState>) -> Result<(), StoreError> {
-        let solution = outcome.record.jet([0.0; 3]);
-        let numbers =
-            solution.iter().chain(&outcome.intermediate).map(EnergyJet::numbers).collect::<Vec<_>>();
-        self.expect_finite(numbers.as_flattened(), || {
-            format!("the configuration at grid point {:?}", outcome.record.index)
+        let record = &outcome.record;
+        let solution = record.solution().map(|solution| {
+            let residual_n = record.residual_n.unwrap_or(f64::NAN);
+            let scalars = [solution.equilibrium.min_jacobian, solution.volume_m3, residual_n];
+            solution.jet([0.0; 3]).numbers().into_iter().chain(scalars)
+        });
+        let intermediate = outcome.intermediate.iter().flat_map(EnergyJet::numbers);
+        self.expect_finite(solution.into_iter().flatten().chain(intermediate), || {
+            format!("the configuration at grid point {:?}", record.index)
         })?;
         self.write(|connection| {
             rows::insert(connection, outcome)?;
@@ -285,15 +268,13 @@ impl Store {
     }
 
     /// Refuses numbers that are infinite or NaN.
-    fn expect_finite<'n>(
+    fn expect_finite(
         &self,
-        numbers: impl IntoIterator<Item = &'n f64>,
+        mut numbers: impl Iterator<Item = f64>,
         what: impl FnOnce() -> String,
     ) -> Result<(), StoreError> {
-        if numbers.into_iter().all(|x| x.is_finite()) {
-            return Ok(());
-        }
-        Err(StoreError::NotFinite { path: self.path.clone(), what: what() })
+        let is_finite = numbers.all(f64::is_finite);
+        if is_finite { Ok(()) } else { Err(StoreFault::NotFinite(what()).at(&self.path)) }
     }
 
     fn write(&self, rows: impl FnOnce(&Connection) -> rusqlite::Result<()>) -> Result<(), StoreError> {
@@ -329,14 +310,13 @@ impl Store {
     /// row is found before the store is used.
     pub fn check_states(&self, active: usize) -> Result<(), StoreError> {
         let sql = format!("SELECT {}, i, j, k FROM state WHERE active = ?1", rows::STATE);
-        let mut statement = self.wrap(self.connection.prepare(&sql))?;
-        let mut found = self.wrap(statement.query([active as i64]))?;
-        while let Some(row) = self.wrap(found.next())? {
-            if !self.wrap(rows::read_state(row))?.is_intact() {
-                let index = self.wrap((|| Ok([row.get(3)?, row.get(4)?, row.get(5)?]))())?;
-                return Err(self.corrupt(rows::damaged(&index)));
+        self.each_row(&sql, active, |row| {
+            if self.wrap(rows::read_state(row))?.is_intact() {
+                return Ok(());
             }
-        }
+            let index = self.wrap((|| Ok([row.get(3)?, row.get(4)?, row.get(5)?]))())?;
+            Err(self.corrupt(rows::damaged(&index)))
+        })?;
         let sql = "SELECT i, j, k FROM configuration AS c WHERE active = ?1 AND tag <> 'failed' AND NOT EXISTS (SELECT 1 \
                    FROM state AS s WHERE (s.active, s.i, s.j, s.k, s.attempt) = (c.active, c.i, c.j, c.k, c.attempt))";
         let index = |row: &rusqlite::Row<'_>| Ok([row.get(0)?, row.get(1)?, row.get(2)?]);
@@ -344,7 +324,7 @@ impl Store {
         if let Some(index) = self.wrap(stateless)? {
             return Err(self.corrupt(rows::damaged(&index)));
         }
-        self.each_intermediate(active, |_, _, _| ())
+        self.intermediate(active).map(drop)
     }
 
     /// The final state of one attempt at a point.
@@ -413,11 +393,11 @@ impl Store {
 
 /// Acquires the writer's lock of `path`.
 pub(super) fn lock(path: &Path) -> Result<File, StoreError> {
-    let file = File::open(path).map_err(|error| StoreError::Io { path: path.to_path_buf(), error })?;
+    let file = File::open(path).map_err(|error| StoreFault::Io(error).at(path))?;
     match file.try_lock() {
         Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(StoreError::InUse { path: path.to_path_buf() }),
-        Err(TryLockError::Error(error)) => Err(StoreError::Io { path: path.to_path_buf(), error }),
+        Err(TryLockError::WouldBlock) => Err(StoreFault::InUse.at(path)),
+        Err(TryLockError::Error(error)) => Err(StoreFault::Io(error).at(path)),
     }
 }
 

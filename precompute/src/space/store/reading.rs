@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
-use super::StoreError;
+use super::error::{StoreError, StoreFault};
 
 /// A read-only connection.
 ///
 /// For a file with a write-ahead log SQLite needs a `-shm` file beside it, which it cannot create in a folder
 /// without write permission. If no log exists, no process writes the file, and it is opened as `immutable`.
 pub(super) fn connect(path: &Path) -> Result<Connection, StoreError> {
-    let at = |error| StoreError::sqlite(path, error);
+    let at = |error| StoreFault::Sqlite(error).at(path);
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let plain = Connection::open_with_flags(path, flags).and_then(probed);
     let refused = match plain {
@@ -22,8 +22,9 @@ pub(super) fn connect(path: &Path) -> Result<Connection, StoreError> {
     if !in_the_way.contains(&refused.sqlite_error_code()) || std::fs::File::open(path).is_err() {
         return Err(at(refused));
     }
-    if log_of(path).metadata().is_ok_and(|log| log.len() > 0) {
-        return Err(StoreError::LogBeside { path: path.to_path_buf() });
+    let log = log_of(path);
+    if log.metadata().is_ok_and(|log| log.len() > 0) {
+        return Err(StoreFault::LogBeside(log).at(path));
     }
     let uri = format!("file:{}?immutable=1", escaped(path));
     Connection::open_with_flags(uri, flags | OpenFlags::SQLITE_OPEN_URI).and_then(probed).map_err(at)

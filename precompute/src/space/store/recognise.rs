@@ -6,6 +6,7 @@ use std::path::Path;
 
 use rusqlite::{Connection, OpenFlags};
 
+use super::error::StoreFault;
 use super::reading::{escaped, log_of};
 use super::{Store, StoreError};
 
@@ -44,7 +45,7 @@ impl Store {
     /// Refuses a file that is not a space. A file that cannot be read is reported by the code that opens it.
     pub(super) fn expect_space(path: &Path) -> Result<(), StoreError> {
         match Self::is_space(path) {
-            Ok(false) => Err(StoreError::NotASpace { path: path.to_path_buf() }),
+            Ok(false) => Err(StoreFault::NotASpace.at(path)),
             _ => Ok(()),
         }
     }
@@ -53,7 +54,7 @@ impl Store {
     pub(in crate::space) fn expect_saveable(path: &Path) -> Result<(), StoreError> {
         Self::expect_space(path)?;
         if path.metadata().is_ok_and(|file| file.len() == 0) && !log_of(path).exists() {
-            return Err(StoreError::Empty { path: path.to_path_buf() });
+            return Err(StoreFault::Empty.at(path));
         }
         Ok(())
     }

@@ -11,13 +11,7 @@ impl Store {
         }
         let (stored, wanted) =
             self.first_difference(identity)?.unwrap_or((stored, identity.content_hash.clone()));
-        let short = |s: String| s.chars().take(40).collect::<String>();
-        Err(StoreError::Mismatch {
-            path: self.path.clone(),
-            what: "scene or mesh",
-            stored: short(stored),
-            wanted: short(wanted),
-        })
+        Err(self.mismatch("scene or mesh", &stored, &wanted))
     }
 
     fn first_difference(&self, identity: &StoreIdentity) -> Result<Option<(String, String)>, StoreError> {

@@ -2,8 +2,8 @@
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use palpate_core::ConfigTag;
-use rusqlite::types::Type;
-use rusqlite::{Connection, params};
+use rusqlite::types::{Type, Value};
+use rusqlite::{Connection, params, params_from_iter};
 
 use super::super::job::Outcome;
 use super::super::record::{Equilibrium, Record, Solution, StoredSeed};
@@ -15,31 +15,40 @@ use crate::spec::GridIndex;
 pub(super) static CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// Columns of a record, in the order of [`read`].
-pub(in crate::space) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \
-                                  energy_j, fx_n, fy_n, fz_n, sxx_n_m, sxy_n_m, sxz_n_m, syy_n_m, syz_n_m, szz_n_m, \
-                                  third_n_m2, residual_n, min_jacobian, inverted, unstable_modes, switched, \
-                                  volume_m3, \
-                                  iterations, factorisations, increments, seconds, checksum";
+pub(super) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \
+     energy_j, fx_n, fy_n, fz_n, sxx_n_m, sxy_n_m, sxz_n_m, syy_n_m, syz_n_m, szz_n_m, \
+     third_n_m2, residual_n, min_jacobian, inverted, unstable_modes, switched, \
+     volume_m3, \
+     iterations, factorisations, increments, seconds, checksum";
 
 /// A record with its stored checksum.
 pub(in crate::space) struct Row {
-    pub(in crate::space) record: Record,
-    pub(in crate::space) checksum: u32,
+    pub(super) record: Record,
+    checksum: u32,
 }
 
-pub(in crate::space) fn damaged(index: &GridIndex) -> String {
+impl Row {
+    /// The record; `None` if it is damaged.
+    pub(in crate::space) fn intact(self, active: usize) -> Option<Record> {
+        (self.checksum == checksum(active, &self.record)).then_some(self.record)
+    }
+}
+
+pub(super) fn damaged(index: &GridIndex) -> String {
     format!("the configuration at grid point {index:?} is damaged")
 }
 
 /// Reads a row of [`COLUMNS`].
-pub(in crate::space) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
+pub(super) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
     let parent: [Option<i32>; 3] = [row.get(6)?, row.get(7)?, row.get(8)?];
     let attempt: Option<u32> = row.get(9)?;
-    let tag: String = row.get(4)?;
-    let result = match ConfigTag::from_name(&tag) {
-        Some(ConfigTag::Failed) => Err(row.get::<_, Option<String>>(10)?.unwrap_or_default()),
-        Some(tag) if tag.is_solved() => Ok(solution(row, tag)?),
-        _ => return Err(unreadable(4, Type::Text)),
+    let result = match equilibrium(row, [4, 10, 22])? {
+        Ok(equilibrium) => {
+            let third = doubles(&row.get::<_, Vec<u8>>(21)?);
+            let third_n_m2 = third.try_into().map_err(|_| unreadable(21, Type::Blob))?;
+            Ok(Solution { equilibrium, third_n_m2, volume_m3: row.get(27)? })
+        }
+        Err(failure) => Err(failure),
     };
     let record = Record {
         index: [row.get(0)?, row.get(1)?, row.get(2)?],
@@ -50,7 +59,7 @@ pub(in crate::space) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
             _ => None,
         },
         result,
-        residual_n: nullable(row, 22)?,
+        residual_n: row.get(22)?,
         iterations: row.get(28)?,
         factorisations: row.get(29)?,
         increments: row.get(30)?,
@@ -59,111 +68,91 @@ pub(in crate::space) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
     Ok(Row { record, checksum: row.get(32)? })
 }
 
-fn solution(row: &rusqlite::Row<'_>, tag: ConfigTag) -> rusqlite::Result<Solution> {
-    let third = doubles(&row.get::<_, Vec<u8>>(21)?);
-    let equilibrium = Equilibrium {
-        min_jacobian: nullable(row, 23)?,
-        inverted: row.get(24)?,
-        unstable_modes: row.get(25)?,
-        switched: row.get(26)?,
-        ..equilibrium(row, tag, 11)?
-    };
-    Ok(Solution {
-        equilibrium,
-        third_n_m2: third.try_into().map_err(|_| unreadable(21, Type::Blob))?,
-        volume_m3: nullable(row, 27)?,
-    })
-}
-
-/// W, h and S in ten columns from `first` on; the condition of the mesh is that of rest.
+/// The solution or the reason of the failure, from the columns of the tag, the failure and the residual. W, h
+/// and S follow the failure, the condition of the mesh follows the residual.
 pub(super) fn equilibrium(
     row: &rusqlite::Row<'_>,
-    tag: ConfigTag,
-    first: usize,
-) -> rusqlite::Result<Equilibrium> {
+    [tag, failure, residual]: [usize; 3],
+) -> rusqlite::Result<Result<Equilibrium, String>> {
+    let terminating = match ConfigTag::from_name(&row.get::<_, String>(tag)?) {
+        Some(ConfigTag::Failed) => return Ok(Err(row.get(failure)?)),
+        Some(tag) if tag.is_solved() => tag == ConfigTag::Terminating,
+        _ => return Err(unreadable(tag, Type::Text)),
+    };
     let mut numbers = [0.0; 20];
     for (column, number) in numbers[..10].iter_mut().enumerate() {
-        *number = row.get(first + column)?;
+        *number = row.get(failure + 1 + column)?;
     }
-    let jet = EnergyJet::from_numbers([0.0; 3], &numbers);
-    Ok(Solution::of_jet(&jet, tag == ConfigTag::Terminating).equilibrium)
+    // Only a failed solve can be without a residual.
+    let _: f64 = row.get(residual)?;
+    Ok(Ok(Equilibrium {
+        min_jacobian: row.get(residual + 1)?,
+        inverted: row.get(residual + 2)?,
+        unstable_modes: row.get(residual + 3)?,
+        switched: row.get(residual + 4)?,
+        ..Solution::of_jet(&EnergyJet::from_numbers([0.0; 3], &numbers), terminating).equilibrium
+    }))
 }
 
-/// A number that SQLite returns as NULL if it is NaN.
-pub(super) fn nullable(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<f64> {
-    row.get::<_, Option<f64>>(column).map(|x| x.unwrap_or(f64::NAN))
-}
-
-pub(in crate::space) fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
+pub(super) fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
     rusqlite::Error::InvalidColumnType(column, "damaged".into(), kind)
 }
 
+/// W, h and S of a solution as values of columns; NULL for a failed solve.
+pub(super) fn numbers(at: Option<&Equilibrium>) -> [Value; 10] {
+    let numbers = at.map(Equilibrium::numbers);
+    std::array::from_fn(|column| numbers.map(|all| all[column]).into())
+}
+
+/// Adds a row of these columns, preceded by the column of the active node.
+pub(super) fn insert_row(
+    connection: &Connection,
+    table: &str,
+    columns: &str,
+    row: Vec<Value>,
+) -> rusqlite::Result<()> {
+    let places = vec!["?"; row.len()].join(", ");
+    let sql = format!("INSERT INTO {table} (active, {columns}) VALUES ({places})");
+    connection.prepare_cached(&sql)?.execute(params_from_iter(row)).map(drop)
+}
+
 /// Writes an outcome.
-pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Result<()> {
+pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Result<()> {
     let (active, r) = (outcome.active, &outcome.record);
     let (solution, at) = (r.solution(), r.equilibrium());
-    let parent = r.parent.map(|(index, _)| index);
-    let number = |column: usize| at.map(|at| at.numbers()[column]);
-    let sql = format!(
-        "INSERT INTO configuration (active, {COLUMNS}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, \
-         ?13, ?14, ?15, ?16, ?17, ?18, ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, ?34)"
-    );
-    connection.prepare_cached(&sql)?.execute(params![
-        active,
-        r.index[0],
-        r.index[1],
-        r.index[2],
-        r.attempt,
-        r.tag().name(),
-        r.round,
-        parent.map(|p| p[0]),
-        parent.map(|p| p[1]),
-        parent.map(|p| p[2]),
-        r.parent.map(|(_, attempt)| attempt),
-        r.failure(),
-        number(0),
-        number(1),
-        number(2),
-        number(3),
-        number(4),
-        number(5),
-        number(6),
-        number(7),
-        number(8),
-        number(9),
-        solution.map(|s| bytes(&s.third_n_m2)),
-        r.residual_n,
-        at.map(|at| at.min_jacobian),
-        at.map(|at| at.inverted),
-        at.and_then(|at| at.unstable_modes),
-        at.map(|at| at.switched),
-        solution.map(|s| s.volume_m3),
-        r.iterations,
-        r.factorisations,
-        r.increments,
-        r.seconds,
-        checksum(active as usize, r),
-    ])?;
-    if let Some(seed) = &outcome.seed {
+    let parent = r.parent.map_or([None; 3], |(index, _)| index.map(Some));
+    let mut row: Vec<Value> = vec![active.into()];
+    row.extend(r.index.map(Value::from));
+    row.extend([r.attempt.into(), r.tag().name().to_owned().into(), r.round.into()]);
+    row.extend(parent.map(Value::from));
+    row.extend([r.parent.map(|(_, attempt)| attempt).into(), r.failure().map(str::to_owned).into()]);
+    row.extend(numbers(at));
+    row.extend([
+        solution.map(|s| bytes(&s.third_n_m2)).into(),
+        r.residual_n.into(),
+        at.map(|at| at.min_jacobian).into(),
+        at.map(|at| at.inverted).into(),
+        at.and_then(|at| at.unstable_modes).into(),
+        at.map(|at| at.switched).into(),
+        solution.map(|s| s.volume_m3).into(),
+        r.iterations.into(),
+        r.factorisations.into(),
+        r.increments.into(),
+        r.seconds.into(),
+        checksum(active as usize, r).into(),
+    ]);
+    insert_row(connection, "configuration", COLUMNS, row)?;
+    let [i, j, k] = r.index;
+    if let Some(StoredSeed { state, sensitivity, .. }) = &outcome.seed {
         let sql = "INSERT INTO state VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
-        let [i, j, k] = r.index;
-        connection.prepare_cached(sql)?.execute(params![
-            active,
-            i,
-            j,
-            k,
-            r.attempt,
-            seed.state,
-            seed.sensitivity,
-            seed_checksum(&seed.state, &seed.sensitivity)
-        ])?;
+        let checksum = seed_checksum(state, sensitivity);
+        let row = params![active, i, j, k, r.attempt, state, sensitivity, checksum];
+        connection.prepare_cached(sql)?.execute(row)?;
     }
-    for (part, state) in outcome.intermediate.iter().enumerate() {
+    for (part, state) in (1_u32..).zip(&outcome.intermediate) {
         let sql = "INSERT INTO intermediate VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)";
-        let [i, j, k] = r.index;
-        let part = part as i64 + 1;
-        let numbers = pack_intermediate(state);
-        connection.prepare_cached(sql)?.execute(params![active, i, j, k, r.attempt, part, numbers])?;
+        let row = params![active, i, j, k, r.attempt, part, pack_intermediate(state)];
+        connection.prepare_cached(sql)?.execute(row)?;
     }
     Ok(())
 }
@@ -203,7 +192,7 @@ pub(in crate::space) struct State {
 }
 
 impl State {
-    pub(in crate::space) fn is_intact(&self) -> bool {
+    pub(super) fn is_intact(&self) -> bool {
         self.checksum == seed_checksum(&self.state, &self.sensitivity)
     }
 
@@ -216,15 +205,15 @@ impl State {
 }
 
 /// Columns of a state, in the order of [`read_state`].
-pub(in crate::space) const STATE: &str = "state, sensitivity, checksum";
+pub(super) const STATE: &str = "state, sensitivity, checksum";
 
 /// Reads a row of [`STATE`].
-pub(in crate::space) fn read_state(row: &rusqlite::Row<'_>) -> rusqlite::Result<State> {
+pub(super) fn read_state(row: &rusqlite::Row<'_>) -> rusqlite::Result<State> {
     Ok(State { state: row.get(0)?, sensitivity: row.get(1)?, checksum: row.get(2)? })
 }
 
 /// A number as SQLite returns it.
-pub(in crate::space) fn plain(x: f64) -> f64 {
+pub(super) fn plain(x: f64) -> f64 {
     if x.is_nan() { f64::NAN } else { x + 0.0 }
 }
 
@@ -246,7 +235,7 @@ pub(in crate::space) fn intermediate(
 }
 
 /// CRC-32 of a record as it is read back: SQLite keeps neither the sign of zero nor the payload of NaN.
-pub(in crate::space) fn checksum(active: usize, r: &Record) -> u32 {
+fn checksum(active: usize, r: &Record) -> u32 {
     let mut digest = CHECKSUM.digest();
     let parent = r.parent.map_or([0; 4], |([i, j, k], attempt)| [i, j, k, attempt as i32 + 1]);
     let unstable = r.equilibrium().and_then(|at| at.unstable_modes).map_or(0, |n| n + 1);
@@ -264,7 +253,7 @@ pub(in crate::space) fn checksum(active: usize, r: &Record) -> u32 {
         let scalars = [energy_j, at.min_jacobian, solution.volume_m3];
         scalars.into_iter().chain(force_and_stiffness).chain(solution.third_n_m2)
     });
-    for x in of_solution.into_iter().flatten().chain([r.residual_n, r.seconds]) {
+    for x in of_solution.into_iter().flatten().chain([r.residual_n.unwrap_or(f64::NAN), r.seconds]) {
         digest.update(&plain(x).to_le_bytes());
     }
     digest.finalize()
@@ -294,7 +283,7 @@ fn pack_intermediate(jet: &EnergyJet) -> Vec<u8> {
 }
 
 /// `None` if the bytes are damaged.
-pub(in crate::space) fn unpack_intermediate(packed: &[u8]) -> Option<EnergyJet> {
+pub(super) fn unpack_intermediate(packed: &[u8]) -> Option<EnergyJet> {
     let (numbers, checksum) = packed.split_last_chunk::<4>()?;
     if CHECKSUM.checksum(numbers) != u32::from_le_bytes(*checksum) {
         return None;
@@ -302,4 +291,46 @@ pub(in crate::space) fn unpack_intermediate(packed: &[u8]) -> Option<EnergyJet> 
     let numbers = doubles(numbers);
     let (control_m, numbers) = numbers.split_first_chunk::<3>()?;
     Some(EnergyJet::from_numbers(*control_m, numbers.try_into().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::space::Task;
+    use crate::space::tests::synthetic::SyntheticExecutor;
+
+    /// SQLite stores NaN as NULL. Only the residual of a failed solve may be one.
+    #[test]
+    fn a_null_in_a_solution_is_damage() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = SyntheticExecutor::new(1.0, 0.0).store(&folder.path().join("a.space"), 1);
+        let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)) };
+        let jet = EnergyJet::from_numbers([0.01, 0.0, 0.0], &[1.0; 20]);
+        let sound = Record::new(&task, Ok(Solution::of_jet(&jet, false)));
+        let failed = Record { attempt: 1, residual_n: None, ..Record::new(&task, Err("not-finite".into())) };
+        for record in [&sound, &failed] {
+            let outcome = Outcome { active: 0, record: record.clone(), seed: None, intermediate: Vec::new() };
+            store.add(&outcome, None).expect("added");
+        }
+        store.commit().expect("committed");
+        assert_eq!(store.attempts(0).expect("sound"), [sound.clone(), failed]);
+        type Lose = fn(&mut Record);
+        let columns: [(&str, Lose); 3] = [
+            ("residual_n", |record| record.residual_n = None),
+            ("min_jacobian", |record| {
+                record.result.as_mut().expect("solved").equilibrium.min_jacobian = f64::NAN;
+            }),
+            ("volume_m3", |record| record.result.as_mut().expect("solved").volume_m3 = f64::NAN),
+        ];
+        for (column, lose) in columns {
+            let mut lost = sound.clone();
+            lose(&mut lost);
+            let row = format!("{column} = NULL, checksum = {}", checksum(0, &lost));
+            let sql = format!("BEGIN; UPDATE configuration SET {row} WHERE attempt = 0");
+            store.connection.execute_batch(&sql).expect("it runs");
+            let line = store.attempts(0).expect_err("damaged").to_string();
+            assert!(line.contains("is damaged") && line.contains("--salvage"), "{column}: {line}");
+            store.connection.execute_batch("ROLLBACK").expect("it runs");
+        }
+    }
 }

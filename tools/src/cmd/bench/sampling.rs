@@ -21,7 +21,7 @@ use palpate_precompute::num::parallel::in_parallel;
 use palpate_precompute::num::sequence::{on_sphere, r3};
 use palpate_precompute::num::vector::{distance, norm};
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::spec::{Domain, GridIndex, Lattice, Requirements, SpaceGrid, Tolerance};
+use palpate_precompute::spec::{GridIndex, Lattice, Requirements, SpaceGrid, Tolerance};
 use serde::Serialize;
 
 use crate::analysis::{self, threads};
@@ -303,8 +303,7 @@ impl Baselines<'_> {
                 }
             }
         }
-        let domain = Domain::new(grid, true);
-        let inside: std::collections::HashSet<GridIndex> = domain.points().collect();
+        let inside: std::collections::HashSet<GridIndex> = grid.points(true).into_iter().collect();
         let of = |index: GridIndex| self.sample(grid, index);
         corners.into_keys().filter(|index| inside.contains(index)).map(of).collect()
     }

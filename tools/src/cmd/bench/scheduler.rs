@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::space::{Executor, Expansion, Store, StoreIdentity};
-use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid};
+use palpate_precompute::space::{self, Executor, Store, StoreIdentity};
+use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
 use serde::Serialize;
 
 use super::common::Out;
@@ -194,8 +194,7 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
 }
 
 fn expand(store: &Store, executor: &mut dyn Executor, actives: &[usize]) -> Result<(), Failure> {
-    let expansion = Expansion { actives: actives.to_vec() };
-    expansion.run(store, executor, &AtomicBool::new(false), |_| ())?;
+    space::expand(actives, store, executor, &AtomicBool::new(false), |_| ())?;
     Ok(())
 }
 
@@ -217,7 +216,7 @@ fn simulate(case: &Case<'_>, workers: usize, costs: Costs, path: &Path) -> Resul
     let speed_up = work / makespan;
     Ok(Row {
         case: case.name.clone(),
-        points: case.actives.len() * (Domain::new(&case.grid, case.complete_cells).count() - 1),
+        points: case.actives.len() * (case.grid.points(case.complete_cells).len() - 1),
         tries: ran.tries,
         levels: ran.levels.len(),
         workers,

@@ -149,7 +149,7 @@ fn measure(
     forget_peak();
     let mut progress = WorkProgress::new(&format!("{name}, {threads} threads"), "solves");
     let start = Instant::now();
-    let counts = bench.solve(vec![0], &store, Run { threads, stop }, |p| progress.spaces(p));
+    let counts = bench.solve(&[0], &store, Run { threads, stop }, |p| progress.spaces(p));
     let seconds = start.elapsed().as_secs_f64();
     progress.finish();
     let counts = counts?[0];
@@ -158,7 +158,7 @@ fn measure(
     let sum =
         |value: fn(&palpate_precompute::space::Record) -> f64| -> f64 { attempts.iter().map(value).sum() };
     let folds = palpate_precompute::space::branch_jumps(&bench.lattice()?.grid, &store.records(0)?).len();
-    let points = palpate_precompute::space::Plans::of(&store)?.points().unwrap_or(0);
+    let points = bench.sampling()?.points().unwrap_or(0);
     drop(store);
     let solved = counts.solved().max(1) as f64;
     Ok(Row {

@@ -31,7 +31,7 @@ pub(super) fn write(store: &Store, sampling: &Sampling, file: &Output) -> Result
             cells.extend(t.displacement_m.map(number));
             cells.extend([training.to_string(), t.tag().name().into(), t.failure().unwrap_or("").into()]);
             cells.extend(numbers(at.map(Equilibrium::numbers)));
-            cells.extend([number(t.residual_n), field(at.map(|at| number(at.min_jacobian)))]);
+            cells.extend([field(t.residual_n.map(number)), field(at.map(|at| number(at.min_jacobian)))]);
             cells.extend([field(at.map(|at| at.inverted)), field(at.and_then(|at| at.unstable_modes))]);
             cells.push(field(at.map(|at| u32::from(at.switched))));
             cells.extend([t.iterations.to_string(), t.factorisations.to_string(), number(t.seconds)]);

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use palpate_precompute::fit::BranchJump;
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::mesh::write::vtu::{self, Cells, Field, Grid};
-use palpate_precompute::space::{Equilibrium, FallbackLattice, Plans, Record, Store, branch_jumps};
+use palpate_precompute::num::vector::norm;
+use palpate_precompute::space::{Equilibrium, FallbackLattice, Record, Store, branch_jumps, state};
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
@@ -61,10 +62,10 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
     let store = Store::open(&args.file)?;
     let outputs = Outputs::of(args, &store, files)?;
     let identity = store.identity()?;
-    let (sampling, plans) = (identity.sampling, Plans::of(&store)?);
+    let (sampling, points_of_all) = (identity.sampling, identity.sampling.points());
     let (points, completed, grid_words) = match sampling {
         Sampling::Lattice(Lattice { grid, .. }) => {
-            let (points, total) = (grid.lattice.points().count(), plans.points().unwrap_or(0));
+            let (points, total) = (grid.lattice.points().count(), points_of_all.unwrap_or(0));
             let completed = total - points;
             let corners = match completed {
                 0 => String::new(),
@@ -93,7 +94,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         let attempts = store.attempts(active)?;
         let records = store.records(active)?;
         store.check_states(active)?;
-        let state = plans.state(&store, active)?;
+        let state = state(&store, active)?;
         let fallback = state.fallback();
         let branch_jumps = match (&sampling, &fallback) {
             (Sampling::Lattice(lattice), _) => branch_jumps(&lattice.grid, &records),
@@ -101,7 +102,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
             _ => Vec::new(),
         };
         let space = Space { name, node, branch_jumps, attempts, records, open: state.open };
-        let (words, mut numbers) = space.describe(plans.points());
+        let (words, mut numbers) = space.describe(points_of_all);
         text.push_str(&words);
         if sampling.scattered().is_some() {
             let fallback = fallback.as_ref().map(|lattice| (lattice, &space.records[..]));
@@ -163,9 +164,9 @@ impl Space {
         let (expandable, terminating, failed) = (count("expandable"), count("terminating"), count("failed"));
         let unknown = total.map_or(0, |total| total.saturating_sub(expandable + terminating + failed));
         let found = || self.solved().filter_map(Record::equilibrium);
-        let forces = || found().map(Equilibrium::force_norm_n);
+        let forces = || found().map(|at| norm(at.force_n));
         let (least, largest) = (forces().fold(f64::INFINITY, f64::min), forces().fold(0.0, f64::max));
-        let residual = self.solved().map(|r| r.residual_n).fold(0.0, f64::max);
+        let residual = self.solved().filter_map(|r| r.residual_n).fold(0.0, f64::max);
         let tries = self.attempts.iter().filter(|r| r.index != [0; 3]);
         let (mut iterations, mut factorisations, mut seconds) = (0_u32, 0_u32, 0.0);
         for r in tries.clone() {
@@ -288,9 +289,9 @@ const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,p
                           fold_rho_n,fold_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
                           w112_n_m2,w122_n_m2,w222_n_m2";
 
-/// A number of a table; empty for the NaN of a residual that could not be computed.
+/// A number of a table.
 pub(super) fn number(x: f64) -> String {
-    if x.is_nan() { String::new() } else { format!("{x:?}") }
+    format!("{x:?}")
 }
 
 /// A value of a table; empty if there is none.
@@ -313,7 +314,7 @@ fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option
     cells.extend(r.parent.map_or([const { String::new() }; 3], |(index, _)| index.map(|n| n.to_string())));
     cells.push(r.failure().unwrap_or("").into());
     cells.extend(numbers(at.map(Equilibrium::numbers)));
-    cells.extend([number(r.residual_n), field(at.map(|at| number(at.min_jacobian)))]);
+    cells.extend([field(r.residual_n.map(number)), field(at.map(|at| number(at.min_jacobian)))]);
     cells.extend([field(at.map(|at| at.inverted)), field(solution.map(|s| number(s.volume_m3)))]);
     cells.extend([r.iterations.to_string(), r.increments.to_string(), number(r.seconds)]);
     cells.extend([r.attempt.to_string(), field(r.parent.map(|(_, attempt)| attempt))]);

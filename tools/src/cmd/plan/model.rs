@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::Problem;
-use palpate_precompute::scene::ResolvedScene;
+use palpate_precompute::scene::{ResolvedScene, SolverOptions};
 
 use super::probe::{Probed, rest_of};
 
@@ -40,7 +39,7 @@ pub(super) struct ComparedModel {
 impl Model {
     /// The model of a scene.
     pub(super) fn of(scene: &ResolvedScene) -> Self {
-        Self { order: scene.order, pair: scene.pressure_pair }
+        Self { order: scene.order, pair: scene.solver.pressure }
     }
 
     /// The name as text.
@@ -78,9 +77,10 @@ pub(super) fn beside(
         let [times, memory] = QUADRATIC_TIMES;
         return Some(ComparedModel { model, times, stiffness_n_m: None, memory });
     }
-    let other = ResolvedScene { order: model.order, pressure_pair: model.pair, ..scene.clone() };
+    let solver = SolverOptions { pressure: model.pair, ..scene.solver };
+    let other = ResolvedScene { order: model.order, solver, ..scene.clone() };
     let body = Arc::new(other.body().ok()?);
-    let problem = Arc::new(Problem::with(body, Some(scene.active[active].handle()), scene.constraints));
+    let problem = Arc::new(solver.problem(body, &scene.active[active]));
     let (seconds, trace, size) = rest_of(&problem)?;
     Some(ComparedModel {
         model,

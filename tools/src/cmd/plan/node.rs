@@ -6,7 +6,7 @@ use palpate_precompute::adaptive::{Resampled, resample};
 use palpate_precompute::fit::{ScatteredMotion, fit_displacement};
 use palpate_precompute::num::vector::{distance, norm};
 use palpate_precompute::space::FallbackLattice;
-use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid, Tolerance};
+use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid, Tolerance};
 
 use super::draws::{self, Fallback, Known, OpenSearch, Outlook, SolveTimes};
 use super::probe::Probed;
@@ -122,7 +122,7 @@ pub(super) fn plan(
             let choice = choices.iter().find(|choice| choice.spacing_m == spacing_m).unwrap_or(&choices[0]);
             Known::Lattice {
                 points: choice.configurations,
-                domain: Domain::new(&own.grid, own.complete_cells).count() as f64,
+                domain: own.grid.points(own.complete_cells).len() as f64,
                 length: search.configurations,
                 is_lost: probed.lost + probed.forked > 0,
                 increments: f64::from(own.increments.unwrap_or(1)),
@@ -237,7 +237,7 @@ fn on_lattices(
     let mut shares: Vec<(f64, f64)> = Vec::new();
     for lattice in lattices(sampling) {
         let grid = lattice.grid;
-        let points = Domain::new(&grid, lattice.complete_cells).count();
+        let points = grid.points(lattice.complete_cells).len();
         let parts = f64::from(lattice.increments.unwrap_or(1));
         let choice = if points <= MAX_POINTS || shares.is_empty() {
             let samples = truth.lattice(&lattice).samples;

@@ -5,14 +5,13 @@
 //! real body has more detail between the probes than their fit.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use palpate_precompute::adaptive::{AdaptiveFit, Search, SolveResult, Step};
 use palpate_precompute::fit::{KernelFit, Sample};
 use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::num::vector::norm;
-use palpate_precompute::space::{Plan, Record, Solution};
-use palpate_precompute::spec::{Domain, GridIndex, Lattice, Requirements, Tolerance};
+use palpate_precompute::space::expand_model;
+use palpate_precompute::spec::{GridIndex, Lattice, Requirements, Tolerance};
 
 use super::probe::Probed;
 use super::tables::Place;
@@ -142,18 +141,14 @@ impl Surrogate {
     }
 
     fn expanded(&self, lattice: &Lattice, goes_on: impl Fn(&EnergyJet) -> bool) -> Expanded {
-        let grid = lattice.grid;
-        let domain = Arc::new(Domain::new(&grid, lattice.complete_cells));
-        let mut plan = Plan::new(domain, grid);
         let mut samples: BTreeMap<GridIndex, Sample> = BTreeMap::new();
-        while let Some(task) = plan.next_task() {
-            let is_rest = task.target == [0; 3];
-            let jet = if is_rest { self.rest } else { self.fit.jet(grid.displacement_m(task.target)) };
+        expand_model(lattice, |index| {
+            let is_rest = index == [0; 3];
+            let jet = if is_rest { self.rest } else { self.fit.jet(lattice.grid.displacement_m(index)) };
             let beyond = !is_rest && norm(jet.force_n) >= self.wanted.max_force_n;
-            let is_last = beyond || !goes_on(&jet);
-            plan.decide(&Record::new(&task, Ok(Solution::of_jet(&jet, is_last))));
-            samples.insert(task.target, sample(task.target, &jet, beyond));
-        }
+            samples.insert(index, sample(index, &jet, beyond));
+            (jet, beyond || !goes_on(&jet))
+        });
         Expanded { samples: samples.into_values().collect() }
     }
 }

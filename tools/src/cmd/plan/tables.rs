@@ -12,7 +12,7 @@ use palpate_precompute::fit::{
     hermite_nodes_known, lattice_values,
 };
 use palpate_precompute::num::vector::norm;
-use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid, Tolerance};
+use palpate_precompute::spec::{GridIndex, SpaceGrid, Tolerance};
 
 /// With more centres than this a dense fit of weights would take too long for a plan.
 const MAX_CENTRES: usize = 1100;
@@ -167,7 +167,7 @@ pub(super) fn space_bytes(
     eye: Option<&VisualModel>,
 ) -> usize {
     let slots = grid.lattice.slots();
-    let rows = Domain::new(grid, true).points().filter(|&p| grid.lattice.slot(p).is_some()).count();
+    let rows = grid.points(true).into_iter().filter(|&p| grid.lattice.slot(p).is_some()).count();
     let has = |any: &[Method]| any.iter().any(|method| methods.contains(method));
     let centres = solved.next_multiple_of(RBF_LANES);
     let mut planes = vec![slots];

@@ -26,7 +26,7 @@ pub(super) fn solved(
     steps.next(&format!("{}: configuration space", case.name))?;
     let store = case.bench.store(space.path())?;
     let mut progress = WorkProgress::new(&case.name, "solves");
-    let expanded = case.bench.solve(vec![0], &store, plan.run(steps), |state| progress.spaces(state));
+    let expanded = case.bench.solve(&[0], &store, plan.run(steps), |state| progress.spaces(state));
     progress.finish();
     expanded?;
     steps.next(&format!("{}: held-out truth", case.name))?;

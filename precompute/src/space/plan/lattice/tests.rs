@@ -76,7 +76,7 @@ fn run(world: &World, hands: usize, order: u64) -> (Log, TagCounts) {
         }
         if out.is_empty() {
             assert!(plan.is_done());
-            return (log, plan.counts());
+            return (log, plan.counts);
         }
         draw = split_mix(draw);
         let task = out.swap_remove(draw as usize % out.len());

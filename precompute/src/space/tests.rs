@@ -1,7 +1,10 @@
 //! A space with a branch jump from an analytic energy: tests of its flags, and of the repeated solves that
 //! remove it.
 
-use super::synthetic::SyntheticExecutor;
+pub(crate) mod synthetic;
+
+use synthetic::SyntheticExecutor;
+
 use super::task::Task;
 use super::{Kind, Outcome, Record, Solution, StoreError, Truth, Walk, WalkOutcome, branch_jumps};
 use crate::fit::BranchJump;
@@ -123,7 +126,7 @@ fn numbers_that_are_not_finite_are_never_stored() {
         let truth = Truth {
             displacement_m,
             result,
-            residual_n: 0.0,
+            residual_n: Some(0.0),
             iterations: 1,
             factorisations: 1,
             seconds: 0.0,
@@ -150,6 +153,17 @@ fn numbers_that_are_not_finite_are_never_stored() {
         if n < 3 {
             refused(add_walk([0.01; 3], &broken), "random walk 7, step 1");
         }
+    }
+    let breakers: [fn(&mut Record); 3] = [
+        |record| record.residual_n = None,
+        |record| record.result.as_mut().expect("solved").equilibrium.min_jacobian = f64::NAN,
+        |record| record.result.as_mut().expect("solved").volume_m3 = f64::INFINITY,
+    ];
+    for breaker in breakers {
+        let mut record = Record::new(&task, Ok(Solution::of_jet(&sound, false)));
+        breaker(&mut record);
+        let outcome = Outcome { active: 0, record, seed: None, intermediate: Vec::new() };
+        refused(store.add(&outcome, None), "grid point [1, 0, 0]");
     }
     refused(add_walk([0.01, f64::NAN, 0.0], &sound), "random walk 7, step 1");
     assert_eq!(store.attempts(0).expect("readable"), []);

@@ -8,14 +8,13 @@ use std::time::Duration;
 use nalgebra::{Matrix3, Vector3};
 use palpate_core::ConfigTag;
 
-use super::task::Task;
-use super::{
-    Done, Executor, ExecutorError, Expansion, Job, Outcome, Record, Store, StoreIdentity, StoredSeed,
-    TagCounts, Work,
-};
 use crate::mesh::TetMesh;
 use crate::num::jet::EnergyJet;
 use crate::space::record::Solution;
+use crate::space::{
+    Done, Executor, ExecutorError, Job, Outcome, Record, Store, StoreIdentity, StoredSeed, TagCounts, Task,
+    Work, expand,
+};
 use crate::space::{Truth, WalkJob, WalkOutcome};
 use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
 
@@ -80,7 +79,7 @@ impl SyntheticExecutor {
         let seed = StoredSeed { sensitivity: state.repeat(3), state, numbers: [0.0; 20] };
         let (active, intermediate) = (job.active, Vec::new());
         if self.rest_fails {
-            let record = Record { residual_n: 1.0, ..Record::new(&job.task, Err("singular".into())) };
+            let record = Record { residual_n: Some(1.0), ..Record::new(&job.task, Err("singular".into())) };
             return Outcome { active, record, seed: None, intermediate };
         }
         let record = self.record(job.active, &job.task, upper);
@@ -94,7 +93,7 @@ impl SyntheticExecutor {
         let truth = |&displacement_m| Truth {
             displacement_m,
             result: if tag.is_solved() { Ok(solution) } else { Err("line-search".into()) },
-            residual_n: 0.0,
+            residual_n: Some(0.0),
             iterations: 1,
             factorisations: 1,
             seconds: 0.0,
@@ -126,15 +125,10 @@ impl SyntheticExecutor {
         Store::create_or_resume(path, &self.identity(), &mesh(), &[0], &actives(nodes)).expect("a store")
     }
 
-    /// The expansion of the spaces of `nodes` nodes.
-    pub(crate) fn expansion(&self, nodes: u32) -> Expansion {
-        Expansion { actives: (0..nodes as usize).collect() }
-    }
-
     /// Runs the expansion of `nodes` nodes to its end.
     pub(crate) fn expand(&mut self, store: &Store, nodes: u32) -> Vec<TagCounts> {
-        let expansion = self.expansion(nodes);
-        let counts = expansion.run(store, self, &AtomicBool::new(false), |_| ()).expect("runs to its end");
+        let counts = expand(&all(nodes), store, self, &AtomicBool::new(false), |_| ());
+        let counts = counts.expect("runs to its end");
         assert!(counts.iter().all(|c| (c.failed, c.unknown) == (0, 0)), "{counts:?}");
         counts
     }
@@ -151,6 +145,11 @@ impl SyntheticExecutor {
 /// A placeholder mesh.
 pub(crate) fn mesh() -> TetMesh {
     TetMesh::cuboid([1, 1, 1], 0.01)
+}
+
+/// The numbers of `nodes` active nodes.
+pub(crate) fn all(nodes: u32) -> Vec<usize> {
+    (0..nodes as usize).collect()
 }
 
 /// `nodes` active nodes.
