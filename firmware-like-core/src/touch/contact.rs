@@ -1,10 +1,10 @@
 //! Which active nodes the tool holds: engage, slide, release.
 //!
 //! A space defines the force for a displacement of its node, but not whether the tool touches it. The tool is
-//! one point, the HIP. It engages where its path passes through the surface of the organ at rest, or without
-//! a surface through the plane of the nearest node. While engaged, the displacement is measured from the
-//! anchor, the position of the HIP at first touch. Thus every touch starts at d = 0 and without force, at any
-//! point of a triangle.
+//! one point, the HIP. It engages where its path crosses the surface of the organ at rest. A blob without a
+//! surface uses the plane of the nearest active node. While engaged, the displacement is measured from the
+//! anchor, which is at first the position of the HIP at first touch. Thus every touch starts at d = 0 and
+//! without force, at any point of a triangle.
 //!
 //! - **Snap** (Peterlik 2010): the nearest active node is held, and the anchor stays.
 //! - **Slide**: where all three corners of the touched triangle are active nodes, the force is the sum of
@@ -22,7 +22,8 @@ const MAX_SLIP_M: f32 = 2e-3;
 /// When contact begins and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactConfig {
-    /// Largest distance from the HIP to the rest position of a node that it may engage, metres.
+    /// Largest distance from the HIP to the rest position of a node that it may engage; also the largest
+    /// distance of the anchor beyond the active nodes. Metres.
     pub capture_radius_m: f32,
     /// Tension h . n along the outward normal at which a pushing tool disengages, newtons.
     pub release_tension_n: f32,
@@ -32,7 +33,8 @@ pub struct ContactConfig {
     /// Coefficient of Coulomb friction of a pushing tool; infinite for a tool that sticks to the nearest
     /// node.
     pub friction: f32,
-    /// A grasp is lost beyond this multiple of the radius of the grid or of the largest force.
+    /// A grasp is lost if |d| exceeds this multiple of the grid radius, or the force for the hand this
+    /// multiple of its limit `max_force_n`.
     pub grasp_slip: f32,
     /// Largest distance from the surface at which a grasp begins, metres.
     pub grasp_distance_m: f32,
@@ -117,8 +119,8 @@ impl Contact {
 
     /// Processes one HIP sample; returns how the tool holds the body now, or `None` without contact.
     ///
-    /// Cost: while free, the triangles round the HIP, and at a crossing (without a surface at every sample)
-    /// one pass over the active nodes; while engaged, constant.
+    /// Cost while free: the triangles round the HIP, and one pass over the active nodes at a crossing or
+    /// grasp. Without a surface this pass runs at every sample. Cost while engaged: constant.
     pub(crate) fn update(
         &mut self,
         config: &ContactConfig,
@@ -128,18 +130,18 @@ impl Contact {
         buttons: u32,
     ) -> Option<Engaged> {
         let pressed = buttons & config.grasp_button != 0;
-        let pressed_now = pressed && self.buttons & config.grasp_button == 0;
+        let just_pressed = pressed && self.buttons & config.grasp_button == 0;
         self.buttons = buttons;
         let previous_hip_m = self.previous_hip_m.replace(hip_m);
         self.engaged = match self.engaged {
-            None if pressed_now => grasp(config, spaces, surface, hip_m),
+            None if just_pressed => grasp(config, spaces, surface, hip_m),
             None => push(config, spaces, surface, previous_hip_m, hip_m),
             Some(at) => {
                 let height_m = vec3::dot(vec3::sub(hip_m, at.anchor_m), at.normal);
                 match at.kind {
                     ContactKind::Grasp if !pressed => None,
                     // A grasp that starts during a push keeps the anchor, so that the force is continuous.
-                    ContactKind::Push if pressed_now => Some(Engaged { kind: ContactKind::Grasp, ..at }),
+                    ContactKind::Push if just_pressed => Some(Engaged { kind: ContactKind::Grasp, ..at }),
                     ContactKind::Push if height_m > config.release_height_m => None,
                     ContactKind::Push | ContactKind::Grasp => Some(at),
                 }
@@ -183,12 +185,12 @@ impl Contact {
         }
         let from_m = surface.point(&foot);
         let wanted_m = vec3::sub(vec3::add(at.anchor_m, slip_m), from_m);
-        let (next, is_stopped) = surface.slide(foot, wanted_m);
+        let (next, left_active_region) = surface.slide(foot, wanted_m);
         let Some(weights) = surface.node_weights(&next) else { return };
         let Some(normal) = blended_normal(spaces, &weights) else { return };
-        // Beyond the last active nodes the force is that of their spaces; the anchor continues in their
-        // plane.
-        let beyond_m = if is_stopped {
+        // Beyond the edge of the active region the weights stay those of the edge, and the anchor continues in
+        // the tangent plane there.
+        let beyond_m = if left_active_region {
             let left_m = vec3::sub(vec3::add(from_m, wanted_m), surface.point(&next));
             vec3::sub(left_m, vec3::scale(normal, vec3::dot(left_m, normal)))
         } else {

@@ -193,10 +193,10 @@ impl<'m> TouchSurface<'m> {
     /// Moves a foot along the surface by the tangential part of a displacement.
     ///
     /// It stays on triangles whose corners are all active nodes. Where these end it slides along the edge,
-    /// and the second value is true.
+    /// and the second value, "left the active region", is true.
     pub(super) fn slide(&self, foot: Foot, along_m: Vec3) -> (Foot, bool) {
         let (mut foot, mut left_m) = (foot, along_m);
-        let (mut wall, mut is_stopped) = (None, false);
+        let (mut wall, mut left_active_region) = (None, false);
         for _ in 0..MAX_STEPS {
             let Some(corners) = self.corners(foot.triangle) else { break };
             let ([a, ..], area) = (corners, area(corners));
@@ -225,11 +225,11 @@ impl<'m> TouchSurface<'m> {
                     let edge = vec3::normalize_or_zero(vec3::sub(corner(exit + 2), corner(exit + 1)));
                     left_m = vec3::scale(edge, vec3::dot(edge, left_m));
                     wall = Some(exit);
-                    is_stopped = true;
+                    left_active_region = true;
                 }
             }
         }
-        (foot, is_stopped)
+        (foot, left_active_region)
     }
 
     /// A foot on the edge opposite to a corner, expressed in the triangle beyond that edge.

@@ -1,9 +1,9 @@
 //! The 1 kHz loop: wait for an absolute deadline, exchange with the device, tick the controller, publish the
 //! record.
 //!
-//! After `run` has begun the loop does not allocate, lock, format or write. If a tick ends after the next
-//! deadline, the loop skips the deadlines that have passed: the force has a gap and there is no burst of
-//! ticks.
+//! After `run` has begun the loop does not allocate, lock or format; its only input and output is the
+//! exchange with the device. If a tick ends after the next deadline, the loop skips the deadlines that have
+//! passed: no force is sent in the meantime, and no burst of ticks follows.
 
 use super::clock::Clock;
 use super::config::LoopConfig;
@@ -52,9 +52,9 @@ pub struct LoopOutcome {
     pub ticks: u64,
     /// Records dropped because the queue was full.
     pub dropped_records: u64,
-    /// Exchanges that failed with a transient error (late reply, damaged frame).
+    /// Exchanges that failed, including the one that ended the loop.
     pub device_errors: u64,
-    /// The last such error.
+    /// The last error of an exchange.
     pub last_device_error: Option<DeviceError>,
     /// Phase at the end.
     pub phase: Phase,
@@ -88,12 +88,13 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits
     config: LoopConfig,
     controls: &'l Controls,
     outputs: Outputs,
-    hand_force_n: Vec3,
+    /// Force of the next exchange, with the gravity compensation.
+    sent_force_n: Vec3,
     /// Force that compensates the weight of the handle, and the share of it that is applied.
     gravity_compensation_n: Vec3,
     compensation_share: f32,
     /// Ticks since the last sample.
-    missed: u32,
+    ticks_without_sample: u32,
     buttons: u32,
     latency: LatencyRecorder,
     ticks: u64,
@@ -176,10 +177,10 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             config,
             controls,
             outputs,
-            hand_force_n: vec3::ZERO,
+            sent_force_n: vec3::ZERO,
             gravity_compensation_n: vec3::ZERO,
             compensation_share: 0.0,
-            missed: 0,
+            ticks_without_sample: 0,
             // All bits set: arming needs a transition from released to pressed.
             buttons: u32::MAX,
             latency: LatencyRecorder::new(),
@@ -194,8 +195,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         }
     }
 
-    /// Sets the heartbeat for a watchdog. The watchdog's limit must be at least the age at which a sample
-    /// becomes a fault.
+    /// Sets the heartbeat for a watchdog. The watchdog's time limit must be at least `stale_fault_us`.
     #[must_use]
     pub const fn with_heartbeat(mut self, heartbeat: &'l Heartbeat) -> Self {
         self.heartbeat = Some(heartbeat);
@@ -206,8 +206,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     /// N.
     ///
     /// It is not part of the model's force: it is not recorded, and the energy guard does not count it. The
-    /// device's clamp limits the sum. It rises over half a second and goes to zero together with the model's
-    /// force.
+    /// device's clamp limits the sum. The compensation rises over half a second and goes to zero together
+    /// with the model's force.
     #[must_use]
     pub const fn with_gravity_compensation(mut self, force_n: Vec3) -> Self {
         self.gravity_compensation_n = force_n;
@@ -238,12 +238,12 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         self.models[self.model].interpolator.instructions()
     }
 
-    /// The gravity compensation for this tick. It follows the hold-and-fade policy of the model's force when
-    /// samples are missing.
+    /// The gravity compensation for this tick. Without samples it continues for `stale_hold_ticks` ticks and
+    /// is then zero, like the model's force. Afterwards it rises from zero again.
     fn gravity_compensation_n(&mut self, phase: Phase, has_sample: bool) -> Vec3 {
-        self.missed = if has_sample { 0 } else { self.missed.saturating_add(1) };
+        self.ticks_without_sample = if has_sample { 0 } else { self.ticks_without_sample.saturating_add(1) };
         let hold_ticks = self.models[self.model].controller.config().limits.stale_hold_ticks;
-        if phase == Phase::Active && self.missed <= hold_ticks {
+        if phase == Phase::Active && self.ticks_without_sample <= hold_ticks {
             let step = self.config.period_us as f32 / GRAVITY_COMPENSATION_RISE_US;
             self.compensation_share = (self.compensation_share + step).min(1.0);
         } else {
@@ -293,9 +293,9 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         let now_us = start_ns.saturating_sub(origin_ns) / 1_000;
         let was_zeroed = self.was_zeroed();
         if was_zeroed {
-            self.hand_force_n = vec3::ZERO;
+            self.sent_force_n = vec3::ZERO;
         }
-        let sample = match self.device.0.exchange(now_us, self.hand_force_n) {
+        let sample = match self.device.0.exchange(now_us, self.sent_force_n) {
             Ok(sample) => sample,
             Err(error) => {
                 self.device_errors += 1;
@@ -314,16 +314,17 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         }
         let was_zeroed = self.device.0.was_zeroed() || was_zeroed;
         let applied = self.controls.apply(&mut self.state, ready, was_zeroed);
-        // A disarmed controller has no force to restore: arming is the deliberate act that is required.
+        // While disarmed the device's zero latch is cleared without a reset by the user: no force returns
+        // before arming.
         if applied.reset || (applied.zeroed && self.state.phase() == Phase::Disarmed) {
             self.device.0.reset();
         }
         self.change_model();
         if let Some(sample) = &sample {
-            let pressed_now = sample.buttons & !self.buttons & self.config.arm_button != 0;
+            let just_pressed = sample.buttons & !self.buttons & self.config.arm_button != 0;
             self.buttons = sample.buttons;
-            // Requests of the same tick, disarming above all, override a press of the button.
-            if pressed_now && ready && applied == Applied::default() {
+            // Any request of the same tick, for example to disarm, overrides a press of the button.
+            if just_pressed && ready && applied == Applied::default() {
                 self.state.arm();
             }
         }
@@ -333,14 +334,14 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
                 interpolator.force(space, displacement_m)
             });
         let gravity_compensation_n = self.gravity_compensation_n(command.phase, sample.is_some());
-        self.hand_force_n = vec3::add(command.hand_force_n, gravity_compensation_n);
+        self.sent_force_n = vec3::add(command.hand_force_n, gravity_compensation_n);
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
         let end_ns = self.clock.now_ns();
-        let (device_ns, compute_ns) = (exchanged_ns - start_ns, end_ns - start_ns);
+        let device_ns = exchanged_ns - start_ns;
 
         self.ticks += 1;
-        let controller_ns = end_ns - exchanged_ns;
-        self.latency.record(TickTimes { wake_ns: lateness_ns, device_ns, compute_ns: controller_ns });
+        // In the statistics `compute_ns` is without the exchange; in the record it includes the exchange.
+        self.latency.record(TickTimes { wake_ns: lateness_ns, device_ns, compute_ns: end_ns - exchanged_ns });
         let record = TickRecord {
             tick: index,
             t_us: now_us,
@@ -348,7 +349,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             device,
             applied,
             model: self.model as u8,
-            compute_ns,
+            compute_ns: end_ns - start_ns,
             device_ns: Some(device_ns),
             lateness_ns,
             skipped_periods: self.skipped_periods,

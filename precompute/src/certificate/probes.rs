@@ -22,7 +22,7 @@ pub struct Probe {
     pub seam_n: f64,
     /// Largest difference of the core's f32 arithmetic from f64, N.
     pub rounding_n: f64,
-    /// Bound of that difference, N: twice the largest observed value.
+    /// Assumed bound of that difference, N: twice the largest observed value.
     pub rounding_bound_n: f64,
     /// Median time of a query, ns, on the machine that packed the blob.
     pub nanoseconds: f64,
@@ -49,7 +49,7 @@ const VOLUME_POINTS: u32 = 20_000;
 const QUERIES: usize = 4_000;
 const REPEATS: usize = 15;
 
-/// Runs all measurements. The time is measured at `visited`, or at points of the ball if `visited` is empty.
+/// Runs all measurements. The time is measured as in [`nanoseconds`].
 pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
     let (work, work_folded) = work(space, method);
     let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space.lattice().radius_m(), n)).collect();
@@ -88,8 +88,8 @@ fn in_ball(radius_m: f32, n: u32) -> [f32; 3] {
     direction(z, angle).map(|x| (r * x) as f32)
 }
 
-fn direction(z: f64, turn: f64) -> [f64; 3] {
-    on_sphere(z, libm::sincos(std::f64::consts::TAU * turn))
+fn direction(z: f64, turns: f64) -> [f64; 3] {
+    on_sphere(z, libm::sincos(std::f64::consts::TAU * turns))
 }
 
 fn force_n(space: &Space<'_>, method: Method, at: [f64; 3]) -> [f64; 3] {
@@ -115,7 +115,7 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
             axis[2] * u[0] - axis[0] * u[2],
             axis[0] * u[1] - axis[1] * u[0],
         ];
-        let (mut net, mut exchanged, mut folded) = (0.0, 0.0, false);
+        let (mut net, mut exchanged, mut at_jump) = (0.0, 0.0, false);
         for step in 0..STEPS {
             let (s, c) = libm::sincos(std::f64::consts::TAU * f64::from(step) / f64::from(STEPS));
             let r = 0.25 * radius_m;
@@ -124,16 +124,16 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
             let power = dot(force_n(space, method, at), along);
             net += power;
             exchanged += power.abs();
-            folded |= has_branch_jump(space, at.map(|x| x as f32));
+            at_jump |= has_branch_jump(space, at.map(|x| x as f32));
         }
         let share = net.abs() / f64::max(exchanged, f64::MIN_POSITIVE);
-        let of = &mut all[usize::from(folded)];
+        let of = &mut all[usize::from(at_jump)];
         of.circles += 1;
         of.mean += share;
         of.max = of.max.max(share);
     }
-    let [clear, folded] = all.map(|w| Work { mean: w.mean / w.circles.max(1) as f64, ..w });
-    (clear, folded)
+    let [clear, at_jumps] = all.map(|w| Work { mean: w.mean / w.circles.max(1) as f64, ..w });
+    (clear, at_jumps)
 }
 
 /// [`largest_jump_n`] of a method.
@@ -145,8 +145,9 @@ fn seam_n(space: &Space<'_>, method: Method) -> f64 {
     largest_jump_n((space.lattice().spacing_m(), space.lattice().radius_m()), crossings, field)
 }
 
-/// Largest jump of a force field between both sides of a face, of the rim, or of a ray through a face at the
-/// rim, less the change that the gradients on both sides account for. `field` is as [`force_and_change_n`].
+/// Largest jump of a force field across a cell face, across the rim, or outside the ball across the radial
+/// continuation of a face, minus the change that the gradients on both sides predict. `field` is as
+/// [`force_and_change_n`].
 fn largest_jump_n(
     (spacing_m, radius_m): (f32, f32),
     crossings: u32,
@@ -162,7 +163,7 @@ fn largest_jump_n(
                 along = vec3::normalize_or_zero(at);
                 at = vec3::scale(along, radius_m);
             }
-            // The point on the rim crosses a face. The query is up to two cells farther out.
+            // A point where a face meets the rim, moved outwards along its ray by up to two cells.
             5 | 6 => {
                 at = vec3::scale(vec3::normalize_or_zero(at), radius_m);
                 at[axis] = (at[axis] / spacing_m).round() * spacing_m;
@@ -194,9 +195,8 @@ fn largest_jump_n(
 
 /// The force at a position, and its change over the vector `moved` by the gradient there.
 ///
-/// Outside the ball the estimate of the core differentiates along all three axes, each with two forces that
-/// include the gradient at the rim. Here one direction is enough: it is the same central difference, with the
-/// same step.
+/// Outside the ball `Space::estimate` takes central differences along three axes. Here one along `moved`,
+/// with the same step, is enough and cheaper.
 fn force_and_change_n(
     space: &Space<'_>,
     method: Method,
@@ -253,7 +253,7 @@ pub fn nanoseconds(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> f
 mod tests {
     use super::*;
 
-    /// A linear force, which no gradient misses, with a step of 1 mN where `is_beyond`.
+    /// A linear force, whose change the gradients predict exactly, plus 1 mN per component where `is_beyond`.
     fn largest_n(is_beyond: impl Fn([f32; 3]) -> bool) -> f64 {
         let field = |at: [f32; 3], moved: [f64; 3]| {
             let stiffness_n_m = |x: f64, axis: usize| 100.0 * (axis + 1) as f64 * x;

@@ -1,4 +1,5 @@
-//! Incremental loading from a solved configuration to a new pose of the handle.
+//! Incremental loading from a solved configuration to a new pose of the handle: the prescribed nodes, which
+//! are the active node or a rigid patch. A [`Seed`] is the solved state from which a solve starts.
 
 use super::{Configuration, Seed, SolveFailure, Solver};
 use crate::fem::boundary::Pose;
@@ -7,11 +8,11 @@ use crate::num::branch::Excess;
 /// Options of the step control.
 #[derive(Debug, Clone, Copy)]
 pub struct LoadingOptions {
-    /// Maximum number of halvings of the step before the transition fails.
+    /// Maximum number of halvings of the step in one transition.
     pub max_halvings: u32,
-    /// Number of attempts of the smallest step with a perturbed guess before the transition fails. A small
-    /// perturbation is often enough for a guess at a symmetric saddle point or at the boundary of Newton's
-    /// basin of convergence.
+    /// Maximum number of attempts with a perturbed guess in one transition, when no halvings are left. A
+    /// small perturbation often moves a guess off a symmetric saddle point, or into Newton's basin of
+    /// convergence.
     pub perturbations: u32,
     /// Whether a path may continue beyond a fold, where its branch ends, by snap-through to another branch,
     /// as a real body does. The solver then takes full Newton steps although the residual rises. It accepts
@@ -51,33 +52,37 @@ impl Solver {
     ///
     /// The first attempt is the whole step with the tangent predictor state + X dd as the guess (measured:
     /// one 5 mm step takes 3 iterations, five 1 mm increments take 15 to 20). A failed step is halved. A
-    /// successful step is followed by one of twice the size, limited to the remaining transition. At the
-    /// smallest step the guess is perturbed by deterministic pseudo-random displacements. The last attempt is
-    /// a snap-through, first over the whole remaining transition, then over half of it.
+    /// successful step is followed by one of twice the size, limited to the remaining transition. If a step
+    /// fails when no halvings are left, it is tried again with a guess that is perturbed by deterministic
+    /// pseudo-random displacements. From then on the guess of every step of this transition is perturbed,
+    /// also after a success.
     ///
-    /// A solution on a different branch than the last one ([`Excess`]) counts as a failure while the step can
-    /// be halved. At the smallest step it is accepted and flagged as a branch jump. If the small steps find
-    /// no solution, an earlier solution of a larger step on a different branch is accepted and flagged.
+    /// A solution on a different branch than the last one ([`Excess`]) counts as a failed step while halvings
+    /// are left. When none is left, it is accepted and flagged as a branch jump. If a step fails when neither
+    /// halvings nor perturbations are left, the first solution found on a different branch is accepted and
+    /// flagged, if it lies ahead. Without such a solution a snap-through is tried once per transition: over
+    /// the whole remaining transition, then over half of it.
     ///
     /// Deviation from the paper: the paper divides every transition into M equal increments without a
     /// predictor.
     pub fn advance_to(&mut self, from: &Seed, target: &Pose) -> Result<Configuration, SolveFailure> {
         let (mut done, mut step) = (0.0, 1.0);
-        let (mut halvings, mut pushes) = (0, 0);
+        let (mut halvings, mut perturbations_done) = (0, 0);
         let mut may_snap = self.loading.snap_through;
         let mut spent = AccumulatedCost::default();
         let mut here: Option<Configuration> = None;
         let mut switched = false;
-        // Share and solution of a step that jumped to a different branch.
-        let mut elsewhere: Option<(f64, Configuration)> = None;
+        // The first step that jumped to a different branch: the part of the transition up to its end, and its
+        // solution.
+        let mut on_other_branch: Option<(f64, Configuration)> = None;
         let mut guess = vec![0.0; from.state.len()];
         let pose_at = |done: f64| if done >= 1.0 { *target } else { from.pose.towards(target, done) };
         loop {
             let seed = here.as_ref().map_or(from, |c| &c.seed);
             let pose = pose_at(done + step);
             predict(seed, &pose, &mut guess);
-            if pushes > 0 {
-                self.push(&mut guess, pushes);
+            if perturbations_done > 0 {
+                self.perturb(&mut guess, perturbations_done);
             }
             let configuration = match self.solve_at(&pose, &guess) {
                 Ok(configuration) => {
@@ -86,7 +91,7 @@ impl Solver {
                         spent.add(configuration.iterations, configuration.factorisations);
                         halvings += 1;
                         let counted = Configuration { iterations: 0, factorisations: 0, ..configuration };
-                        elsewhere.get_or_insert((done + step, counted));
+                        on_other_branch.get_or_insert((done + step, counted));
                         step *= 0.5;
                         continue;
                     }
@@ -100,25 +105,25 @@ impl Solver {
                         step *= 0.5;
                         continue;
                     }
-                    if pushes < self.loading.perturbations {
-                        pushes += 1;
+                    if perturbations_done < self.loading.perturbations {
+                        perturbations_done += 1;
                         continue;
                     }
                     let left = 1.0 - done;
-                    let mut snap = |share: f64| {
-                        self.snap_through(seed, &pose_at(done + share), &mut guess, &mut spent)
-                            .map(|configuration| (share, configuration))
+                    let mut snap = |step: f64| {
+                        self.snap_through(seed, &pose_at(done + step), &mut guess, &mut spent)
+                            .map(|configuration| (step, configuration))
                     };
-                    let landed = match elsewhere.take().filter(|(reached, _)| *reached > done) {
+                    let landed = match on_other_branch.take().filter(|(reached, _)| *reached > done) {
                         Some((reached, configuration)) => Some((reached - done, configuration)),
                         None if std::mem::take(&mut may_snap) => snap(left).or_else(|| snap(0.5 * left)),
                         None => None,
                     };
-                    let Some((share, configuration)) = landed else {
+                    let Some((landed_step, configuration)) = landed else {
                         return Err(SolveFailure { iterations: spent.iterations, ..failure });
                     };
                     switched |= leaves_branch(seed, &configuration);
-                    step = share;
+                    step = landed_step;
                     configuration
                 }
             };
@@ -140,8 +145,8 @@ impl Solver {
         }
     }
 
-    /// Equilibrium at `pose` on the branch to which full steps with a rising residual lead. Accepted if it is
-    /// stable and has no more inverted elements than the seed.
+    /// Equilibrium at `pose`, found by Newton's method with full steps that may increase the residual.
+    /// Accepted if it is stable and has no more inverted elements than the seed.
     fn snap_through(
         &mut self,
         seed: &Seed,
@@ -153,9 +158,9 @@ impl Solver {
         self.evaluate(false);
         let inverted = self.assembled.inverted;
         predict(seed, pose, guess);
-        let downhill = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
+        let usual_rising_steps = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
         let landed = self.solve_at(pose, guess);
-        self.newton.max_rising_steps = downhill;
+        self.newton.max_rising_steps = usual_rising_steps;
         match landed {
             Ok(c) if c.unstable_modes == Some(0) && c.inverted <= inverted => Some(c),
             Ok(c) => {
@@ -181,7 +186,7 @@ impl Solver {
     }
 
     /// Adds a pseudo-random displacement to every node; `number` determines the sequence.
-    fn push(&self, state: &mut [f64], number: u32) {
+    fn perturb(&self, state: &mut [f64], number: u32) {
         let size = MAX_PERTURBATION * self.problem.body.edge_m;
         let mut bits = 0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(u64::from(number));
         for value in &mut state[..self.problem.body.displacement_len()] {

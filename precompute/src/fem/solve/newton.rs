@@ -128,10 +128,9 @@ impl Solver {
     /// Newton iteration from `self.state` until the residual is below the tolerance; returns the residual and
     /// the number of iterations.
     ///
-    /// The first step need not reduce the residual: the prescribed displacement concentrates the residual in
-    /// the handle's elements, and its distribution over the body can raise the norm. Later steps are halved until
-    /// the residual decreases. Near the solution the steps use the current factor while this is estimated to
-    /// be cheaper than a new factorisation.
+    /// The first step may increase the residual; it only has to be finite. Later steps are halved until the
+    /// residual decreases. Near the solution the steps use the current factor while this is estimated to be
+    /// cheaper than a new factorisation.
     pub(super) fn equilibrate(&mut self) -> Result<(f64, u32), SolveFailure> {
         let (mut iterations, mut uphill) = (0, 0);
         let mut residual_n = self.evaluate(true);

@@ -1,13 +1,16 @@
 //! What a space may cost: random draws of solves, configurations, seconds and bytes.
 //!
-//! Measured on 63 spaces of the bundled organ with other nodes, laws, radii and limits of force:
+//! The constants were measured on 63 spaces of the bundled organ with other nodes, laws, radii and force
+//! limits. A *search* is adaptive sampling, its *probes* are the solves of `plan`, and the *surrogate* is the
+//! fit of the probes. A probe is *lost* if it failed, left its branch, or has another solution from another
+//! start.
 //!
 //! - A search that ends within the probes is known exactly.
-//! - The length of a longer one is log-normal about the prediction. Predictions above [`LONG`] are too large,
-//!   see [`length`].
-//! - A lattice takes over a search that gets beyond [`TURN`] solves, and every second one with a probe on
-//!   another branch. The lattice is solved from neighbour to neighbour. Its failed points and branch jumps are
-//!   solved again.
+//! - The number of solves of a longer one is log-normal. Its median is the prediction, corrected by
+//!   [`likely_solves`].
+//! - A lattice takes over a search beyond [`TAKEOVER_AFTER`] solves, and half of the searches with a lost
+//!   probe. The lattice is solved from neighbour to neighbour. Its failed points and branch jumps are solved
+//!   again.
 //!
 //! The numbers are pseudo-random with a fixed seed and do not depend on the platform.
 
@@ -15,54 +18,56 @@ use palpate_precompute::num::sequence::{SPLIT_MIX_STEP, split_mix, unit_interval
 
 use super::probe::Probed;
 
-/// Draws of a prediction.
+/// Number of random outcomes of a prediction.
 pub(super) const DRAWS: u64 = 400;
 
-/// Predicted searches up to this length are right on the average.
-const LONG: f64 = 40.0;
-/// Exponent with which longer searches grow with the prediction.
-const LONGER: f64 = 0.4;
-/// Solves after which a search is taken over if it has not ended.
-const TURN: f64 = 90.0;
-/// Solves of searches that were taken over, shortest and longest.
-const TAKEN_OVER: [f64; 2] = [84.0, 145.0];
-/// Probability that a lattice takes over after a probe on another branch, in addition to long searches.
-const LOST: f64 = 0.5;
-/// Standard deviation of the logarithm of the length with [`MANY`] probes, and its exponent in their number:
-/// 1.15 with two probes.
-const SPREAD: [f64; 2] = [0.5, -0.4];
-const MANY: f64 = 16.0;
-/// Quartiles of the solves again, per point of a lattice with branch jumps.
-const AGAIN: [f64; 5] = [0.3, 0.43, 0.45, 0.67, 1.7];
-/// Probability of them on a lattice of the scene after a lost probe. Otherwise they are as probable as a
-/// search beyond [`TURN`].
-const WITH_JUMPS: f64 = 0.9;
-/// Largest share of solves again without branch jumps.
-const FEW_AGAIN: f64 = 0.02;
-/// Quartiles of the seconds of a point of a lattice with branch jumps, per second of a probe.
-const STEP: [f64; 5] = [0.35, 0.6, 0.85, 1.24, 1.3];
-/// Quartiles of the seconds of a solve again, per second of such a point.
-const STEP_AGAIN: [f64; 5] = [0.9, 1.75, 2.0, 2.1, 3.1];
-/// Standard deviation of the logarithm of the machine's pace between the probes and the solves, on a machine
-/// that other work shares.
-const PACE: f64 = 0.4;
-/// The same of a table's size, and of the points of a lattice.
-const SIZE: f64 = 0.1;
-/// Median and the same of the table of a longer search, relative to that of the surrogate: measured tables
-/// were 1.1 to 2.3 times as large.
-const OPEN_SIZE: [f64; 2] = [1.15, 0.3];
-/// The same of the peak memory.
-const MEMORY: f64 = 0.25;
+/// Predicted numbers of solves up to this one are unbiased.
+const UNBIASED_SOLVES: f64 = 40.0;
+/// Above it the number of solves grows with this power of the prediction.
+const GROWTH_EXPONENT: f64 = 0.4;
+/// Number of solves after which a lattice takes over a search that has not ended.
+const TAKEOVER_AFTER: f64 = 90.0;
+/// Number of solves of a search before the takeover, smallest and largest.
+const SOLVES_BEFORE_TAKEOVER: [f64; 2] = [84.0, 145.0];
+/// Probability that a lattice takes over a search with a lost probe, also if the search is short.
+const TAKEOVER_IF_LOST: f64 = 0.5;
+/// Standard deviation s (probes / [`REFERENCE_PROBES`])^e of the logarithm of the number of solves: s and e.
+/// It is 1.15 with two probes.
+const SOLVES_SPREAD: [f64; 2] = [0.5, -0.4];
+const REFERENCE_PROBES: f64 = 16.0;
+/// Minimum, quartiles and maximum of the number of repeated solves per point of a lattice with branch jumps.
+const REPEATS_PER_POINT: [f64; 5] = [0.3, 0.43, 0.45, 0.67, 1.7];
+/// Probability of branch jumps on a lattice that the scene specifies, if a probe was lost. They also occur if
+/// the drawn number of solves of a search exceeds [`TAKEOVER_AFTER`].
+const JUMPS_IF_LOST: f64 = 0.9;
+/// Largest number of repeated solves per point of a lattice without branch jumps.
+const REPEATS_WITHOUT_JUMPS: f64 = 0.02;
+/// Minimum, quartiles and maximum of the time per point of a lattice with branch jumps, relative to the mean
+/// time of a probe.
+const POINT_TIME: [f64; 5] = [0.35, 0.6, 0.85, 1.24, 1.3];
+/// The same statistics of the time of a repeated solve, relative to that of such a point.
+const REPEAT_TIME: [f64; 5] = [0.9, 1.75, 2.0, 2.1, 3.1];
+/// Standard deviation of the logarithm of the time of a solve relative to the same solve among the probes, on
+/// a shared machine.
+const SLOWDOWN_SPREAD: f64 = 0.4;
+/// Standard deviation of the logarithm of a table's size, and of a lattice's number of points, relative to
+/// their predictions.
+const SIZE_SPREAD: f64 = 0.1;
+/// Table of a search that does not end within the probes, relative to the surrogate's table: median, and
+/// standard deviation of the logarithm. Measured tables were 1.1 to 2.3 times as large.
+const OPEN_TABLE_SIZE: [f64; 2] = [1.15, 0.3];
+/// Standard deviation of the logarithm of the peak memory, relative to its estimate.
+const MEMORY_SPREAD: f64 = 0.25;
 
-/// Draws of a length that must exceed the solves so far.
+/// Maximum number of draws until a number of solves exceeds the solves so far.
 const REDRAWS: u32 = 30;
 /// Streams of pseudo-random numbers besides those of the nodes.
-const PACES: u64 = u64::MAX;
-const UNSEEN: u64 = 1 << 33;
+const SLOWDOWN_STREAM: u64 = u64::MAX;
+const UNSEEN_STREAM: u64 = 1 << 33;
 
 /// A possible outcome of one node.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Draw {
+pub(super) struct NodeDraw {
     /// Solves, with those that failed or were repeated.
     pub tried: f64,
     /// Configurations with a solution.
@@ -108,8 +113,8 @@ impl Random {
         libm::exp(spread * self.normal())
     }
 
-    /// Distributed with these quartiles, linear in between.
-    fn of(&mut self, quartiles: &[f64; 5]) -> f64 {
+    /// Distributed with this minimum, these quartiles and this maximum, uniform in between.
+    fn from_quartiles(&mut self, quartiles: &[f64; 5]) -> f64 {
         let place = 4.0 * self.uniform();
         let n = (place as usize).min(3);
         quartiles[n] + (place - n as f64) * (quartiles[n + 1] - quartiles[n])
@@ -117,37 +122,41 @@ impl Random {
 
     /// Peak memory relative to its estimate.
     pub(super) fn memory(&mut self) -> f64 {
-        self.factor(MEMORY)
+        self.factor(MEMORY_SPREAD)
     }
 }
 
-/// What several nodes of an outcome have in common.
+/// Random factors that the nodes of an outcome have in common.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Common {
-    /// Pace of the machine during the solves.
-    pace: f64,
-    /// Error due to few probes, which the nodes share that resemble the probed one; standard normal.
+    /// Time of a solve relative to the same solve among the probes.
+    slowdown: f64,
+    /// Standard-normal error due to few probes, common to all nodes that resemble the same probed node.
     unseen: f64,
 }
 
 impl Common {
     /// Of outcome `n`, for nodes that resemble the probed node `at`.
     pub(super) fn new(at: usize, n: u64) -> Self {
-        let pace = Random::new(PACES, n).factor(PACE);
-        Self { pace, unseen: Random::new(UNSEEN + at as u64, n).normal() }
+        let slowdown = Random::new(SLOWDOWN_STREAM, n).factor(SLOWDOWN_SPREAD);
+        Self { slowdown, unseen: Random::new(UNSEEN_STREAM + at as u64, n).normal() }
     }
 }
 
-/// Median length of a search for the length that the surrogate predicts. A surrogate of a rough body, which
-/// the probes show too little of, needs far more configurations than the body.
-pub(super) fn length(predicted: f64) -> f64 {
-    if predicted <= LONG { predicted } else { LONG * libm::pow(predicted / LONG, LONGER) }
+/// Median number of solves of a search, for the number that the surrogate predicts. With few probes the
+/// surrogate of a body whose force varies strongly needs far more configurations than the body.
+pub(super) fn likely_solves(predicted: f64) -> f64 {
+    if predicted <= UNBIASED_SOLVES {
+        predicted
+    } else {
+        UNBIASED_SOLVES * libm::pow(predicted / UNBIASED_SOLVES, GROWTH_EXPONENT)
+    }
 }
 
 /// Measured seconds of solves on a node, with the scene's own element order and law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SolveTimes {
-    /// All solves of the search so far, with rest.
+    /// All solves of the search so far, including the rest state.
     spent_s: f64,
     /// Mean of the probes.
     far_s: f64,
@@ -198,14 +207,14 @@ pub(super) struct Fallback {
 /// A search that has not ended within the probes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct OpenSearch {
-    /// Solves so far, with rest.
+    /// Number of solves so far, including the rest state.
     pub tried: f64,
-    /// Length on the surrogate, and that for the body.
-    pub lengths: [f64; 2],
+    /// Number of solves of the search on the surrogate, and that predicted for the body.
+    pub solves: [f64; 2],
     /// Share of the solves that fail.
     pub failing: f64,
-    /// Whether a probe was lost or has another solution from another start.
-    pub is_lost: bool,
+    /// Whether a probe failed, left its branch, or has another solution from another start.
+    pub has_lost_probe: bool,
     /// Cells along the radius of the surrogate's table.
     pub cells: f64,
     /// Bytes of a table with 2, 3, .. cells along the radius.
@@ -214,16 +223,24 @@ pub(super) struct OpenSearch {
     pub fallback: Option<Fallback>,
 }
 
-/// What is known of the space of a node.
+/// State of knowledge about the space of a node.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Known {
     /// The search ended within the probes.
     Ended { tried: f64, kept: f64, blob_bytes: f64 },
     /// It goes on.
     Open(OpenSearch),
-    /// A lattice that the scene specifies: the solved points of the surrogate, all points of the domain, the
-    /// length of a search instead of it, whether a probe was lost, and steps of the load per point.
-    Lattice { points: f64, domain: f64, length: f64, is_lost: bool, increments: f64, blob_bytes: f64 },
+    /// A lattice that the scene specifies: points solved on the surrogate; all points of the domain;
+    /// predicted number of solves of a search; whether a probe was lost; load increments per point; bytes of
+    /// the table.
+    Lattice {
+        points: f64,
+        domain: f64,
+        search_solves: f64,
+        has_lost_probe: bool,
+        increments: f64,
+        blob_bytes: f64,
+    },
 }
 
 /// The possible outcomes of a node.
@@ -237,77 +254,81 @@ pub(super) struct Outlook {
 
 impl Outlook {
     /// One outcome in these circumstances.
-    pub(super) fn draw(&self, random: &mut Random, common: Common) -> Draw {
+    pub(super) fn draw(&self, random: &mut Random, common: Common) -> NodeDraw {
         let drawn = match &self.known {
             &Known::Ended { tried, kept, blob_bytes } => {
-                Draw { tried, kept, seconds: self.times.spent_s, blob_bytes, fitted: kept, lattices: 0.0 }
+                NodeDraw { tried, kept, seconds: self.times.spent_s, blob_bytes, fitted: kept, lattices: 0.0 }
             }
             Known::Open(search) => self.search(search, random, common.unseen),
-            &Known::Lattice { points, domain, length, is_lost, increments, blob_bytes } => {
-                let kept = (points * random.factor(SIZE)).min(domain).round();
-                let has_jumps = self.searched(length, 0.0, random, common.unseen) > TURN
-                    || (is_lost && random.uniform() < WITH_JUMPS);
-                let (again, step_s) = if has_jumps {
-                    (random.of(&AGAIN), self.times.far_s * random.of(&STEP))
+            &Known::Lattice { points, domain, search_solves, has_lost_probe, increments, blob_bytes } => {
+                let kept = (points * random.factor(SIZE_SPREAD)).min(domain).round();
+                let has_jumps = self.draw_solves(search_solves, 0.0, random, common.unseen) > TAKEOVER_AFTER
+                    || (has_lost_probe && random.uniform() < JUMPS_IF_LOST);
+                let (repeats, point_s) = if has_jumps {
+                    (
+                        random.from_quartiles(&REPEATS_PER_POINT),
+                        self.times.far_s * random.from_quartiles(&POINT_TIME),
+                    )
                 } else {
-                    (FEW_AGAIN * random.uniform(), self.times.near_s)
+                    (REPEATS_WITHOUT_JUMPS * random.uniform(), self.times.near_s)
                 };
-                let (again, step_s) = ((kept * again).round(), increments * step_s);
-                let seconds = step_s * (kept + again * random.of(&STEP_AGAIN));
-                Draw { tried: kept + again, kept, seconds, blob_bytes, ..Draw::default() }
+                let (repeats, point_s) = ((kept * repeats).round(), increments * point_s);
+                let seconds = point_s * (kept + repeats * random.from_quartiles(&REPEAT_TIME));
+                NodeDraw { tried: kept + repeats, kept, seconds, blob_bytes, ..NodeDraw::default() }
             }
         };
-        let blob_bytes = drawn.blob_bytes * random.factor(SIZE);
-        Draw { seconds: common.pace * drawn.seconds, blob_bytes, ..drawn }
+        let blob_bytes = drawn.blob_bytes * random.factor(SIZE_SPREAD);
+        NodeDraw { seconds: common.slowdown * drawn.seconds, blob_bytes, ..drawn }
     }
 
     /// An outcome in which the lattice takes over; `None` if no lattice can.
-    pub(super) fn taken_over(&self, random: &mut Random, common: Common) -> Option<Draw> {
+    pub(super) fn taken_over(&self, random: &mut Random, common: Common) -> Option<NodeDraw> {
         let Known::Open(search) = &self.known else { return None };
         let drawn = self.with_fallback(search, search.fallback?, random);
-        let blob_bytes = drawn.blob_bytes * random.factor(SIZE);
-        Some(Draw { seconds: common.pace * drawn.seconds, blob_bytes, ..drawn })
+        let blob_bytes = drawn.blob_bytes * random.factor(SIZE_SPREAD);
+        Some(NodeDraw { seconds: common.slowdown * drawn.seconds, blob_bytes, ..drawn })
     }
 
-    /// Length of a search with this prediction that has not ended after `tried` solves.
-    fn searched(&self, predicted: f64, tried: f64, random: &mut Random, unseen: f64) -> f64 {
-        let [own, exponent] = SPREAD;
-        let spread = own * libm::pow(self.times.probes.max(1.0) / MANY, exponent);
+    /// Number of solves of a search with this prediction that has not ended after `tried` solves.
+    fn draw_solves(&self, predicted: f64, tried: f64, random: &mut Random, unseen: f64) -> f64 {
+        let [own, exponent] = SOLVES_SPREAD;
+        let spread = own * libm::pow(self.times.probes.max(1.0) / REFERENCE_PROBES, exponent);
         let of_few_probes = (spread * spread - own * own).max(0.0).sqrt();
-        let median = length(predicted) * libm::exp(of_few_probes * unseen);
+        let median = likely_solves(predicted) * libm::exp(of_few_probes * unseen);
         let mut drawn = (0..REDRAWS).map(|_| (median * random.factor(own)).round());
-        drawn.find(|&length| length > tried).unwrap_or(tried + 1.0)
+        drawn.find(|&solves| solves > tried).unwrap_or(tried + 1.0)
     }
 
-    fn search(&self, search: &OpenSearch, random: &mut Random, unseen: f64) -> Draw {
-        let [on_surrogate, likely] = search.lengths;
-        let tried = self.searched(likely, search.tried, random, unseen);
-        let is_lost = search.is_lost && random.uniform() < LOST;
+    fn search(&self, search: &OpenSearch, random: &mut Random, unseen: f64) -> NodeDraw {
+        let [on_surrogate, likely] = search.solves;
+        let tried = self.draw_solves(likely, search.tried, random, unseen);
+        let is_replaced = search.has_lost_probe && random.uniform() < TAKEOVER_IF_LOST;
         if let Some(fallback) = search.fallback
-            && (is_lost || tried > TURN)
+            && (is_replaced || tried > TAKEOVER_AFTER)
         {
             return self.with_fallback(search, fallback, random);
         }
         let kept = (tried * (1.0 - search.failing)).round();
         let cells = (search.cells * libm::cbrt(tried / on_surrogate)).round() as usize;
         let table = cells.clamp(2, search.bytes.len() + 1) - 2;
-        let [larger, spread] = OPEN_SIZE;
+        let [larger, spread] = OPEN_TABLE_SIZE;
         let blob_bytes = larger * random.factor(spread) * search.bytes.get(table).copied().unwrap_or(0.0);
         let seconds = self.times.search_s(tried);
-        Draw { tried, kept, seconds, blob_bytes, fitted: kept, lattices: 0.0 }
+        NodeDraw { tried, kept, seconds, blob_bytes, fitted: kept, lattices: 0.0 }
     }
 
-    fn with_fallback(&self, search: &OpenSearch, fallback: Fallback, random: &mut Random) -> Draw {
+    fn with_fallback(&self, search: &OpenSearch, fallback: Fallback, random: &mut Random) -> NodeDraw {
         let Fallback { points, blob_bytes } = fallback;
-        let [shortest, longest] = TAKEN_OVER;
+        let [shortest, longest] = SOLVES_BEFORE_TAKEOVER;
         let before = (shortest + (longest - shortest) * random.uniform()).round();
-        let again = (points * random.of(&AGAIN)).round();
-        let step_s = self.times.far_s * random.of(&STEP);
+        let repeats = (points * random.from_quartiles(&REPEATS_PER_POINT)).round();
+        let point_s = self.times.far_s * random.from_quartiles(&POINT_TIME);
         let fitted = (before * (1.0 - search.failing)).round();
-        Draw {
-            tried: before + points + again,
+        NodeDraw {
+            tried: before + points + repeats,
             kept: fitted + points,
-            seconds: self.times.search_s(before) + step_s * (points + again * random.of(&STEP_AGAIN)),
+            seconds: self.times.search_s(before)
+                + point_s * (points + repeats * random.from_quartiles(&REPEAT_TIME)),
             blob_bytes,
             fitted,
             lattices: 1.0,
@@ -323,12 +344,12 @@ mod tests {
         SolveTimes::made_up()
     }
 
-    fn open(likely: f64, is_lost: bool) -> Outlook {
+    fn open(likely: f64, has_lost_probe: bool) -> Outlook {
         let search = OpenSearch {
             tried: 17.0,
-            lengths: [likely, likely],
+            solves: [likely, likely],
             failing: 0.0,
-            is_lost,
+            has_lost_probe,
             cells: 4.0,
             bytes: (2..=12).map(|cells| f64::from(cells).powi(3)).collect(),
             fallback: Some(Fallback { points: 600.0, blob_bytes: 5e5 }),
@@ -336,7 +357,7 @@ mod tests {
         Outlook { times: times(), known: Known::Open(search) }
     }
 
-    fn share(outlook: &Outlook, of: impl Fn(&Draw) -> bool) -> f64 {
+    fn share(outlook: &Outlook, of: impl Fn(&NodeDraw) -> bool) -> f64 {
         let drawn = (0..DRAWS).filter(|&n| of(&outlook.draw(&mut Random::new(7, n), Common::new(0, n))));
         drawn.count() as f64 / DRAWS as f64
     }
@@ -362,21 +383,21 @@ mod tests {
     /// In the calibration 8 of 13 searches with a lost probe were taken over, and 2 of 30 without.
     #[test]
     fn a_lattice_takes_over_as_often_as_measured() {
-        let taken = |likely, is_lost| share(&open(likely, is_lost), |draw| draw.lattices > 0.0);
+        let taken = |likely, has_lost_probe| share(&open(likely, has_lost_probe), |draw| draw.lattices > 0.0);
         assert!(taken(25.0, false) < 0.03, "{}", taken(25.0, false));
         assert!((0.1..0.3).contains(&taken(90.0, false)), "{}", taken(90.0, false));
         assert!((0.5..0.7).contains(&taken(70.0, true)), "{}", taken(70.0, true));
-        let of_lattice = |draw: &Draw| draw.lattices == 0.0 || (864.0..=1765.0).contains(&draw.tried);
+        let of_lattice = |draw: &NodeDraw| draw.lattices == 0.0 || (864.0..=1765.0).contains(&draw.tried);
         assert_eq!(share(&open(70.0, true), of_lattice), 1.0);
         assert_eq!(share(&open(70.0, true), |draw| draw.kept <= draw.tried), 1.0);
     }
 
     #[test]
-    fn the_length_is_log_normal_and_longer_predictions_count_less() {
+    fn the_number_of_solves_is_log_normal_and_longer_predictions_count_less() {
         let below = share(&open(40.0, false), |draw| draw.tried < 40.0 / 1.9);
         assert!((0.03..0.1).contains(&below), "{below}");
-        assert_eq!((length(12.0), length(40.0)), (12.0, 40.0));
-        assert!((length(160.0) - 69.6).abs() < 0.1);
+        assert_eq!((likely_solves(12.0), likely_solves(40.0)), (12.0, 40.0));
+        assert!((likely_solves(160.0) - 69.6).abs() < 0.1);
     }
 
     /// The numbers are the same on every platform.

@@ -123,8 +123,8 @@ pub(super) fn plan(
             Known::Lattice {
                 points: choice.configurations,
                 domain: own.grid.points(own.complete_cells).len() as f64,
-                length: search.configurations,
-                is_lost: probed.lost + probed.forked > 0,
+                search_solves: search.configurations,
+                has_lost_probe: probed.lost + probed.forked > 0,
                 increments: f64::from(own.increments.unwrap_or(1)),
                 blob_bytes: choice.bytes(&[Method::Energy], eye.as_ref()) as f64,
             }
@@ -162,7 +162,7 @@ fn scattered(
     // surrogate's, times the factor for features that the probes do not show. If it needs more, its end is a
     // passed test and gives no error. The estimate is then the geometric mean of that error and the
     // tolerance.
-    let configurations = draws::length(search.configurations);
+    let configurations = draws::likely_solves(search.configurations);
     let is_open = configurations > probed.jets.len() as f64;
     let mut allowed: Vec<f64> = places.iter().map(|place| wanted.tolerance.at(place.exact)).collect();
     allowed.sort_by(f64::total_cmp);
@@ -216,9 +216,9 @@ fn of_search(
     });
     Known::Open(OpenSearch {
         tried,
-        lengths: [search.solved as f64, search.configurations],
+        solves: [search.solved as f64, search.configurations],
         failing: probed.failed as f64 / (tried + MAX_SEPARATE_NODES),
-        is_lost: probed.lost + probed.forked > 0,
+        has_lost_probe: probed.lost + probed.forked > 0,
         cells: grid.radius_m / grid.spacing_m,
         bytes: (2..=12).map(with_cells).filter(|bytes| bytes.is_finite()).collect(),
         fallback,

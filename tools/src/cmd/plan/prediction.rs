@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::draws::{Common, DRAWS, Draw, Outlook, Random};
+use super::draws::{Common, DRAWS, NodeDraw, Outlook, Random};
 use super::row::{bytes, seconds};
 use crate::failure::Failure;
 
@@ -157,7 +157,7 @@ pub(super) struct Basis<'p> {
 /// The draws of all nodes in one outcome.
 struct Outcome {
     /// The probed nodes first.
-    draws: Vec<Draw>,
+    draws: Vec<NodeDraw>,
     memory_bytes: f64,
 }
 
@@ -166,20 +166,20 @@ impl Prediction {
     pub(super) fn of(basis: &Basis<'_>) -> Self {
         let outcomes: Vec<Outcome> = (0..DRAWS).map(|n| basis.outcome(n)).collect();
         let nodes = basis.probed.iter().enumerate().map(|(at, (name, outlook, p99_n))| {
-            let draws: Vec<Draw> = outcomes.iter().map(|outcome| outcome.draws[at]).collect();
+            let draws: Vec<NodeDraw> = outcomes.iter().map(|outcome| outcome.draws[at]).collect();
             let forced =
                 |n| outlook.taken_over(&mut Random::new(FALLBACK + at as u64, n), Common::new(at, n));
             let p99_n = p99_n.map(|p99_n| Interval::about(p99_n, ERROR));
             line(name, &draws, (0..DRAWS).filter_map(forced), p99_n)
         });
         let others = (basis.nodes > basis.probed.len()).then(|| {
-            let draws: Vec<Draw> =
+            let draws: Vec<NodeDraw> =
                 outcomes.iter().flat_map(|outcome| &outcome.draws[basis.probed.len()..]).copied().collect();
             let forced = draws.iter().copied().filter(|draw| draw.lattices > 0.0);
             let count = basis.nodes - basis.probed.len();
             line(&format!("each of {count} others"), &draws, forced, None)
         });
-        let sums: Vec<Draw> =
+        let sums: Vec<NodeDraw> =
             outcomes.iter().map(|outcome| sum(&outcome.draws, basis.other_bytes[0])).collect();
         let all = if basis.nodes == 1 { "total".into() } else { format!("all {} nodes", basis.nodes) };
         Self {
@@ -316,7 +316,7 @@ impl Basis<'_> {
         let probed = self.probed.iter().enumerate();
         let own = probed
             .map(|(at, (_, outlook, _))| outlook.draw(&mut Random::new(at as u64, n), Common::new(at, n)));
-        let mut draws: Vec<Draw> = own.collect();
+        let mut draws: Vec<NodeDraw> = own.collect();
         let mut random = Random::new(OTHERS, n);
         let count = self.probed.len();
         let alike: Vec<usize> = (0..count).map(|_| random.below(count)).collect();
@@ -332,9 +332,9 @@ impl Basis<'_> {
 }
 
 /// The sum over all nodes, with the other bytes of the blob.
-fn sum(draws: &[Draw], other_bytes: f64) -> Draw {
-    let start = Draw { blob_bytes: other_bytes, ..Draw::default() };
-    draws.iter().fold(start, |a, b| Draw {
+fn sum(draws: &[NodeDraw], other_bytes: f64) -> NodeDraw {
+    let start = NodeDraw { blob_bytes: other_bytes, ..NodeDraw::default() };
+    draws.iter().fold(start, |a, b| NodeDraw {
         tried: a.tried + b.tried,
         kept: a.kept + b.kept,
         seconds: a.seconds + b.seconds,
@@ -345,12 +345,17 @@ fn sum(draws: &[Draw], other_bytes: f64) -> Draw {
 }
 
 /// The line of these outcomes; `forced` are outcomes with a fallback lattice.
-fn line(of: &str, draws: &[Draw], forced: impl Iterator<Item = Draw>, p99_n: Option<Interval>) -> Line {
+fn line(
+    of: &str,
+    draws: &[NodeDraw],
+    forced: impl Iterator<Item = NodeDraw>,
+    p99_n: Option<Interval>,
+) -> Line {
     let interval =
-        |draws: &[Draw], figure: fn(&Draw) -> f64| Interval::of(draws.iter().map(figure).collect());
+        |draws: &[NodeDraw], figure: fn(&NodeDraw) -> f64| Interval::of(draws.iter().map(figure).collect());
     let taken = draws.iter().filter(|draw| draw.lattices > 0.0).count();
     let probability = taken as f64 / draws.len().max(1) as f64;
-    let forced: Vec<Draw> = forced.collect();
+    let forced: Vec<NodeDraw> = forced.collect();
     Line {
         of: of.into(),
         tried: interval(draws, |draw| draw.tried),
