@@ -188,8 +188,8 @@ impl Contact {
         let (next, left_active_region) = surface.slide(foot, wanted_m);
         let Some(weights) = surface.node_weights(&next) else { return };
         let Some(normal) = blended_normal(spaces, &weights) else { return };
-        // Beyond the edge of the active region the weights stay those of the edge, and the anchor continues in
-        // the tangent plane there.
+        // Beyond the edge of the active region the weights stay those of the edge, and the anchor continues
+        // in the tangent plane there.
         let beyond_m = if left_active_region {
             let left_m = vec3::sub(vec3::add(from_m, wanted_m), surface.point(&next));
             vec3::sub(left_m, vec3::scale(normal, vec3::dot(left_m, normal)))
