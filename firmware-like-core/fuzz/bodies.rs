@@ -25,9 +25,9 @@ pub(crate) fn blob(data: &[u8]) {
         for method in Method::ALL {
             ask(space, method);
         }
-        let mut derived = space.flags().to_vec();
+        let mut derived = space.planes().flags.to_vec();
         flags::derive(space.lattice(), &mut derived);
-        assert_eq!(derived, space.flags(), "inconsistent flags");
+        assert_eq!(derived, space.planes().flags, "inconsistent flags");
         let mut surface = vec![vec3::ZERO; organ.surface.node.len().min(1000)];
         for displacement_m in places(space) {
             space.displacement_into(displacement_m, &mut surface);

@@ -21,7 +21,7 @@
 use crate::grid::flags::{BRANCH_JUMP, Ball, SMOOTH};
 use crate::grid::{BallLattice, corner_weights};
 use crate::num::vec3::{self, Vec3};
-use crate::plane::{LARGEST_VALUE, PlaneError, PlaneProblem, check_indices, check_len, check_values};
+use crate::plane::{LARGEST_VALUE, PlaneError, PlaneProblem, check_len, check_range, check_values};
 
 /// Planes of the surface displacements of one space.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -94,9 +94,10 @@ impl<'a> DisplacementTable<'a> {
         let rows = coefficients.len().checked_div(per_row).unwrap_or(0);
         check_len("displacement coefficients", coefficients, rows.saturating_mul(per_row))?;
         check_len("displacement row", row, lattice.slots())?;
-        check_indices("displacement row", row, rows)?;
+        let is_row = |row: &u32| (*row as usize) < rows;
+        check_range("displacement row", row, is_row)?;
 
-        check_indices("displacement outlier row", outlier_row, rows)?;
+        check_range("displacement outlier row", outlier_row, is_row)?;
         if let Some(before) = outlier_row.iter().zip(outlier_row.iter().skip(1)).position(|(a, b)| a >= b) {
             let index = before.saturating_add(1);
             return Err(PlaneProblem::Order { index }.of("displacement outlier row"));

@@ -99,9 +99,13 @@ pub(crate) fn check_finite(name: &'static str, plane: &[f32]) -> Result<(), Plan
     check_values(name, plane, |value| value.abs() <= LARGEST_VALUE)
 }
 
-/// Checks that every index refers to one of `count` elements.
-pub(crate) fn check_indices(name: &'static str, plane: &[u32], count: usize) -> Result<(), PlaneError> {
-    match plane.iter().position(|&index| index as usize >= count) {
+/// Checks that every index or code is in its range.
+pub(crate) fn check_range<T>(
+    name: &'static str,
+    plane: &[T],
+    is_in_range: impl Fn(&T) -> bool,
+) -> Result<(), PlaneError> {
+    match plane.iter().position(|index| !is_in_range(index)) {
         None => Ok(()),
         Some(index) => Err(PlaneProblem::OutOfRange { index }.of(name)),
     }

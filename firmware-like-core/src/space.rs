@@ -10,7 +10,7 @@ use crate::displacement::{DisplacementPlanes, DisplacementTable};
 use crate::grid::BallLattice;
 use crate::grid::flags::{self, Ball, SOLVED};
 use crate::method::baseline::rbf::{Rbf, RbfPlanes};
-use crate::method::baseline::{Forces, Hybrid, Tricubic, Trilinear};
+use crate::method::baseline::{Hybrid, Tricubic, Trilinear};
 use crate::method::energy::Energy;
 use crate::method::hermite::{Hermite, HermitePlanes};
 use crate::method::interpolant;
@@ -67,43 +67,44 @@ pub struct Space<'a> {
     displacement: Option<DisplacementTable<'a>>,
 }
 
-/// Evaluates an expression with the interpolant of a method; returns `None` from the function if the planes
-/// of the method are absent.
+/// Evaluates an expression with the interpolant of a method and its domain; returns `None` from the function
+/// if the planes of the method are absent.
 macro_rules! with_interpolant {
-    ($space:expr, $method:expr, |$interpolant:ident| $answer:expr) => {{
+    ($space:expr, $method:expr, |$interpolant:ident, $domain:ident| $answer:expr) => {{
         let Space { lattice, planes, kernel, .. } = $space;
-        let ball = Ball { lattice, flags: planes.flags };
+        let $domain = Ball { lattice, flags: planes.flags };
         match $method {
             Method::Trilinear => {
-                let $interpolant = Trilinear(Forces { ball, force_n: planes.force_n? });
+                let $interpolant = Trilinear(planes.force_n?);
                 $answer
             }
             Method::Tricubic => {
-                let $interpolant = Tricubic(Forces { ball, force_n: planes.force_n? });
+                let $interpolant = Tricubic(planes.force_n?);
                 $answer
             }
             Method::Hybrid => {
-                let $interpolant = Hybrid(Forces { ball, force_n: planes.force_n? });
+                let $interpolant = Hybrid(planes.force_n?);
                 $answer
             }
             Method::RbfLinear => {
-                let $interpolant = Rbf { ball, planes: planes.rbf_linear.as_ref()? };
+                let $interpolant = Rbf(planes.rbf_linear.as_ref()?);
                 $answer
             }
             Method::RbfCubic => {
-                let $interpolant = Rbf { ball, planes: planes.rbf_cubic.as_ref()? };
+                let $interpolant = Rbf(planes.rbf_cubic.as_ref()?);
                 $answer
             }
             Method::Hermite => {
-                let $interpolant = Hermite { ball, planes: planes.hermite.as_ref()? };
+                let $interpolant = Hermite(planes.hermite.as_ref()?);
                 $answer
             }
             Method::Energy => {
-                let $interpolant = Energy(Hermite { ball, planes: planes.hermite.as_ref()? });
+                let $interpolant = Energy(Hermite(planes.hermite.as_ref()?));
                 $answer
             }
             Method::Kernel => {
                 let $interpolant = Kernel { table: kernel.as_ref()?, spacing_m: lattice.spacing_m() };
+                let $domain = $interpolant;
                 $answer
             }
         }
@@ -156,11 +157,6 @@ impl<'a> Space<'a> {
         &self.lattice
     }
 
-    /// One byte per slot of the box, see [`crate::flags`].
-    pub const fn flags(&self) -> &'a [u8] {
-        self.planes.flags
-    }
-
     /// The table of the method `kernel`.
     pub const fn kernel(&self) -> Option<&KernelTable<'a>> {
         self.kernel.as_ref()
@@ -198,8 +194,8 @@ impl<'a> Space<'a> {
         method: Method,
         displacement_m: Vec3,
     ) -> Option<ForceSample> {
-        let inside =
-            with_interpolant!(self, method, |of| interpolant::force_inside(of, machine, &displacement_m));
+        let d = &displacement_m;
+        let inside = with_interpolant!(self, method, |h, of| interpolant::force_inside(h, of, machine, d));
         match inside {
             Ok(sample) => Some(sample),
             // Passed as components, because an array would have to be in memory.
@@ -211,14 +207,14 @@ impl<'a> Space<'a> {
     #[cold]
     #[inline(never)]
     fn force_outside(&self, method: Method, x: f32, y: f32, z: f32) -> Option<ForceSample> {
-        Some(with_interpolant!(self, method, |of| interpolant::force_outside(of, [x, y, z])))
+        Some(with_interpolant!(self, method, |h, of| interpolant::force_outside(h, of, [x, y, z])))
     }
 
     /// Force with stiffness, and with energy where the force is its gradient. `None` as for [`Space::force`].
     ///
     /// Costs a few times as much as the force alone; not for the tick.
     pub fn estimate(&self, method: Method, displacement_m: Vec3) -> Option<Estimate> {
-        Some(with_interpolant!(self, method, |of| interpolant::estimate(of, displacement_m)))
+        Some(with_interpolant!(self, method, |h, of| interpolant::estimate(h, of, displacement_m)))
     }
 
     /// Surface displacement at a displacement of the active node, see

@@ -101,7 +101,7 @@ fn no_method_jumps_outside_the_ball() {
             vec3::scale(at, out)
         });
         let cells = [low, high].map(|d| space.lattice().locate(d).slot);
-        folded += usize::from(cells.iter().any(|&slot| space.flags()[slot] & flags::BRANCH_JUMP != 0));
+        folded += usize::from(cells.iter().any(|&slot| space.planes().flags[slot] & flags::BRANCH_JUMP != 0));
         for method in Method::OF_LATTICE {
             let [a, b] = [low, high].map(|d| space.force(method, d).expect("packed"));
             // 40 nm at 10 kN/m near wrong extrapolation, and the f32 rounding of the point and of 8 N.
@@ -192,7 +192,7 @@ fn hermite_and_energy_are_smooth_at_faces_and_continuous_at_folds() {
         }
         let folded = |d: Vec3| {
             let at = space.lattice().locate(d);
-            space.flags()[at.slot] & flags::BRANCH_JUMP != 0
+            space.planes().flags[at.slot] & flags::BRANCH_JUMP != 0
         };
         crossed += usize::from(folded(low) != folded(high));
     }

@@ -173,10 +173,10 @@ fn slopes_are_not_used_in_a_cell_with_a_fold() {
         let d = random.point(0.025);
         let at = linear.lattice().locate(d);
         let difference = apart(&moved(linear, d), &moved(hermite, d));
-        let flags = linear.flags()[at.slot];
+        let flags = linear.planes().flags[at.slot];
         let without = hermite.displacement().expect("packed").without_slopes();
         let mut same = [[0.0; 3]; 4];
-        without.displacement_into(hermite.lattice(), hermite.flags(), d, &mut same);
+        without.displacement_into(hermite.lattice(), hermite.planes().flags, d, &mut same);
         assert!(apart(&moved(linear, d), &same) < 1e-7);
         if flags & BRANCH_JUMP != 0 {
             folded += 1;

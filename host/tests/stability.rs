@@ -157,9 +157,9 @@ fn the_cap_holds_at_the_depth_that_the_reduced_force_permits() {
     let controller = Controller::new(&organ, config).expect("packed");
     let share = controller.hand_scale();
     let (mut rendered_n_m, mut in_limit_n_m) = (0.0_f32, 0.0_f32);
-    for slot in 0..space.flags().len() {
+    for slot in 0..space.planes().flags.len() {
         let clear = palpate_core::flags::SOLVED | palpate_core::flags::SMOOTH;
-        if space.flags()[slot] & clear != clear {
+        if space.planes().flags[slot] & clear != clear {
             continue;
         }
         let found = space.estimate(Method::Energy, space.lattice().displacement_m(space.lattice().ijk(slot)));
@@ -202,10 +202,10 @@ fn the_largest_stiffness_is_the_largest_slope_of_the_force() {
     // By differences of the force along the axes.
     let space = &organ.spaces[0];
     let mut steepest = 0.0_f32;
-    for slot in 0..space.flags().len() {
+    for slot in 0..space.planes().flags.len() {
         let ijk = space.lattice().ijk(slot);
         let clear = palpate_core::flags::SOLVED | palpate_core::flags::SMOOTH;
-        if !space.lattice().contains(ijk) || space.flags()[slot] & clear != clear {
+        if !space.lattice().contains(ijk) || space.planes().flags[slot] & clear != clear {
             continue;
         }
         let at_m = space.lattice().displacement_m(ijk);

@@ -2,6 +2,7 @@
 
 use core::ffi::{CStr, c_char};
 
+use palpate_core::format::VERSION;
 use palpate_core::{BlobError, ControllerError, PlaneProblem};
 
 /// Result of a call. `PALPATE_STATUS_OK` is 0.
@@ -109,8 +110,8 @@ impl From<BlobError> for PalpateProblem {
             BlobError::Checksum { stored, computed } => {
                 Self::of(Status::Checksum).sizes(computed.into(), stored.into())
             }
-            BlobError::NewerVersion { found, supported } => {
-                Self::of(Status::NewerVersion).sizes(supported.into(), found.into())
+            BlobError::NewerVersion { found } => {
+                Self::of(Status::NewerVersion).sizes(VERSION.into(), found.into())
             }
             BlobError::UnknownVersion { found } => Self::of(Status::UnknownVersion).sizes(found.into(), 0),
             BlobError::Header => Self::of(Status::Header),

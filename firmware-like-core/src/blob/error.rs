@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use super::format::VERSION;
 use crate::grid::LatticeError;
 use crate::plane::PlaneError;
 
@@ -24,14 +25,13 @@ pub enum BlobError {
     BadMagic,
     /// The layout is newer than this reader.
     #[error(
-        "the blob has layout version {found}, this program reads version {supported}: update the program, or {}",
+        "the blob has layout version {found}, this program reads version {}: update the program, or {}",
+        VERSION,
         AGAIN
     )]
     NewerVersion {
         /// Version of the file.
         found: u32,
-        /// Newest version that this reader supports.
-        supported: u32,
     },
     /// A layout version older than any supported one.
     #[error("the blob has the unknown layout version {found}; {}", AGAIN)]

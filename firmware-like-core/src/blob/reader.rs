@@ -20,7 +20,7 @@ use crate::method::baseline::rbf::RbfPlanes;
 use crate::method::hermite::HermitePlanes;
 use crate::method::kernel::{KernelPlanes, LANES, MAX_CENTRES};
 use crate::num::vec3;
-use crate::plane::{PlaneError, PlaneProblem, check_finite, check_len};
+use crate::plane::{PlaneError, PlaneProblem, check_finite, check_len, check_range};
 use crate::space::{ActiveNode, Space, SpacePlanes};
 
 /// Largest deviation of the length of a normal from 1.
@@ -153,7 +153,7 @@ fn open(bytes: &[u8]) -> Result<(&[u8], &[u8]), BlobError> {
     let version = u32::from_le_bytes(*version);
     match version {
         VERSION => {}
-        found if found > VERSION => return Err(BlobError::NewerVersion { found, supported: VERSION }),
+        found if found > VERSION => return Err(BlobError::NewerVersion { found }),
         found => return Err(BlobError::UnknownVersion { found }),
     }
     let (have, need) = (bytes.len() as u64, u64::from_le_bytes(*total_len));
@@ -308,14 +308,9 @@ impl Surface<'_> {
             check_len("surface position", plane, vertices)?;
             check_finite("surface position", plane)?;
         }
-        let is_corner = |vertex: &u32| (*vertex as usize) < vertices;
-        if let Some(index) = self.triangles.iter().position(|corners| !corners.iter().all(is_corner)) {
-            return Err(PlaneProblem::OutOfRange { index }.of("triangles"));
-        }
+        let is_vertex = |vertex: &u32| (*vertex as usize) < vertices;
+        check_range("triangles", self.triangles, |corners| corners.iter().all(is_vertex))?;
         check_len("fixed", self.fixed, vertices)?;
-        if let Some(index) = self.fixed.iter().position(|&fixed| fixed > 1) {
-            return Err(PlaneProblem::OutOfRange { index }.of("fixed"));
-        }
-        Ok(())
+        check_range("fixed", self.fixed, |fixed| *fixed <= 1)
     }
 }

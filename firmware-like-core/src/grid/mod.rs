@@ -237,27 +237,6 @@ impl BallLattice {
         [a, a.wrapping_add(1), c, c.wrapping_add(1), e, e.wrapping_add(1), g, g.wrapping_add(1)]
     }
 
-    /// Low corner of the cell that contains a displacement, and the position in the cell.
-    ///
-    /// On the outermost face t is the largest f32 below 1, so every cell returned has its super-cell in the
-    /// box. Beyond the bounding cube of the ball the nearest cell is returned; a NaN component gives the
-    /// lowest cell, t = 0.
-    pub fn cell(&self, displacement_m: Vec3) -> ([i32; 3], Vec3) {
-        let position = F32x4::point(vec3::scale(displacement_m, self.cells_per_m()));
-        let (low, t) = self.cell_of(position);
-        let unshifted = |index: u32| index.wrapping_sub(math::ROUNDING_SHIFT.to_bits()) as i32;
-        (low.map(unshifted), t)
-    }
-
-    /// The cell and the position in it; the indices are those of [`F32x4::floor`].
-    #[inline(always)]
-    fn cell_of(&self, position: F32x4) -> ([u32; 3], Vec3) {
-        let position = position.at_least(F32x4::load(&self.query.low)).at_most(F32x4::load(&self.query.high));
-        let (low, indices) = position.floor();
-        let t = position - low;
-        (indices, [t.get::<0>(), t.get::<1>(), t.get::<2>()])
-    }
-
     /// Location of a displacement; outside the ball, that of the nearest point of the rim.
     ///
     /// A displacement that is not finite is located at rest, where the force is zero. The controller detects
@@ -292,10 +271,15 @@ impl BallLattice {
         Rim { at: Location { inside: false, ..self.place(at_rim_m) }, outward, beyond_m }
     }
 
+    /// The cell of a displacement in the ball. On the outermost face t is the largest f32 below 1, so that the
+    /// super-cell is in the box.
     #[inline(always)]
     fn place(&self, displacement_m: F32x4) -> Location {
         let position = displacement_m * F32x4::load(&self.query.cells_per_m);
-        let ([i, j, k], t) = self.cell_of(position);
+        let clamped = position.at_least(F32x4::load(&self.query.low)).at_most(F32x4::load(&self.query.high));
+        let (low, [i, j, k]) = clamped.floor();
+        let t = clamped - low;
+        let t = [t.get::<0>(), t.get::<1>(), t.get::<2>()];
         let along_x = i.wrapping_mul(self.strides.sheet).wrapping_add(self.shifted_rest_slot);
         let slot = along_x.wrapping_add(j.wrapping_mul(self.strides.side).wrapping_add(k)) as usize;
         let position = [position.get::<0>(), position.get::<1>(), position.get::<2>()];

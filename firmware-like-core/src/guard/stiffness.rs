@@ -26,7 +26,7 @@ const RADIAL_POINTS: usize = 2_000;
 /// start-up, not for the tick.
 fn stiffest_n_m(space: &Space<'_>, method: Method, (above_n, to_n): (f32, f32)) -> f32 {
     let radial = matches!(method, Method::RbfLinear | Method::RbfCubic);
-    let (lattice, flags) = (space.lattice(), space.flags());
+    let (lattice, flags) = (space.lattice(), space.planes().flags);
     let stride = if radial { flags.len().div_ceil(RADIAL_POINTS).max(1) } else { 1 };
     let counts = |bits: u8| bits & (SOLVED | SMOOTH) == SOLVED | SMOOTH;
     let points = flags.iter().enumerate().filter(|(_, bits)| counts(**bits)).step_by(stride);

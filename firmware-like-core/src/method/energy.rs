@@ -23,7 +23,7 @@ use crate::num::vec3::{self, Vec3};
 impl HermitePlanes<'_> {
     /// h = dW/dp of the quintics at a location, newtons.
     pub fn energy_gradient(&self, lattice: &BallLattice, at: &Location) -> Vec3 {
-        Energy(Hermite { ball: Ball { lattice, flags: &[] }, planes: self }).gradient(Baseline, at)
+        Energy(Hermite(self)).gradient(Baseline, Ball { lattice, flags: &[] }, at)
     }
 }
 
@@ -37,15 +37,15 @@ impl Energy<'_> {
     /// Cost: 72 rows of four along c. Along x each row is weighted for value and slope side by side, then
     /// along y and z. Without the padding these are 468 products and about as many sums.
     #[inline(always)]
-    fn gradient<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        let Some(corners) = self.0.corners(at) else { return vec3::ZERO };
+    fn gradient<M: Machine>(self, machine: M, ball: Ball<'_>, at: &Location) -> Vec3 {
+        let Some(corners) = self.0.corners(ball, at) else { return vec3::ZERO };
         gradient(machine, &corners, at.t)
     }
 
     /// W and its first two derivatives; zero beyond the end of the box.
-    fn derivatives(self, at: &Location) -> Derivatives {
+    fn derivatives(self, ball: Ball<'_>, at: &Location) -> Derivatives {
         let none = Derivatives { value: 0.0, gradient: vec3::ZERO, hessian: [vec3::ZERO; 3] };
-        self.0.corners(at).map_or(none, |corners| derivatives(&corners, at.t))
+        self.0.corners(ball, at).map_or(none, |corners| derivatives(&corners, at.t))
     }
 }
 
@@ -53,23 +53,18 @@ impl<'s> Interpolant for Energy<'s> {
     type Domain = Ball<'s>;
 
     #[inline(always)]
-    fn domain(self) -> Ball<'s> {
-        self.0.ball
-    }
-
-    #[inline(always)]
-    fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        let weight = self.0.ball.smooth(SMOOTH, at);
-        let cubic = if weight < 1.0 { self.0.force(machine, at) } else { vec3::ZERO };
+    fn force<M: Machine>(self, machine: M, ball: Ball<'s>, at: &Location) -> Vec3 {
+        let weight = ball.smooth(SMOOTH, at);
+        let cubic = if weight < 1.0 { self.0.force(machine, ball, at) } else { vec3::ZERO };
         if weight <= 0.0 {
             return cubic;
         }
-        blend(weight, cubic, self.gradient(machine, at))
+        blend(weight, cubic, self.gradient(machine, ball, at))
     }
 
-    fn slopes(self, at: &Location) -> Slopes {
-        let (cubics, ball, quintic) = (self.0, self.0.ball, self.derivatives(at));
-        let cubic = || (cubics.force(Baseline, at), cubics.rows(at));
+    fn slopes(self, ball: Ball<'s>, at: &Location) -> Slopes {
+        let (Self(cubics), quintic) = (self, self.derivatives(ball, at));
+        let cubic = || (cubics.force(Baseline, ball, at), cubics.rows(ball, at));
         let rows = blend_slopes(ball, SMOOTH, at, cubic, || (quintic.gradient, quintic.hessian));
         let is_energy = ball.smooth(SMOOTH, at) >= 1.0;
         let energy_j = is_energy.then_some(quintic.value * ball.lattice.spacing_m());
@@ -77,15 +72,15 @@ impl<'s> Interpolant for Energy<'s> {
     }
 
     /// The derivative of the weight is left out, because it jumps at faces.
-    fn rim_slopes(self, at: &Location) -> [Vec3; 3] {
-        let ball = self.0.ball;
-        let rows = blend_rows(ball.smooth(SMOOTH, at), self.0.rows(at), self.derivatives(at).hessian);
+    fn rim_slopes(self, ball: Ball<'s>, at: &Location) -> [Vec3; 3] {
+        let rows =
+            blend_rows(ball.smooth(SMOOTH, at), self.0.rows(ball, at), self.derivatives(ball, at).hessian);
         ball.per_metre(rows)
     }
 
     #[inline(always)]
-    fn coverage(self, at: &Location) -> Coverage {
-        self.0.coverage(at)
+    fn coverage(self, ball: Ball<'s>, at: &Location) -> Coverage {
+        self.0.coverage(ball, at)
     }
 }
 

@@ -16,7 +16,7 @@ use crate::grid::flags::{Ball, CELL};
 use crate::grid::{BallLattice, Location};
 use crate::num::lanes::{Baseline, F32x4, Lanes, Machine, sums};
 use crate::num::vec3::{self, Vec3};
-use crate::plane::{PlaneError, PlaneProblem, check_finite, check_indices, check_len};
+use crate::plane::{PlaneError, PlaneProblem, check_finite, check_len, check_range};
 
 /// W_abc at one grid point as `[a][b][c]`, in cells and newtons: W_abc spacing^(a + b + c - 1). The last of
 /// every four numbers is padding, so that rows stay whole vectors.
@@ -42,7 +42,7 @@ impl HermitePlanes<'_> {
     pub fn check(&self, lattice: &BallLattice) -> Result<(), PlaneError> {
         let Self { row, nodes } = *self;
         check_len("hermite row", row, lattice.slots())?;
-        check_indices("hermite row", row, nodes.len())?;
+        check_range("hermite row", row, |row| (*row as usize) < nodes.len())?;
         check_finite("hermite nodes", nodes.as_flattened().as_flattened().as_flattened())?;
         let rest = row.get(lattice.rest_slot()).and_then(|row| nodes.get(*row as usize));
         if !rest.is_some_and(is_at_rest) {
@@ -53,7 +53,7 @@ impl HermitePlanes<'_> {
 
     /// h of the cubics at a location, newtons.
     pub fn cubic_force(&self, lattice: &BallLattice, at: &Location) -> Vec3 {
-        Hermite { ball: Ball { lattice, flags: &[] }, planes: self }.force(Baseline, at)
+        Hermite(self).force(Baseline, Ball { lattice, flags: &[] }, at)
     }
 }
 
@@ -64,17 +64,14 @@ fn is_at_rest([[[w, wz, ..], [wy, ..], _], [[wx, ..], ..], _]: &HermiteNode) -> 
 
 /// The method `hermite`.
 #[derive(Clone, Copy)]
-pub(crate) struct Hermite<'s> {
-    pub(crate) ball: Ball<'s>,
-    pub(crate) planes: &'s HermitePlanes<'s>,
-}
+pub(crate) struct Hermite<'s>(pub(crate) &'s HermitePlanes<'s>);
 
 impl<'s> Hermite<'s> {
     /// The corners of a cell. `None` beyond the end of the box, where no query lies.
     #[inline(always)]
-    pub(super) fn corners(self, at: &Location) -> Option<Corners<'s>> {
-        let HermitePlanes { row, nodes } = *self.planes;
-        let strides = self.ball.lattice.strides();
+    pub(super) fn corners(self, ball: Ball<'_>, at: &Location) -> Option<Corners<'s>> {
+        let HermitePlanes { row, nodes } = *self.0;
+        let strides = ball.lattice.strides();
         let (side, sheet) = (strides.side as usize, strides.sheet as usize);
         // One bounds check for all four: the compiler derives the others from it.
         let rows = row.get(at.slot..)?.get(..sheet.wrapping_add(side).wrapping_add(2))?;
@@ -86,8 +83,8 @@ impl<'s> Hermite<'s> {
     }
 
     /// dh_i/dt_j as rows i; zero beyond the end of the box.
-    pub(super) fn rows(self, at: &Location) -> [Vec3; 3] {
-        let Some(corners) = self.corners(at) else { return [vec3::ZERO; 3] };
+    pub(super) fn rows(self, ball: Ball<'_>, at: &Location) -> [Vec3; 3] {
+        let Some(corners) = self.corners(ball, at) else { return [vec3::ZERO; 3] };
         let ([wx, wy, wz], [tx, ty, tz]) = (at.t.map(values), at.t);
         vec3::transposed([
             contract(Baseline, &corners, &[slopes(tx), wy, wz]),
@@ -100,26 +97,21 @@ impl<'s> Hermite<'s> {
 impl<'s> Interpolant for Hermite<'s> {
     type Domain = Ball<'s>;
 
-    #[inline(always)]
-    fn domain(self) -> Ball<'s> {
-        self.ball
-    }
-
     /// Zero beyond the end of the box.
     #[inline(always)]
-    fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        let Some(corners) = self.corners(at) else { return vec3::ZERO };
+    fn force<M: Machine>(self, machine: M, ball: Ball<'s>, at: &Location) -> Vec3 {
+        let Some(corners) = self.corners(ball, at) else { return vec3::ZERO };
         let [tx, ty, tz] = at.t;
         contract(machine, &corners, &[values(tx), values(ty), values(tz)])
     }
 
-    fn slopes(self, at: &Location) -> Slopes {
-        Slopes { stiffness_n_m: self.ball.per_metre(self.rows(at)), energy_j: None }
+    fn slopes(self, ball: Ball<'s>, at: &Location) -> Slopes {
+        Slopes { stiffness_n_m: ball.per_metre(self.rows(ball, at)), energy_j: None }
     }
 
     #[inline(always)]
-    fn coverage(self, at: &Location) -> Coverage {
-        if self.ball.cell_flags(at) & CELL != 0 { Coverage::Cell } else { Coverage::Extrapolated }
+    fn coverage(self, ball: Ball<'s>, at: &Location) -> Coverage {
+        if ball.cell_flags(at) & CELL != 0 { Coverage::Cell } else { Coverage::Extrapolated }
     }
 }
 

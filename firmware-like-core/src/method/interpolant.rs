@@ -17,19 +17,19 @@ use crate::num::lanes::{Baseline, Machine};
 use crate::num::vec3::{self, Vec3};
 
 /// The displacements at which a method has data.
-pub(crate) trait Domain {
+pub(crate) trait Domain: Copy {
     /// A point of the domain, prepared for evaluation.
     type At;
 
     /// The point of a displacement; outside the domain the error is the displacement, see
     /// [`crate::BallLattice::locate_inside`].
-    fn inside(&self, displacement_m: &Vec3) -> Result<Self::At, Vec3>;
+    fn inside(self, displacement_m: &Vec3) -> Result<Self::At, Vec3>;
 
     /// The point of the rim that is nearest on the ray through a displacement outside.
-    fn rim(&self, displacement_m: Vec3) -> Rim<Self::At>;
+    fn rim(self, displacement_m: Vec3) -> Rim<Self::At>;
 
     /// The length c of the continuation, metres.
-    fn spacing_m(&self) -> f32;
+    fn spacing_m(self) -> f32;
 }
 
 /// dh/dd as rows, N/m, and the energy in joules where h is its gradient.
@@ -45,37 +45,37 @@ pub(crate) trait Interpolant: Copy {
     /// Where the method has data.
     type Domain: Domain;
 
-    /// That domain.
-    fn domain(self) -> Self::Domain;
-
     /// h at a point of the domain, newtons.
-    fn force<M: Machine>(self, machine: M, at: &<Self::Domain as Domain>::At) -> Vec3;
+    fn force<M: Machine>(self, machine: M, of: Self::Domain, at: &At<Self>) -> Vec3;
 
     /// The derivatives of [`Interpolant::force`].
-    fn slopes(self, at: &<Self::Domain as Domain>::At) -> Slopes;
+    fn slopes(self, of: Self::Domain, at: &At<Self>) -> Slopes;
 
     /// Approximate derivatives of the force that are continuous in the point, N/m.
-    fn rim_slopes(self, at: &<Self::Domain as Domain>::At) -> [Vec3; 3] {
-        self.slopes(at).stiffness_n_m
+    fn rim_slopes(self, of: Self::Domain, at: &At<Self>) -> [Vec3; 3] {
+        self.slopes(of, at).stiffness_n_m
     }
 
     /// The data behind the force.
-    fn coverage(self, at: &<Self::Domain as Domain>::At) -> Coverage;
+    fn coverage(self, of: Self::Domain, at: &At<Self>) -> Coverage;
 }
+
+/// A point of the domain of a method.
+type At<I> = <<I as Interpolant>::Domain as Domain>::At;
 
 impl Domain for Ball<'_> {
     type At = Location;
 
     #[inline(always)]
-    fn inside(&self, displacement_m: &Vec3) -> Result<Location, Vec3> {
+    fn inside(self, displacement_m: &Vec3) -> Result<Location, Vec3> {
         self.lattice.locate_inside(*displacement_m)
     }
 
-    fn rim(&self, displacement_m: Vec3) -> Rim<Location> {
+    fn rim(self, displacement_m: Vec3) -> Rim<Location> {
         self.lattice.rim(displacement_m)
     }
 
-    fn spacing_m(&self) -> f32 {
+    fn spacing_m(self) -> f32 {
         self.lattice.spacing_m()
     }
 }
@@ -84,20 +84,20 @@ impl Domain for Ball<'_> {
 #[inline(always)]
 pub(crate) fn force_inside<I: Interpolant, M: Machine>(
     method: I,
+    of: I::Domain,
     machine: M,
     displacement_m: &Vec3,
 ) -> Result<ForceSample, Vec3> {
-    let at = method.domain().inside(displacement_m)?;
-    Ok(ForceSample { force_n: method.force(machine, &at), coverage: method.coverage(&at) })
+    let at = of.inside(displacement_m)?;
+    Ok(ForceSample { force_n: method.force(machine, of, &at), coverage: method.coverage(of, &at) })
 }
 
 /// The continued force of a method outside its domain.
-pub(crate) fn force_outside<I: Interpolant>(method: I, displacement_m: Vec3) -> ForceSample {
-    let domain = method.domain();
-    let Rim { at, outward, beyond_m } = domain.rim(displacement_m);
-    let at_rim_n = method.force(Baseline, &at);
-    let slope_n_m = vec3::transform(&method.rim_slopes(&at), outward);
-    let force_n = vec3::add(at_rim_n, vec3::scale(slope_n_m, rise_m(beyond_m, domain.spacing_m())));
+pub(crate) fn force_outside<I: Interpolant>(method: I, of: I::Domain, displacement_m: Vec3) -> ForceSample {
+    let Rim { at, outward, beyond_m } = of.rim(displacement_m);
+    let at_rim_n = method.force(Baseline, of, &at);
+    let slope_n_m = vec3::transform(&method.rim_slopes(of, &at), outward);
+    let force_n = vec3::add(at_rim_n, vec3::scale(slope_n_m, rise_m(beyond_m, of.spacing_m())));
     ForceSample { force_n, coverage: Coverage::Extrapolated }
 }
 
@@ -107,32 +107,32 @@ fn rise_m(beyond_m: f32, spacing_m: f32) -> f32 {
 }
 
 /// The force of a method at any displacement.
-fn force<I: Interpolant>(method: I, displacement_m: Vec3) -> ForceSample {
-    force_inside(method, Baseline, &displacement_m)
-        .unwrap_or_else(|outside_m| force_outside(method, outside_m))
+fn force<I: Interpolant>(method: I, of: I::Domain, displacement_m: Vec3) -> ForceSample {
+    force_inside(method, of, Baseline, &displacement_m)
+        .unwrap_or_else(|outside_m| force_outside(method, of, outside_m))
 }
 
 /// Force, stiffness and energy of a method at any displacement. Costs a few times as much as the force.
-pub(crate) fn estimate<I: Interpolant>(method: I, displacement_m: Vec3) -> Estimate {
-    let ForceSample { force_n, coverage } = force(method, displacement_m);
-    let Slopes { stiffness_n_m, energy_j } = match method.domain().inside(&displacement_m) {
-        Ok(at) => method.slopes(&at),
-        Err(_) => Slopes { stiffness_n_m: differences(method, displacement_m), energy_j: None },
+pub(crate) fn estimate<I: Interpolant>(method: I, of: I::Domain, displacement_m: Vec3) -> Estimate {
+    let ForceSample { force_n, coverage } = force(method, of, displacement_m);
+    let Slopes { stiffness_n_m, energy_j } = match of.inside(&displacement_m) {
+        Ok(at) => method.slopes(of, &at),
+        Err(_) => Slopes { stiffness_n_m: differences(method, of, displacement_m), energy_j: None },
     };
     Estimate { force_n, stiffness_n_m, energy_j, coverage }
 }
 
 /// dh_i/dd_j outside the domain, N/m, by central differences, because the continuation turns with the rim.
-fn differences<I: Interpolant>(method: I, displacement_m: Vec3) -> [Vec3; 3] {
+fn differences<I: Interpolant>(method: I, of: I::Domain, displacement_m: Vec3) -> [Vec3; 3] {
     // The rounding of 8 N contributes 0.1 N/m, curvature 1/1000 of its contribution over a cell.
-    let step_m = 2e-3 * method.domain().spacing_m();
+    let step_m = 2e-3 * of.spacing_m();
     let column = |axis: usize| {
         let at = |sign: f32| {
             let mut at = displacement_m;
             if let Some(x) = at.get_mut(axis) {
                 *x += sign * step_m;
             }
-            force(method, at).force_n
+            force(method, of, at).force_n
         };
         vec3::scale(vec3::sub(at(1.0), at(-1.0)), 0.5 / step_m)
     };

@@ -86,7 +86,8 @@ fn reach_m(space: &Space<'_>, direction: Vec3) -> f32 {
 /// Tri-linear share of solved corners of the cell at a displacement. Corners outside the ball are not
 /// counted, because they are not failures of the solver.
 fn solved_share(space: &Space<'_>, displacement_m: Vec3) -> f32 {
-    let (low, t) = space.lattice().cell(displacement_m.to_array());
+    let at = space.lattice().locate(displacement_m.to_array());
+    let (low, t) = (space.lattice().ijk(at.slot), at.t);
     let (mut solved, mut all) = (0.0, 0.0);
     for corner in 0..8_usize {
         let bits = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
@@ -94,7 +95,7 @@ fn solved_share(space: &Space<'_>, displacement_m: Vec3) -> f32 {
         let weight: f32 = (0..3).map(|axis| if bits[axis] == 1 { t[axis] } else { 1.0 - t[axis] }).product();
         if space.lattice().contains(ijk) {
             all += weight;
-            let slot = space.lattice().slot(ijk).and_then(|slot| space.flags().get(slot));
+            let slot = space.lattice().slot(ijk).and_then(|slot| space.planes().flags.get(slot));
             solved += if slot.is_some_and(|flag| flag & flags::SOLVED != 0) { weight } else { 0.0 };
         }
     }
@@ -120,8 +121,8 @@ mod tests {
             }
         }
         // No solved configurations beyond one and a half cells along +x.
-        let mut cut: Vec<u8> = (0..space.flags().len())
-            .map(|slot| if space.lattice().ijk(slot)[0] >= 2 { 0 } else { space.flags()[slot] })
+        let mut cut: Vec<u8> = (0..space.planes().flags.len())
+            .map(|slot| if space.lattice().ijk(slot)[0] >= 2 { 0 } else { space.planes().flags[slot] })
             .collect();
         flags::derive(space.lattice(), &mut cut);
         let planes = SpacePlanes { flags: &cut, ..space.planes() };

@@ -98,13 +98,13 @@ pub(super) fn measure(
     let mut visited = Vec::new();
     each_truth(store, active, space, &motion, |at, exact, has_branch_jump| {
         visited.push(at);
-        table.displacement_into(space.lattice(), space.flags(), at, &mut found);
+        table.displacement_into(space.lattice(), space.planes().flags, at, &mut found);
         if has_branch_jump {
             folded.add(misfit(exact, &found));
             return;
         }
         uniform.add(misfit(exact, &found));
-        trilinear.displacement_into(space.lattice(), space.flags(), at, &mut found);
+        trilinear.displacement_into(space.lattice(), space.planes().flags, at, &mut found);
         uniform_trilinear.add(misfit(exact, &found));
     })?;
     if visited.is_empty() {
@@ -228,7 +228,7 @@ fn microseconds(
         .map(|n| {
             let at = visited[n * visited.len() / REPEATS];
             let start = Instant::now();
-            table.displacement_into(space.lattice(), space.flags(), black_box(at), found);
+            table.displacement_into(space.lattice(), space.planes().flags, black_box(at), found);
             black_box(&mut *found);
             start.elapsed().as_secs_f64() * 1e6
         })

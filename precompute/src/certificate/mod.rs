@@ -373,7 +373,7 @@ fn truths(
 fn has_branch_jump(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
     let at = space.lattice().locate(displacement_m);
     let corners = space.lattice().corners(at.slot);
-    corners.iter().any(|slot| space.flags().get(*slot).is_none_or(|bits| bits & SMOOTH == 0))
+    corners.iter().any(|slot| space.planes().flags.get(*slot).is_none_or(|bits| bits & SMOOTH == 0))
 }
 
 fn measure(

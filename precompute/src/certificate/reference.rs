@@ -28,7 +28,7 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
         }
         Method::Hermite => cell.hermite(),
         Method::Energy => {
-            let clear = space.flags()[cell.slot([0; 3])] & BRANCH_JUMP == 0;
+            let clear = space.planes().flags[cell.slot([0; 3])] & BRANCH_JUMP == 0;
             let share = if clear { cell.share(0, SMOOTH) } else { 0.0 };
             Some(mix(share, cell.hermite()?, cell.energy()?))
         }
@@ -191,12 +191,12 @@ impl<'s, 'a> Cell<'s, 'a> {
 
     /// Smoothstep of the tri-linear interpolation of `flag`, if all corners of the cell have `needed`.
     fn share(&self, needed: u8, flag: u8) -> f64 {
-        if self.space.flags()[self.slot([0; 3])] & needed != needed {
+        if self.space.planes().flags[self.slot([0; 3])] & needed != needed {
             return 0.0;
         }
         let w: f64 = CORNERS
             .into_iter()
-            .filter(|&corner| self.space.flags()[self.slot(corner)] & flag != 0)
+            .filter(|&corner| self.space.planes().flags[self.slot(corner)] & flag != 0)
             .map(|corner| -> f64 {
                 corner.iter().zip(self.t).map(|(&n, t)| if n == 0 { 1.0 - t } else { t }).product()
             })

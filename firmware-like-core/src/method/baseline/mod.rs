@@ -1,4 +1,7 @@
 //! The methods of Peterlik 2010: on the lattice of forces, and by radial basis functions.
+//!
+//! The lattice has one force per slot, z fastest, newtons: solved configurations, and extrapolated values
+//! where there is none.
 
 mod hybrid;
 pub(crate) mod rbf;
@@ -9,17 +12,7 @@ pub(crate) use hybrid::Hybrid;
 pub(crate) use tricubic::Tricubic;
 pub(crate) use trilinear::Trilinear;
 
-use crate::grid::flags::Ball;
 use crate::num::vec3::Vec3;
-
-/// Forces at the slots of a lattice, newtons: solved configurations, and extrapolated values where there is
-/// none.
-#[derive(Clone, Copy)]
-pub(crate) struct Forces<'s> {
-    pub(crate) ball: Ball<'s>,
-    /// One force per slot, z fastest.
-    pub(crate) force_n: &'s [Vec3],
-}
 
 /// N consecutive forces along z.
 #[inline(always)]

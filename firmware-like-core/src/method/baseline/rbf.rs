@@ -50,10 +50,7 @@ impl<T: Copy + Into<f64>> RbfPlanes<'_, T> {
 /// Cost: one root per centre, shared by the three components; the order of the sum is fixed.
 /// Source: Peterlik 2010, Eq. 12 (sum to N). Deviation: none; the equation has no polynomial term.
 #[derive(Clone, Copy)]
-pub(crate) struct Rbf<'s, T> {
-    pub(crate) ball: Ball<'s>,
-    pub(crate) planes: &'s RbfPlanes<'s, T>,
-}
+pub(crate) struct Rbf<'s, T>(pub(crate) &'s RbfPlanes<'s, T>);
 
 /// Numbers of a table and the function phi that belongs to them.
 pub(crate) trait Radial: Lanes + PartialOrd {
@@ -68,24 +65,19 @@ impl<'s, T: Radial> Interpolant for Rbf<'s, T> {
     type Domain = Ball<'s>;
 
     #[inline(always)]
-    fn domain(self) -> Ball<'s> {
-        self.ball
+    fn force<M: Machine>(self, machine: M, _: Ball<'s>, at: &Location) -> Vec3 {
+        T::force(self.0, machine, at.position)
     }
 
-    #[inline(always)]
-    fn force<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
-        T::force(self.planes, machine, at.position)
-    }
-
-    fn slopes(self, at: &Location) -> Slopes {
-        let rows = T::rows(self.planes, at.position);
-        Slopes { stiffness_n_m: self.ball.per_metre(rows), energy_j: None }
+    fn slopes(self, ball: Ball<'s>, at: &Location) -> Slopes {
+        let rows = T::rows(self.0, at.position);
+        Slopes { stiffness_n_m: ball.per_metre(rows), energy_j: None }
     }
 
     /// Complete where the corners of the cell round the query are solved.
     #[inline(always)]
-    fn coverage(self, at: &Location) -> Coverage {
-        if self.ball.cell_flags(at) & CELL != 0 { Coverage::Scattered } else { Coverage::Extrapolated }
+    fn coverage(self, ball: Ball<'s>, at: &Location) -> Coverage {
+        if ball.cell_flags(at) & CELL != 0 { Coverage::Scattered } else { Coverage::Extrapolated }
     }
 }
 

@@ -6,9 +6,9 @@
 //! central differences; the paper does not state which it used. The tensor Lagrange cubic is slightly more
 //! accurate, but only C0: its slope jumps at every face.
 
-use super::{Forces, run};
-use crate::grid::Location;
+use super::run;
 use crate::grid::flags::{Ball, SUPERCELL};
+use crate::grid::{Location, Strides};
 use crate::method::Coverage;
 use crate::method::interpolant::{Interpolant, Slopes};
 use crate::num::lanes::{F32x4, Machine};
@@ -22,11 +22,11 @@ use crate::num::vec3::{self, Vec3};
 /// Source: Peterlik 2010, section 4.4, Fig. 1(b). Deviation: unsolved points have extrapolated forces, so
 /// that the force never jumps.
 #[derive(Clone, Copy)]
-pub(crate) struct Tricubic<'s>(pub(crate) Forces<'s>);
+pub(crate) struct Tricubic<'s>(pub(crate) &'s [Vec3]);
 
 impl Tricubic<'_> {
     /// dh_i/dt_j as rows i.
-    pub(super) fn rows(self, at: &Location) -> [Vec3; 3] {
+    pub(super) fn rows(self, ball: Ball<'_>, at: &Location) -> [Vec3; 3] {
         let (values, slopes) = (weights(at.t), weight_slopes(at.t));
         let along = |axis: usize| {
             let mut lanes = values;
@@ -39,7 +39,7 @@ impl Tricubic<'_> {
                     0.0,
                 ]);
             }
-            checked(self.0, at.slot as u32, &lanes).unwrap_or(vec3::ZERO)
+            checked(self.0, ball.lattice.strides(), at.slot as u32, &lanes).unwrap_or(vec3::ZERO)
         };
         vec3::transposed([along(0), along(1), along(2)])
     }
@@ -49,22 +49,17 @@ impl<'s> Interpolant for Tricubic<'s> {
     type Domain = Ball<'s>;
 
     #[inline(always)]
-    fn domain(self) -> Ball<'s> {
-        self.0.ball
+    fn force<M: Machine>(self, _: M, ball: Ball<'s>, at: &Location) -> Vec3 {
+        checked(self.0, ball.lattice.strides(), at.slot as u32, &weights(at.t)).unwrap_or(vec3::ZERO)
+    }
+
+    fn slopes(self, ball: Ball<'s>, at: &Location) -> Slopes {
+        Slopes { stiffness_n_m: ball.per_metre(self.rows(ball, at)), energy_j: None }
     }
 
     #[inline(always)]
-    fn force<M: Machine>(self, _: M, at: &Location) -> Vec3 {
-        checked(self.0, at.slot as u32, &weights(at.t)).unwrap_or(vec3::ZERO)
-    }
-
-    fn slopes(self, at: &Location) -> Slopes {
-        Slopes { stiffness_n_m: self.0.ball.per_metre(self.rows(at)), energy_j: None }
-    }
-
-    #[inline(always)]
-    fn coverage(self, at: &Location) -> Coverage {
-        let is_complete = self.0.ball.cell_flags(at) & SUPERCELL != 0;
+    fn coverage(self, ball: Ball<'s>, at: &Location) -> Coverage {
+        let is_complete = ball.cell_flags(at) & SUPERCELL != 0;
         if is_complete { Coverage::SuperCell } else { Coverage::Extrapolated }
     }
 }
@@ -94,8 +89,7 @@ fn weight_slopes([tx, ty, tz]: Vec3) -> [F32x4; 4] {
 ///
 /// `None` beyond the end of the table, which a checked table never reaches.
 #[inline(always)]
-fn checked(Forces { ball, force_n: force }: Forces<'_>, slot: u32, weights: &[F32x4; 4]) -> Option<Vec3> {
-    let strides = ball.lattice.strides();
+fn checked(force: &[Vec3], strides: Strides, slot: u32, weights: &[F32x4; 4]) -> Option<Vec3> {
     let (side, sheet) = (strides.side as usize, strides.sheet as usize);
     let first = slot.wrapping_sub(strides.sheet.wrapping_add(strides.side).wrapping_add(1)) as usize;
     let [x0, x1, x2, x3] = weights.map(F32x4::spread::<0>);

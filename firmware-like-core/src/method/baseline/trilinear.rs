@@ -1,8 +1,8 @@
 //! Tri-linear interpolation in one cell.
 
-use super::{Forces, run};
-use crate::grid::Location;
+use super::run;
 use crate::grid::flags::{Ball, CELL};
+use crate::grid::{Location, Strides};
 use crate::method::Coverage;
 use crate::method::baseline::Tricubic;
 use crate::method::interpolant::{Interpolant, Slopes};
@@ -17,15 +17,15 @@ use crate::num::vec3::{self, Vec3};
 /// Source: Peterlik 2010, section 4.4, Fig. 1(a). Deviation: unsolved corners have extrapolated forces, so
 /// that the force never jumps.
 #[derive(Clone, Copy)]
-pub(crate) struct Trilinear<'s>(pub(crate) Forces<'s>);
+pub(crate) struct Trilinear<'s>(pub(crate) &'s [Vec3]);
 
-impl Trilinear<'_> {
+impl<'s> Trilinear<'s> {
     /// dh_i/dt_j as rows i.
-    pub(super) fn rows(self, at: &Location) -> [Vec3; 3] {
+    pub(super) fn rows(self, ball: Ball<'s>, at: &Location) -> [Vec3; 3] {
         // The force is linear along each axis: its slope is the difference of the two ends.
         let rise = |axis: fn(f32, Vec3) -> Vec3| {
             let [low, high] =
-                [0.0, 1.0].map(|end| self.force(Baseline, &Location { t: axis(end, at.t), ..*at }));
+                [0.0, 1.0].map(|end| self.force(Baseline, ball, &Location { t: axis(end, at.t), ..*at }));
             vec3::sub(high, low)
         };
         vec3::transposed([
@@ -40,34 +40,28 @@ impl<'s> Interpolant for Trilinear<'s> {
     type Domain = Ball<'s>;
 
     #[inline(always)]
-    fn domain(self) -> Ball<'s> {
-        self.0.ball
+    fn force<M: Machine>(self, _: M, ball: Ball<'s>, at: &Location) -> Vec3 {
+        checked(self.0, ball.lattice.strides(), at.slot as u32, at.t).unwrap_or(vec3::ZERO)
     }
 
-    #[inline(always)]
-    fn force<M: Machine>(self, _: M, at: &Location) -> Vec3 {
-        checked(self.0, at.slot as u32, at.t).unwrap_or(vec3::ZERO)
-    }
-
-    fn slopes(self, at: &Location) -> Slopes {
-        Slopes { stiffness_n_m: self.0.ball.per_metre(self.rows(at)), energy_j: None }
+    fn slopes(self, ball: Ball<'s>, at: &Location) -> Slopes {
+        Slopes { stiffness_n_m: ball.per_metre(self.rows(ball, at)), energy_j: None }
     }
 
     /// The slopes of the tri-cubic force, because the tri-linear ones jump at faces.
-    fn rim_slopes(self, at: &Location) -> [Vec3; 3] {
-        Tricubic(self.0).rim_slopes(at)
+    fn rim_slopes(self, ball: Ball<'s>, at: &Location) -> [Vec3; 3] {
+        Tricubic(self.0).rim_slopes(ball, at)
     }
 
     #[inline(always)]
-    fn coverage(self, at: &Location) -> Coverage {
-        if self.0.ball.cell_flags(at) & CELL != 0 { Coverage::Cell } else { Coverage::Extrapolated }
+    fn coverage(self, ball: Ball<'s>, at: &Location) -> Coverage {
+        if ball.cell_flags(at) & CELL != 0 { Coverage::Cell } else { Coverage::Extrapolated }
     }
 }
 
 /// `None` beyond the end of the table, which a checked table never reaches.
 #[inline(always)]
-fn checked(Forces { ball, force_n: force }: Forces<'_>, slot: u32, t: Vec3) -> Option<Vec3> {
-    let strides = ball.lattice.strides();
+fn checked(force: &[Vec3], strides: Strides, slot: u32, t: Vec3) -> Option<Vec3> {
     // The last edge is checked first: if it is in the table, so are the others, and the compiler drops their
     // checks.
     let (slot, side, sheet) = (slot as usize, strides.side as usize, strides.sheet as usize);

@@ -195,23 +195,18 @@ impl<'s> Interpolant for Kernel<'s> {
     type Domain = Self;
 
     #[inline(always)]
-    fn domain(self) -> Self {
-        self
-    }
-
-    #[inline(always)]
-    fn force<M: Machine>(self, machine: M, displacement_m: &Vec3) -> Vec3 {
+    fn force<M: Machine>(self, machine: M, _: Self, displacement_m: &Vec3) -> Vec3 {
         self.table.force(machine, *displacement_m)
     }
 
-    fn slopes(self, displacement_m: &Vec3) -> Slopes {
+    fn slopes(self, _: Self, displacement_m: &Vec3) -> Slopes {
         let jet = self.table.jet(*displacement_m);
         let stiffness_n_m = jet.stiffness_n_m.map(|row| row.map(|s| s as f32));
         Slopes { stiffness_n_m, energy_j: Some(jet.energy_j as f32) }
     }
 
     #[inline(always)]
-    fn coverage(self, _: &Vec3) -> Coverage {
+    fn coverage(self, _: Self, _: &Vec3) -> Coverage {
         Coverage::Scattered
     }
 }
@@ -220,7 +215,7 @@ impl Domain for Kernel<'_> {
     type At = Vec3;
 
     #[inline(always)]
-    fn inside(&self, displacement_m: &Vec3) -> Result<Vec3, Vec3> {
+    fn inside(self, displacement_m: &Vec3) -> Result<Vec3, Vec3> {
         let displacement_m = *displacement_m;
         let reach = &self.table.reach;
         let min_m = reach.min_m();
@@ -229,7 +224,7 @@ impl Domain for Kernel<'_> {
         if is_near || reach.contains(displacement_m) { Ok(displacement_m) } else { Err(displacement_m) }
     }
 
-    fn rim(&self, displacement_m: Vec3) -> Rim<Vec3> {
+    fn rim(self, displacement_m: Vec3) -> Rim<Vec3> {
         if !vec3::is_finite(displacement_m) {
             return Rim { at: vec3::ZERO, outward: vec3::ZERO, beyond_m: 0.0 };
         }
@@ -239,7 +234,7 @@ impl Domain for Kernel<'_> {
         Rim { at: vec3::scale(outward, reach_m), outward, beyond_m }
     }
 
-    fn spacing_m(&self) -> f32 {
+    fn spacing_m(self) -> f32 {
         self.spacing_m
     }
 }

@@ -202,7 +202,7 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
     let mut spaces = Vec::new();
     for space in &organ.spaces {
         let methods: Vec<&str> = Method::ALL.iter().filter(|m| space.has(**m)).map(|m| m.name()).collect();
-        let solved = space.flags().iter().filter(|f| **f & palpate_core::flags::SOLVED != 0).count();
+        let solved = space.planes().flags.iter().filter(|f| **f & palpate_core::flags::SOLVED != 0).count();
         text.push_str(&format!(
             "\n{} (node {})\n  {} slots, {solved} solved, r_G {} m, spacing {} m\n  {}{}\n",
             space.active.name,

@@ -113,7 +113,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Measures every method on one space. `fitted`: whether the RBF weights cancel like those of a real fit.
 fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
-    let grid = space.flags().iter().filter(|bits| **bits & flags::SOLVED != 0).count() - 1;
+    let grid = space.planes().flags.iter().filter(|bits| **bits & flags::SOLVED != 0).count() - 1;
     let queries = timing::queries(space.lattice().radius_m());
     let methods = || Method::ALL.into_iter().filter(|method| space.has(*method));
     #[cfg(feature = "peers")]

@@ -33,7 +33,8 @@ impl Peers {
         if let (Some(force_n), true) = (force_n, grid <= MAX_CENTRES) {
             eprintln!("palpate: rbf-interp fits");
             for (method, exponent) in [(Method::RbfLinear, 1), (Method::RbfCubic, 3)] {
-                let solved = || (0..lattice.slots()).filter(|&slot| space.flags()[slot] & flags::SOLVED != 0);
+                let solved =
+                    || (0..lattice.slots()).filter(|&slot| space.planes().flags[slot] & flags::SOLVED != 0);
                 let vector = |values: [f64; 3]| DVector::from_column_slice(&values);
                 // In units of cells, as in the core: in metres r^3 would be small relative to its tolerance.
                 let centres: Vec<_> = solved().map(|slot| vector(lattice.ijk(slot).map(f64::from))).collect();
