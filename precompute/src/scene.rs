@@ -20,14 +20,14 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
-use crate::fem::body::{Body, DegenerateElement, Model, Region};
+use crate::fem::body::{Body, Model, Region};
 use crate::fem::boundary::{Constraints, Handle};
 use crate::fem::element::Order;
 use crate::fem::material::Material;
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
-use crate::mesh::{Refined, TetMesh};
+use crate::mesh::{MeshFault, Refined, TetMesh};
 use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered};
 use file::SceneFile;
 pub use file::SolverOptions;
@@ -89,7 +89,7 @@ impl SolverOptions {
 }
 
 /// A part of the body and its material.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct MaterialRegion {
     /// The constitutive law with its parameters.
     pub material: Material,
@@ -181,7 +181,7 @@ impl ActiveNode {
 pub enum BodyError {
     /// An element has no positive volume.
     #[error("{0}")]
-    Degenerate(DegenerateElement),
+    Degenerate(MeshFault),
     /// The pressures of an incompressible part are not unique with the tool on this active node.
     #[error("with the tool on \"{0}\", {1}")]
     Pressure(String, PressureFault),

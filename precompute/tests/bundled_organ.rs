@@ -46,7 +46,7 @@ fn the_small_organ_measures_what_its_readme_says() {
     let report = MeshReport::of(&scene.mesh);
     assert_eq!((report.nodes, report.tets, report.pieces), (498, 1795, 1));
     assert!(report.surface.manifold);
-    assert_eq!((report.surface.euler_characteristic, report.surface.nodes), (2, 347));
+    assert_eq!((report.surface.topology.euler_characteristic, report.surface.nodes), (2, 347));
     assert_eq!(report.tets_without_interior_vertex, 0);
     assert!((report.high_m[0] - report.low_m[0] - 0.2).abs() < 1e-12);
     // The script that generated the mesh computed the README's values in another language: an independent

@@ -189,7 +189,6 @@ fn laws_from_outside_give_what_the_built_in_ones_give() {
 fn sound_laws_pass_the_check_and_a_slip_is_named() {
     assert_eq!(check(&NEO).faults(), [""; 0]);
     assert_eq!(check(&Mooney([1300.0, 1280.0])).faults(), [""; 0]);
-    assert_eq!(Material::own("neo", NEO).check(), check(&NEO));
     let named = |found: Vec<String>, wanted: &[&str]| {
         let all = found.len() == wanted.len() && found.iter().zip(wanted).all(|(f, w)| f.contains(w));
         assert!(all, "{found:?}, not {wanted:?}");
@@ -205,7 +204,7 @@ fn sound_laws_pass_the_check_and_a_slip_is_named() {
 }
 
 #[test]
-fn a_law_of_ones_own_is_neither_stored_nor_sent() {
+fn a_law_of_ones_own_is_not_stored() {
     let scene = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/palpation.toml");
     let mut resolved = Scene::load(&scene).and_then(|scene| scene.resolve()).expect("a bundled scene");
     resolved.materials[0].material = Material::own("neo", NEO);
@@ -222,9 +221,6 @@ fn a_law_of_ones_own_is_neither_stored_nor_sent() {
         );
     }
     assert!(!space.exists());
-    let unsent =
-        serde_json::to_string(&analysis.scene.materials[0].material).expect_err("a law is code").to_string();
-    assert!(unsent.contains("the law \"neo\" is user-defined"), "{unsent}");
     let equal = |a: Neo, b: Neo| Material::own("neo", a) == Material::own("neo", b);
     assert!(equal(NEO, NEO) && !equal(NEO, Neo { lame: Lame { mu_pa: 1.0, ..LAME }, ..NEO }));
 }

@@ -33,7 +33,7 @@ fn tip(n: usize, order: Order, region: Region, force: f64) -> f64 {
     let mut body = Body::new(&mesh, &model).expect("every element has volume");
     let at_right = |x: &[f64; 3]| (x[0] - 48.0).abs() < 1e-9;
     // Uniform shear over the right face, 16 x thickness; each face of a tet carries its share of the area.
-    let mut loads = vec![0.0; body.node_count()];
+    let mut loads = vec![0.0; body.nodes_m.len()];
     for (element, tet) in mesh.tets.iter().enumerate() {
         let face: Vec<u32> =
             tet.iter().copied().filter(|&node| at_right(&mesh.nodes_m[node as usize])).collect();

@@ -6,8 +6,7 @@ use palpate_precompute::fem::assembly::volume_ratios;
 use palpate_precompute::fem::body::Body;
 use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::solve::Configuration;
-use palpate_precompute::mesh::write::vtu::WriteError;
-use palpate_precompute::mesh::write::{Cells, Field, Grid, Series};
+use palpate_precompute::mesh::write::{Cell, Field, Grid, Series};
 
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output};
@@ -80,10 +79,11 @@ impl Displacements {
                 let ratios = volume_ratios(body, &c.seed.state);
                 let grid = Grid {
                     nodes_m: &body.nodes_m,
-                    cells: match body.order {
-                        Order::Linear => Cells::Tet4(body.connectivity.as_chunks().0),
-                        Order::Quadratic => Cells::Tet10(body.connectivity.as_chunks().0),
+                    cell: match body.order {
+                        Order::Linear => Cell::Tet4,
+                        Order::Quadratic => Cell::Tet10,
                     },
+                    connectivity: &body.connectivity,
                     point_data: &[Field { name: "displacement_m", components: 3, values: u }],
                     cell_data: &[Field { name: "volume_ratio", components: 1, values: &ratios }],
                     field_data: &[
@@ -96,10 +96,7 @@ impl Displacements {
                         Field { name: "energy_j", components: 1, values: &[c.jet().energy_j] },
                     ],
                 };
-                series.add(length_mm, &grid).map_err(|error| match error {
-                    WriteError::Io(error) => file.failure(&error),
-                    other => Failure::work(format!("{}: {other}", file.path().display())),
-                })?;
+                series.add(length_mm, &grid).map_err(|error| file.failure(&error))?;
             }
         }
         Ok(())

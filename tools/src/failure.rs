@@ -85,8 +85,8 @@ of_pipeline!(
     palpate_precompute::error::InputError,
 );
 
-impl From<palpate_precompute::fem::body::DegenerateElement> for Failure {
-    fn from(error: palpate_precompute::fem::body::DegenerateElement) -> Self {
+impl From<palpate_precompute::mesh::MeshFault> for Failure {
+    fn from(error: palpate_precompute::mesh::MeshFault) -> Self {
         Self::input(error)
     }
 }

@@ -9,7 +9,7 @@ use crate::fem::element::{EDGES, LINEAR, Order, QUADRATIC, Tetrahedron};
 use crate::fem::material::Material;
 use crate::fem::ordering::nested_dissection;
 use crate::fem::pressure::{PressurePair, pressure_block};
-use crate::mesh::TetMesh;
+use crate::mesh::{Edges, MeshFault, TetMesh};
 
 /// Index of a value that is prescribed to zero or does not exist.
 pub(crate) const ABSENT: u32 = u32::MAX;
@@ -67,7 +67,7 @@ impl Model {
 
 /// One element.
 #[derive(Debug, Clone, Copy)]
-pub struct Element {
+pub(crate) struct Element {
     /// Undeformed geometry.
     pub tet: Tetrahedron,
     /// Index of the region.
@@ -97,7 +97,7 @@ pub struct Body {
     /// Order of the shape functions.
     pub order: Order,
     /// One element per tetrahedron, in file order.
-    pub elements: Vec<Element>,
+    pub(crate) elements: Vec<Element>,
     /// Node indices, `Order::nodes` per element.
     pub connectivity: Vec<u32>,
     /// Undeformed node positions, m.
@@ -107,9 +107,9 @@ pub struct Body {
     /// Materials.
     pub regions: Vec<Region>,
     /// (vertex, region) of each pressure unknown.
-    pub pressure_sites: Vec<(u32, u16)>,
+    pub(crate) pressure_sites: Vec<(u32, u16)>,
     /// Whether any element has a non-zero pressure block.
-    pub has_pressure_blocks: bool,
+    pub(crate) has_pressure_blocks: bool,
     /// Which components of each node are fixed.
     pub fixed: Vec<[bool; 3]>,
     /// Consistent nodal force of the body force, 3 per node, N.
@@ -125,25 +125,10 @@ pub struct Body {
     elimination_order: OnceLock<Vec<usize>>,
 }
 
-/// Error: a tetrahedron has no positive volume.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct DegenerateElement {
-    /// Index of the tetrahedron, in file order.
-    pub element: usize,
-}
-
-impl std::fmt::Display for DegenerateElement {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "tetrahedron {} has no positive volume; reorder its vertices or fix the mesh", self.element)
-    }
-}
-
-impl std::error::Error for DegenerateElement {}
-
 impl Body {
     /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve::solve_body_force`] must
     /// then solve its rest state.
-    pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, DegenerateElement> {
+    pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, MeshFault> {
         let vertex_count = mesh.nodes_m.len();
         let mut nodes_m = mesh.nodes_m.clone();
         let mut fixed = vec![[false; 3]; vertex_count];
@@ -163,8 +148,8 @@ impl Body {
         let mut elements = Vec::with_capacity(mesh.tets.len());
         let (mut volume, mut log_shear) = (0.0, 0.0);
         for (index, &vertices) in mesh.tets.iter().enumerate() {
-            let corners = vertices.map(|n| mesh.nodes_m[n as usize]);
-            let tet = Tetrahedron::new(corners).ok_or(DegenerateElement { element: index })?;
+            let tet =
+                Tetrahedron::new(mesh.vertices_m(index)).ok_or(MeshFault::Flat { tet: index as u32 })?;
             let region = model.region_of_tet.get(index).copied().unwrap_or(0);
             let Region { material, bulk_modulus_pa } = &model.regions[usize::from(region)];
             let mut element = Element { tet, region, pressures: [ABSENT; 4], pressure_block: [[0.0; 4]; 4] };
@@ -230,11 +215,6 @@ impl Body {
         self.external_force_n.iter().any(|&f| f != 0.0)
     }
 
-    /// Number of nodes, including mid-edge nodes.
-    pub fn node_count(&self) -> usize {
-        self.nodes_m.len()
-    }
-
     /// Nodes of an element.
     #[inline]
     pub fn nodes_of(&self, element: usize) -> &[u32] {
@@ -249,11 +229,11 @@ impl Body {
 
     /// Length of the displacement part of the state.
     pub fn displacement_len(&self) -> usize {
-        3 * self.node_count()
+        3 * self.nodes_m.len()
     }
 
     /// Length of the state vector.
-    pub fn state_len(&self) -> usize {
+    pub(crate) fn state_len(&self) -> usize {
         self.displacement_len() + self.pressure_sites.len()
     }
 
@@ -288,11 +268,11 @@ impl Body {
     /// of the handle and is therefore computed once for all active nodes of a scene.
     pub(crate) fn elimination_order(&self) -> &[usize] {
         self.elimination_order.get_or_init(|| {
-            let mut has_pressure = vec![false; self.node_count()];
+            let mut has_pressure = vec![false; self.nodes_m.len()];
             for &(vertex, _) in &self.pressure_sites {
                 has_pressure[vertex as usize] = true;
             }
-            nested_dissection(self.node_count(), self.element_nodes(), |node| {
+            nested_dissection(self.nodes_m.len(), self.element_nodes(), |node| {
                 self.fixed[node] != [true; 3] || has_pressure[node]
             })
         })
@@ -327,21 +307,17 @@ impl PressureSites {
 /// Adds a node at the middle of every edge, numbered in order of first use. Returns the ten nodes of each
 /// tet.
 fn add_mid_edge_nodes(mesh: &TetMesh, nodes_m: &mut Vec<[f64; 3]>, fixed: &mut Vec<[bool; 3]>) -> Vec<u32> {
-    let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
-    let mut connectivity = Vec::with_capacity(10 * mesh.tets.len());
-    for vertices in &mesh.tets {
-        connectivity.extend_from_slice(vertices);
-        for [a, b] in EDGES {
-            let ends = [vertices[a].min(vertices[b]), vertices[a].max(vertices[b])];
-            let node = *middles.entry(ends).or_insert_with(|| {
-                let [p, q] = ends.map(|end| mesh.nodes_m[end as usize]);
-                nodes_m.push(std::array::from_fn(|axis| 0.5 * (p[axis] + q[axis])));
-                let held = ends.map(|end| fixed[end as usize]);
-                fixed.push(std::array::from_fn(|axis| held[0][axis] && held[1][axis]));
-                nodes_m.len() as u32 - 1
-            });
-            connectivity.push(node);
-        }
+    let first = mesh.nodes_m.len() as u32;
+    let edges = Edges::of(mesh, EDGES);
+    nodes_m.extend(edges.midpoints_m(mesh));
+    for ends in &edges.ends {
+        let [a, b] = ends.map(|end| fixed[end as usize]);
+        fixed.push(std::array::from_fn(|axis| a[axis] && b[axis]));
     }
-    connectivity
+    let middles = edges.of_tets.iter().map(|edges| edges.map(|edge| first + edge));
+    mesh.tets
+        .iter()
+        .zip(middles)
+        .flat_map(|(vertices, middles)| vertices.iter().copied().chain(middles))
+        .collect()
 }

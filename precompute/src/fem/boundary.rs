@@ -7,7 +7,6 @@
 //! is faster and avoids the zero diagonal in a symmetric factorisation without pivoting.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
-
 use serde::{Deserialize, Serialize};
 
 use crate::fem::body::{ABSENT, Body};
@@ -57,17 +56,12 @@ impl Handle {
         }
         let holds = |node: u32| self.nodes.binary_search(&node).is_ok();
         let mut nodes = self.nodes.clone();
-        for element in body.connectivity.chunks(body.order.nodes()) {
-            let between = EDGES.iter().zip(&element[4..]);
-            nodes.extend(
-                between
-                    .filter(|([a, b], _)| holds(element[*a]) && holds(element[*b]))
-                    .map(|(_, &middle)| middle),
-            );
+        for element in body.element_nodes() {
+            let middles = EDGES.iter().zip(&element[4..]);
+            let between = middles.filter(|([a, b], _)| holds(element[*a]) && holds(element[*b]));
+            nodes.extend(between.map(|(_, &middle)| middle));
         }
-        nodes.sort_unstable();
-        nodes.dedup();
-        Self { centre: self.centre, nodes }
+        Self::patch(self.centre, &nodes)
     }
 }
 
@@ -102,6 +96,15 @@ impl Pose {
     }
 }
 
+/// Which components of each node are prescribed, as fixed or by the handle.
+pub(crate) fn prescribed(body: &Body, handle: Option<&Handle>) -> Vec<[bool; 3]> {
+    let mut held = body.fixed.clone();
+    for &node in handle.iter().flat_map(|h| &h.nodes) {
+        held[node as usize] = [true; 3];
+    }
+    held
+}
+
 /// A Lagrange multiplier that prescribes one component of one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Multiplier {
@@ -120,7 +123,7 @@ pub(crate) struct Multiplier {
 /// the three prescribed components of the handle have the indices `unknowns() + axis`, shared by all its
 /// nodes: a translation moves all of them alike.
 #[derive(Debug)]
-pub struct DofMap {
+pub(crate) struct DofMap {
     displacement: Vec<[u32; 3]>,
     pressure: Vec<u32>,
     /// Empty with elimination.
@@ -131,12 +134,8 @@ pub struct DofMap {
 impl DofMap {
     /// Numbers the unknowns of `body`. A pressure whose elements have only prescribed nodes gets no unknown,
     /// because its row would be zero.
-    pub fn new(body: &Body, handle: Option<&Handle>, constraints: Constraints) -> Self {
-        let handle_nodes: &[u32] = handle.map_or(&[], |h| &h.nodes);
-        let mut held = body.fixed.clone();
-        for &node in handle_nodes {
-            held[node as usize] = [true; 3];
-        }
+    pub(crate) fn new(body: &Body, handle: Option<&Handle>, constraints: Constraints) -> Self {
+        let held = prescribed(body, handle);
         let keep_prescribed = constraints == Constraints::Multipliers;
         let mut has_pressure = vec![false; body.pressure_sites.len()];
         for (index, element) in body.elements.iter().enumerate() {
@@ -146,7 +145,7 @@ impl DofMap {
                 has_pressure[pressure as usize] = true;
             }
         }
-        let mut pressures_at = vec![Vec::new(); body.node_count()];
+        let mut pressures_at = vec![Vec::new(); body.nodes_m.len()];
         for (pressure, &(vertex, _)) in body.pressure_sites.iter().enumerate() {
             if has_pressure[pressure] {
                 pressures_at[vertex as usize].push(pressure);
@@ -154,12 +153,12 @@ impl DofMap {
         }
         let kept = |node: usize| held[node] != [true; 3] || !pressures_at[node].is_empty();
         let order: Vec<usize> = if keep_prescribed {
-            nested_dissection(body.node_count(), body.element_nodes(), |_| true)
+            nested_dissection(body.nodes_m.len(), body.element_nodes(), |_| true)
         } else {
             body.elimination_order().iter().copied().filter(|&node| kept(node)).collect()
         };
         let mut dofs = Self {
-            displacement: vec![[ABSENT; 3]; body.node_count()],
+            displacement: vec![[ABSENT; 3]; body.nodes_m.len()],
             pressure: vec![ABSENT; body.pressure_sites.len()],
             multipliers: Vec::new(),
             unknowns: 0,
@@ -186,15 +185,13 @@ impl DofMap {
         dofs.unknowns = next as usize;
         if !keep_prescribed {
             let n = dofs.unknowns as u32;
-            for &node in handle_nodes {
+            for &node in handle.iter().flat_map(|h| &h.nodes) {
                 dofs.displacement[node as usize] = [n, n + 1, n + 2];
             }
         }
         dofs
     }
-}
 
-impl DofMap {
     /// Number of equations.
     pub(crate) fn unknowns(&self) -> usize {
         self.unknowns

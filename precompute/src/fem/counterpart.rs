@@ -1,53 +1,33 @@
 //! The same tissue with another law of equal moduli at small strain, so that only the law differs.
 
-use super::material::{LAWS, Material};
+use super::material::{LAWS, Material, ParameterError};
 use crate::fem::body::Region;
-
-/// Why a law has no counterpart.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoLinearCounterpart {
-    /// There is no law of this name.
-    UnknownLaw,
-    /// One of the two laws has fibres: no isotropic law has its moduli.
-    Fibres,
-    /// A user-defined law, whose moduli at small strain are not known.
-    Own,
-}
-
-impl std::fmt::Display for NoLinearCounterpart {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::UnknownLaw => write!(f, "no such law; choose from {}", LAWS.join(", ")),
-            Self::Fibres => write!(f, "fibres have no counterpart in an isotropic law; leave it out"),
-            Self::Own => {
-                write!(f, "the moduli of a user-defined law are not known; give the other law itself")
-            }
-        }
-    }
-}
-
-impl std::error::Error for NoLinearCounterpart {}
 
 impl Region {
     /// The law called `name` with this region's moduli at small strain; the region itself if that is its law.
+    /// A law with fibres and a user-defined law have no counterpart.
     ///
     /// An incompressible law gives E = 3 mu (6 (C10 + C01) for Mooney-Rivlin) and nu = 0.49, as in the paper.
     /// With a bulk modulus K it gives nu = (3 K - 2 mu) / (6 K + 2 mu) and E = 2 mu (1 + nu). Between
     /// compressible laws Lame's constants do not change. An incompressible law uses only mu of them, with
     /// C10 = C01 = mu / 4.
-    pub fn counterpart(&self, name: &str) -> Result<Self, NoLinearCounterpart> {
+    pub fn counterpart(&self, name: &str) -> Result<Self, ParameterError> {
         if !LAWS.contains(&name) {
-            return Err(NoLinearCounterpart::UnknownLaw);
+            return Err(ParameterError::of_law("no such law", format!("choose from {}", LAWS.join(", "))));
         }
         if name == self.material.name() {
             return Ok(self.clone());
         }
-        let unknown = match self.material {
-            Material::Own(_) => NoLinearCounterpart::Own,
-            _ => NoLinearCounterpart::Fibres,
-        };
-        let moduli = self.material.small_strain(self.bulk_modulus_pa).ok_or(unknown)?;
-        let material = Material::with_small_strain(name, &moduli).ok_or(NoLinearCounterpart::Fibres)?;
+        let fibres =
+            || ParameterError::of_law("fibres have no counterpart in an isotropic law", "leave it out");
+        let moduli = self.material.small_strain(self.bulk_modulus_pa).ok_or_else(|| match self.material {
+            Material::Own(_) => ParameterError::of_law(
+                "the moduli of a user-defined law are not known",
+                "give the other law itself",
+            ),
+            _ => fibres(),
+        })?;
+        let material = Material::with_small_strain(name, &moduli).ok_or_else(fibres)?;
         let bulk_modulus_pa = self.bulk_modulus_pa.filter(|_| material.rest_pressure_pa().is_some());
         Ok(Self { material, bulk_modulus_pa })
     }
@@ -95,8 +75,9 @@ mod tests {
     #[test]
     fn what_cannot_be_carried_over_is_said() {
         let from = region(Material::MooneyRivlin(PAPER));
-        assert_eq!(from.counterpart("hooke"), Err(NoLinearCounterpart::UnknownLaw));
-        assert_eq!(from.counterpart("holzapfel-gasser-ogden"), Err(NoLinearCounterpart::Fibres));
+        let refused = |name: &str| from.counterpart(name).expect_err("no counterpart").to_string();
+        assert!(refused("hooke").starts_with("no such law; choose from linear"));
+        assert!(refused("holzapfel-gasser-ogden").contains("fibres have no counterpart"));
         assert_eq!(from.counterpart("mooney-rivlin"), Ok(from));
     }
 }

@@ -29,7 +29,7 @@ pub struct Kinematics<R = f64> {
 
 impl Kinematics {
     /// Kinematics of the displacement gradient `h` = du/dX, for one material point.
-    pub fn of(h: &Matrix3<f64>) -> Self {
+    pub(crate) fn of(h: &Matrix3<f64>) -> Self {
         Self::new(h.into())
     }
 }

@@ -10,7 +10,7 @@ use std::fmt;
 use nalgebra::Vector3;
 
 use crate::fem::body::{ABSENT, Body};
-use crate::fem::boundary::Handle;
+use crate::fem::boundary::{Handle, prescribed};
 use crate::fem::element::{LINEAR, Order, Point, QUADRATIC};
 use crate::mesh::surface::UnionFind;
 
@@ -99,7 +99,7 @@ impl Body {
             Order::Linear => self.incompressible_parts::<4>(handle, &LINEAR),
             Order::Quadratic => self.incompressible_parts::<10>(handle, &QUADRATIC),
         };
-        let held = self.held(handle);
+        let held = prescribed(self, handle);
         for (Part { region, stabilised, slopes }, pressures) in parts {
             let free = || {
                 slopes.iter().flat_map(|(&node, (slope, size))| {
@@ -121,22 +121,13 @@ impl Body {
         Ok(())
     }
 
-    /// The prescribed components of each node with the tool on `handle`.
-    fn held(&self, handle: Option<&Handle>) -> Vec<[bool; 3]> {
-        let mut held = self.fixed.clone();
-        for &node in handle.iter().flat_map(|h| &h.nodes) {
-            held[node as usize] = [true; 3];
-        }
-        held
-    }
-
     /// The parts without a bulk modulus, each with the number of its pressure unknowns.
     fn incompressible_parts<const N: usize>(
         &self,
         handle: Option<&Handle>,
         rule: &[Point<N>],
     ) -> Vec<(Part, usize)> {
-        let held = self.held(handle);
+        let held = prescribed(self, handle);
         let moves = |index: usize| self.nodes_of(index).iter().any(|&n| held[n as usize] != [true; 3]);
         let moving: Vec<usize> = (0..self.elements.len())
             .filter(|&index| {

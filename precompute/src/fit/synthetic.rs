@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use crate::num::jet::{EnergyJet, THIRD_INDICES};
-use crate::num::sequence::{on_sphere, r3};
+use crate::num::sequence::in_ball;
 
 /// The jet at `p` of W = p.D p / 2 + c (exp(g.p) - 1 - g.p), an anisotropic energy with increasing stiffness.
 pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {
@@ -22,6 +22,5 @@ pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {
 
 /// Point `n` of an even distribution in a ball of `radius_m`.
 pub(crate) fn spread(n: u32, radius_m: f64) -> [f64; 3] {
-    let [r, z, turn] = r3(n + 1, 0.0);
-    on_sphere(2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos()).map(|x| radius_m * r.cbrt() * x)
+    in_ball(n + 1, 0.0, radius_m)
 }

@@ -16,7 +16,7 @@ mod kind;
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::lines::{Line, Lines, Words};
+use super::lines::{DAMAGED, Line, Lines, Words, excerpt};
 use super::mid_edge;
 use super::raw::{Origin, RawMesh};
 use super::tetrahedral::sorted;
@@ -24,8 +24,10 @@ use crate::error::{InputError, count};
 use kind::{Kind, kind_of};
 
 const SAVE_ASCII: &str = "save it as ASCII, version 4.1 or 2.2 (Gmsh: `-format msh41`, without `-bin`)";
-const DAMAGED: &str = "the file is damaged or its counts do not match: export it again";
 const DIMENSION_NAMES: [&str; 4] = ["point", "curve", "surface", "volume"];
+
+/// The sections that a mesh needs, each once.
+const NEEDED: [&str; 2] = ["Nodes", "Elements"];
 
 /// Reads a whole file. [`RawMesh::finish`] does the checks that all formats share.
 pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
@@ -33,30 +35,53 @@ pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
     let text = String::from_utf8_lossy(bytes);
     let mut lines = Lines::new(file, &text, None);
     let version = read_format(file, &mut lines)?;
-    let mut reader = Reader::new(file);
-    while let Some(line) = lines.next_line() {
+    let mut reader = Reader {
+        version,
+        lines,
+        raw: RawMesh { edge_order: Some(mid_edge::GMSH_ORDER), ..RawMesh::new(file, file) },
+        names: HashMap::new(),
+        entities: HashMap::new(),
+        node_of_tag: HashMap::new(),
+        tet_of_vertices: HashMap::new(),
+    };
+    let mut seen = Vec::new();
+    while let Some(line) = reader.lines.next_line() {
         let Some(section) = line.text.strip_prefix('$').filter(|name| !name.starts_with("End")) else {
-            let what = format!("expected the start of a section, found `{}`", line.excerpt());
+            let what = format!("expected the start of a section, found `{}`", excerpt(line.text));
             return Err(line.error(what, DAMAGED));
         };
-        match (section, version) {
-            ("PhysicalNames", _) => reader.physical_names(&mut lines)?,
-            ("Entities", Version::V41) => reader.entities(&mut lines)?,
-            ("PartitionedEntities", _) => {
+        if NEEDED.contains(&section) && seen.contains(&section) {
+            let what = format!("a second {} section", line.text);
+            return Err(line.error(what, "keep one mesh per file: export it again"));
+        }
+        seen.push(section);
+        match section {
+            "PhysicalNames" => reader.physical_names()?,
+            "Entities" if version == Version::V41 => reader.entities()?,
+            "PartitionedEntities" => {
                 return Err(
                     line.error("the mesh is partitioned", "save it unpartitioned (Gmsh: Mesh > Unpartition)")
                 );
             }
-            ("Nodes", _) => reader.nodes(line, version, &mut lines)?,
-            ("Elements", _) => reader.elements(line, version, &mut lines)?,
+            "Nodes" => reader.nodes()?,
+            "Elements" if !seen.contains(&"Nodes") => {
+                return Err(line.error("$Elements precedes $Nodes", "export the mesh again"));
+            }
+            "Elements" => reader.elements()?,
             _ => {
-                skip(line, section, &mut lines)?;
+                skip(line, section, &mut reader.lines)?;
                 continue;
             }
         }
-        close(section, &mut lines)?;
+        close(section, &mut reader.lines)?;
     }
-    reader.into_raw()
+    match NEEDED.iter().find(|section| !seen.contains(section)) {
+        None => Ok(reader.raw),
+        Some(section) => {
+            let what = format!("the file has no ${section} section");
+            Err(InputError::new(file, what, "it is truncated or holds no mesh: export it again"))
+        }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -99,7 +124,7 @@ fn close(section: &str, lines: &mut Lines<'_>) -> Result<(), InputError> {
         return Ok(());
     }
     Err(line.error(
-        format!("expected {end}, found `{}`", line.excerpt()),
+        format!("expected {end}, found `{}`", excerpt(line.text)),
         "the section's count does not match its lines, or its end is missing: export the mesh again",
     ))
 }
@@ -116,50 +141,23 @@ fn skip(start: Line<'_>, section: &str, lines: &mut Lines<'_>) -> Result<(), Inp
 }
 
 struct Reader<'a> {
+    version: Version,
+    lines: Lines<'a>,
     raw: RawMesh,
-    file: &'a Path,
     names: HashMap<(usize, i64), String>,
     /// Physical groups of each entity (version 4.1): (dimension, entity tag) -> physical tags.
     entities: HashMap<(usize, i64), Vec<i64>>,
     node_of_tag: HashMap<u64, u32>,
     /// First tet with these vertices. Version 2.2 repeats an element for each of its physical groups.
     tet_of_vertices: HashMap<[u32; 4], (u32, Vec<String>)>,
-    seen_nodes: bool,
-    seen_elements: bool,
 }
 
-impl<'a> Reader<'a> {
-    fn new(file: &'a Path) -> Self {
-        Self {
-            raw: RawMesh::new(file, file),
-            file,
-            names: HashMap::new(),
-            entities: HashMap::new(),
-            node_of_tag: HashMap::new(),
-            tet_of_vertices: HashMap::new(),
-            seen_nodes: false,
-            seen_elements: false,
-        }
-    }
-
-    fn into_raw(self) -> Result<RawMesh, InputError> {
-        for (seen, section) in [(self.seen_nodes, "$Nodes"), (self.seen_elements, "$Elements")] {
-            if !seen {
-                let what = format!("the file has no {section} section");
-                return Err(InputError::new(
-                    self.file,
-                    what,
-                    "it is truncated or holds no mesh: export it again",
-                ));
-            }
-        }
-        Ok(self.raw)
-    }
-
-    fn physical_names(&mut self, lines: &mut Lines<'_>) -> Result<(), InputError> {
-        let n: usize = lines.expect_line("the number of names")?.words().number("the number of names")?;
+impl Reader<'_> {
+    fn physical_names(&mut self) -> Result<(), InputError> {
+        let n: usize =
+            self.lines.expect_line("the number of names")?.words().number("the number of names")?;
         for _ in 0..n {
-            let line = lines.expect_line("a physical name")?;
+            let line = self.lines.expect_line("a physical name")?;
             let mut words = line.words();
             let dimension = dimension(&mut words)?;
             let tag: i64 = words.number("a physical tag")?;
@@ -173,12 +171,12 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads the physical groups of each entity; the geometry is skipped.
-    fn entities(&mut self, lines: &mut Lines<'_>) -> Result<(), InputError> {
+    fn entities(&mut self) -> Result<(), InputError> {
         let counts: Vec<usize> =
-            lines.expect_line("the entity counts")?.words().exactly(4, "an entity count")?;
+            self.lines.expect_line("the entity counts")?.words().exactly(4, "an entity count")?;
         for (dimension, &n) in counts.iter().enumerate() {
             for _ in 0..n {
-                let line = lines.expect_line("an entity")?;
+                let line = self.lines.expect_line("an entity")?;
                 let mut words = line.words();
                 let tag: i64 = words.number("an entity tag")?;
                 // A point has a position; the other entities have a bounding box.
@@ -193,19 +191,13 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn nodes(
-        &mut self,
-        section: Line<'_>,
-        version: Version,
-        lines: &mut Lines<'_>,
-    ) -> Result<(), InputError> {
-        once(&mut self.seen_nodes, section)?;
-        let header = lines.expect_line("the number of nodes")?;
-        match version {
+    fn nodes(&mut self) -> Result<(), InputError> {
+        let header = self.lines.expect_line("the number of nodes")?;
+        match self.version {
             Version::V22 => {
                 let n: usize = header.words().exactly(1, "the number of nodes")?[0];
                 for _ in 0..n {
-                    let line = lines.expect_line("a node")?;
+                    let line = self.lines.expect_line("a node")?;
                     let mut words = line.words();
                     let tag = words.number("a node tag")?;
                     let position = words.position()?;
@@ -216,7 +208,7 @@ impl<'a> Reader<'a> {
             Version::V41 => {
                 let [blocks, total] = counts(header, "node")?;
                 for _ in 0..blocks {
-                    self.node_block(lines)?;
+                    self.node_block()?;
                 }
                 agree(header, total, self.raw.nodes.len(), "node")?;
             }
@@ -224,8 +216,8 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn node_block(&mut self, lines: &mut Lines<'_>) -> Result<(), InputError> {
-        let line = lines.expect_line("a block of nodes")?;
+    fn node_block(&mut self) -> Result<(), InputError> {
+        let line = self.lines.expect_line("a block of nodes")?;
         let mut words = line.words();
         let dimension = dimension(&mut words)?;
         let _entity: i64 = words.number("an entity tag")?;
@@ -234,11 +226,11 @@ impl<'a> Reader<'a> {
         words.end()?;
         let mut tags = Vec::new();
         for _ in 0..n {
-            let line = lines.expect_line("a node tag")?;
+            let line = self.lines.expect_line("a node tag")?;
             tags.push(line.words().exactly::<u64>(1, "a node tag")?[0]);
         }
         for tag in tags {
-            let line = lines.expect_line("a node's coordinates")?;
+            let line = self.lines.expect_line("a node's coordinates")?;
             let mut words = line.words();
             let position = words.position()?;
             // Parametric coordinates u, v, w (as many as the entity's dimension) can follow.
@@ -263,29 +255,20 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn elements(
-        &mut self,
-        section: Line<'_>,
-        version: Version,
-        lines: &mut Lines<'_>,
-    ) -> Result<(), InputError> {
-        once(&mut self.seen_elements, section)?;
-        if !self.seen_nodes {
-            return Err(section.error("$Elements precedes $Nodes", "export the mesh again"));
-        }
-        let header = lines.expect_line("the number of elements")?;
-        match version {
+    fn elements(&mut self) -> Result<(), InputError> {
+        let header = self.lines.expect_line("the number of elements")?;
+        match self.version {
             Version::V22 => {
                 let n: usize = header.words().exactly(1, "the number of elements")?[0];
                 for _ in 0..n {
-                    self.element_22(lines.expect_line("an element")?)?;
+                    self.element_22()?;
                 }
             }
             Version::V41 => {
                 let [blocks, total] = counts(header, "element")?;
                 let mut found = 0;
                 for _ in 0..blocks {
-                    found += self.element_block(lines)?;
+                    found += self.element_block()?;
                 }
                 agree(header, total, found, "element")?;
             }
@@ -294,8 +277,8 @@ impl<'a> Reader<'a> {
     }
 
     /// An element: tag, type, number of tags, tags (the first is the physical group, 0 for none), vertices.
-    fn element_22(&mut self, line: Line<'_>) -> Result<(), InputError> {
-        let mut words = line.words();
+    fn element_22(&mut self) -> Result<(), InputError> {
+        let mut words = self.lines.expect_line("an element")?.words();
         let tag = words.number("an element tag")?;
         let element_type = words.number("an element type")?;
         let tag_count: usize = words.number("the number of tags")?;
@@ -304,8 +287,8 @@ impl<'a> Reader<'a> {
         self.push_element(&mut words, tag, element_type, &physical)
     }
 
-    fn element_block(&mut self, lines: &mut Lines<'_>) -> Result<usize, InputError> {
-        let line = lines.expect_line("a block of elements")?;
+    fn element_block(&mut self) -> Result<usize, InputError> {
+        let line = self.lines.expect_line("a block of elements")?;
         let mut words = line.words();
         let dimension = dimension(&mut words)?;
         let entity: i64 = words.number("an entity tag")?;
@@ -314,7 +297,7 @@ impl<'a> Reader<'a> {
         words.end()?;
         let physical = self.entities.get(&(dimension, entity)).cloned().unwrap_or_default();
         for _ in 0..n {
-            let mut words = lines.expect_line("an element")?.words();
+            let mut words = self.lines.expect_line("an element")?.words();
             let tag = words.number("an element tag")?;
             self.push_element(&mut words, tag, element_type, &physical)?;
         }
@@ -330,15 +313,10 @@ impl<'a> Reader<'a> {
     ) -> Result<(), InputError> {
         let line = words.line;
         match kind_of(element_type) {
-            Kind::Tet => {
-                let vertices = self.vertices::<4>(words, tag)?;
+            Kind::Tet { nodes } => {
+                let nodes = self.nodes_of(words, tag, nodes)?;
                 let groups = self.group_names(3, physical);
-                self.push_tet(line, tag, vertices, None, groups)
-            }
-            Kind::TenNodeTet => {
-                let (vertices, mid_edges) = mid_edge::split(self.vertices(words, tag)?, mid_edge::GMSH_ORDER);
-                let groups = self.group_names(3, physical);
-                self.push_tet(line, tag, vertices, Some(mid_edges), groups)
+                self.push_tet(line, tag, &nodes, groups)
             }
             Kind::Lower { dimension, vertices, nodes } => {
                 let nodes = self.nodes_of(words, tag, nodes)?;
@@ -358,11 +336,6 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn vertices<const N: usize>(&self, words: &mut Words<'_>, tag: u64) -> Result<[u32; N], InputError> {
-        let nodes = self.nodes_of(words, tag, N)?;
-        Ok(nodes.try_into().expect("as many as were asked for"))
-    }
-
     fn nodes_of(&self, words: &mut Words<'_>, tag: u64, n: usize) -> Result<Vec<u32>, InputError> {
         let line = words.line;
         let look_up = |node: u64| {
@@ -380,14 +353,14 @@ impl<'a> Reader<'a> {
         &mut self,
         line: Line<'_>,
         tag: u64,
-        nodes: [u32; 4],
-        mid_edges: Option<[u32; 6]>,
+        nodes: &[u32],
         groups: Vec<String>,
     ) -> Result<(), InputError> {
         let next = self.raw.tets.len() as u32;
-        let (index, known) = self.tet_of_vertices.entry(sorted(nodes)).or_insert((next, Vec::new()));
+        let vertices = [nodes[0], nodes[1], nodes[2], nodes[3]];
+        let (index, known) = self.tet_of_vertices.entry(sorted(vertices)).or_insert((next, Vec::new()));
         if *index == next {
-            self.raw.push_tet(nodes, mid_edges, Origin { tag, line: Some(line.number) }, &groups)?;
+            self.raw.push_tet(nodes, Origin { tag, line: Some(line.number) }, &groups)?;
         } else if groups.is_empty() || groups.iter().any(|group| known.contains(group)) {
             let first = self.raw.tet_origins[*index as usize].tag;
             let what = format!("element {tag} has the same four vertices as element {first}");
@@ -395,7 +368,7 @@ impl<'a> Reader<'a> {
         } else {
             for group in &groups {
                 self.raw.tet_groups.entry(group.clone()).or_default().push(*index);
-                self.raw.node_groups.entry(group.clone()).or_default().extend(nodes);
+                self.raw.node_groups.entry(group.clone()).or_default().extend(vertices);
             }
         }
         known.extend(groups);
@@ -410,14 +383,6 @@ impl<'a> Reader<'a> {
         };
         physical.iter().map(|tag| name(tag.abs())).collect()
     }
-}
-
-fn once(seen: &mut bool, section: Line<'_>) -> Result<(), InputError> {
-    if std::mem::replace(seen, true) {
-        let what = format!("a second {} section", section.text);
-        return Err(section.error(what, "keep one mesh per file: export it again"));
-    }
-    Ok(())
 }
 
 fn dimension(words: &mut Words<'_>) -> Result<usize, InputError> {

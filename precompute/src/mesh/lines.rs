@@ -70,11 +70,6 @@ impl<'a> Line<'a> {
     pub(crate) fn words(self) -> Words<'a> {
         Words { line: self, words: self.text.split_whitespace() }
     }
-
-    /// Start of the line for a message. Limits the length, because the line can be binary data.
-    pub(crate) fn excerpt(&self) -> String {
-        excerpt(self.text)
-    }
 }
 
 /// The words of one line.
@@ -83,13 +78,13 @@ pub(crate) struct Words<'a> {
     words: SplitWhitespace<'a>,
 }
 
-const DAMAGED: &str = "the file is damaged or its counts do not match: export it again";
+pub(super) const DAMAGED: &str = "the file is damaged or its counts do not match: export it again";
 
 impl Words<'_> {
     /// The next word as a number; `wanted` names it in the error.
     pub(crate) fn number<T: FromStr>(&mut self, wanted: &str) -> Result<T, InputError> {
         let Some(word) = self.words.next() else {
-            let what = format!("expected {wanted} after `{}`", self.line.excerpt());
+            let what = format!("expected {wanted} after `{}`", excerpt(self.line.text));
             return Err(self.line.error(what, DAMAGED));
         };
         word.parse()
@@ -122,7 +117,8 @@ impl Words<'_> {
     }
 }
 
-fn excerpt(text: &str) -> String {
+/// Start of a text for a message, without control characters.
+pub(super) fn excerpt(text: &str) -> String {
     const MAX_EXCERPT: usize = 40;
     let clean: String =
         text.chars().map(|c| if c.is_control() { '?' } else { c }).take(MAX_EXCERPT).collect();

@@ -18,18 +18,10 @@ const STRAIGHT_SHARE: f64 = 1e-6;
 const EXPORT_STRAIGHT: &str = "export it straight-sided (Gmsh: Mesh.SecondOrderLinear = 1 before setOrder(2), and no \
                                high-order optimisation) and with all digits, or with order 1";
 
-/// Position of the mid-edge node of each of [`EDGES`] in a format's ten-node tet, counted from the fifth
-/// node.
-///
-/// VTK lists the edges 01 12 02 03 13 23.
+/// The `edge_order` of VTK, which lists the edges 01 12 02 03 13 23.
 pub(super) const VTK_ORDER: [usize; 6] = [0, 2, 3, 1, 4, 5];
-/// Gmsh lists the edges 01 12 02 03 23 13: as VTK, with the last two exchanged.
+/// That of Gmsh, which lists the edges 01 12 02 03 23 13.
 pub(super) const GMSH_ORDER: [usize; 6] = [0, 2, 3, 1, 5, 4];
-
-/// The vertices of a ten-node tet, and the node at the middle of each of [`EDGES`].
-pub(super) fn split(nodes: [u32; 10], order: [usize; 6]) -> ([u32; 4], [u32; 6]) {
-    ([nodes[0], nodes[1], nodes[2], nodes[3]], order.map(|at| nodes[4 + at]))
-}
 
 impl RawMesh {
     /// Checks the mid-edge nodes and removes them from nodes and groups. Does nothing for four-node tets.
@@ -73,7 +65,7 @@ impl RawMesh {
         let tag = |node: u32| self.node_origins[node as usize].tag;
         let at = |what: String, fix: &str| Err(self.at_tet(tet as u32, what, fix));
         for (edge, &middle) in middles.iter().enumerate() {
-            let ends = [vertices[EDGES[edge].0], vertices[EDGES[edge].1]];
+            let ends = EDGES[edge].map(|v| vertices[v]);
             let name = format!("{}-{}", tag(ends[0]), tag(ends[1]));
             if is_vertex[middle as usize] {
                 let what = format!(
@@ -88,8 +80,8 @@ impl RawMesh {
             }
             let elsewhere = (0..EDGES.len())
                 .find(|&e| self.off_middle(vertices, e, middle) <= self.allowed(vertices, e, middle));
-            if let Some((a, b)) = elsewhere.map(|e| EDGES[e]) {
-                let (a, b) = (tag(vertices[a]), tag(vertices[b]));
+            if let Some(edge) = elsewhere {
+                let [a, b] = EDGES[edge].map(|v| tag(vertices[v]));
                 let what = format!(
                     "has node {} for the middle of edge {name}, but it is that of {a}-{b}",
                     tag(middle)
@@ -113,7 +105,7 @@ impl RawMesh {
     /// the edge with the nearest middle.
     fn in_order_of_edges(&self, tet: usize) -> [u32; 6] {
         let mut middles = self.mid_edges[tet];
-        if self.mid_edges_in_any_order {
+        if self.edge_order.is_none() {
             for edge in 0..middles.len() {
                 let off = |at: &usize| self.off_middle(self.tets[tet], edge, middles[*at]);
                 let nearest = (edge..middles.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
@@ -124,8 +116,7 @@ impl RawMesh {
     }
 
     fn ends(&self, vertices: [u32; 4], edge: usize) -> [[f64; 3]; 2] {
-        let (a, b) = EDGES[edge];
-        [a, b].map(|v| self.nodes[vertices[v] as usize])
+        EDGES[edge].map(|v| self.nodes[vertices[v] as usize])
     }
 
     fn edge_length(&self, vertices: [u32; 4], edge: usize) -> f64 {

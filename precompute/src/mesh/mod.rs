@@ -9,7 +9,7 @@
 
 pub(crate) mod quality;
 pub(crate) mod refine;
-pub mod surface;
+pub(crate) mod surface;
 pub(crate) mod tetrahedral;
 pub mod write;
 
@@ -23,17 +23,15 @@ mod vtu;
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
 use crate::error::InputError;
 pub use quality::{MeshReport, doubtful_for_pressure};
 pub(crate) use refine::Refined;
 pub use surface::Surface;
-pub(crate) use tetrahedral::MeshFault;
-pub use tetrahedral::TetMesh;
+pub(crate) use tetrahedral::Edges;
+pub use tetrahedral::{MeshFault, TetMesh};
 
 /// Unit of length of a mesh file. Internally all lengths are in metres.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LengthUnit {
     /// Metres.
     #[default]
@@ -44,24 +42,21 @@ pub enum LengthUnit {
     Millimetre,
 }
 
-impl LengthUnit {
-    /// Every unit.
-    pub(crate) const ALL: [Self; 3] = [Self::Metre, Self::Centimetre, Self::Millimetre];
+impl std::str::FromStr for LengthUnit {
+    type Err = &'static str;
 
-    /// The unit's symbol in the scene file: `m`, `cm` or `mm`.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Metre => "m",
-            Self::Centimetre => "cm",
-            Self::Millimetre => "mm",
+    /// The unit with the symbol `m`, `cm` or `mm`.
+    fn from_str(symbol: &str) -> Result<Self, Self::Err> {
+        match symbol {
+            "m" => Ok(Self::Metre),
+            "cm" => Ok(Self::Centimetre),
+            "mm" => Ok(Self::Millimetre),
+            _ => Err("use m, cm or mm"),
         }
     }
+}
 
-    /// The unit with this symbol.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|unit| unit.name() == name)
-    }
-
+impl LengthUnit {
     /// Number of units in a metre.
     ///
     /// A reader divides lengths by this integer. A multiplication by its inverse would round twice, because
@@ -104,6 +99,31 @@ pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
     raw.finish(unit)
 }
 
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_unit_is_found_by_its_symbol() {
+        let per_metre = ["m", "cm", "mm"].map(|symbol| symbol.parse().map(LengthUnit::per_metre));
+        assert_eq!(per_metre, [Ok(1.0), Ok(100.0), Ok(1000.0)]);
+        assert!("inch".parse::<LengthUnit>().is_err());
+    }
+
+    #[test]
+    fn unknown_formats_and_missing_files_say_what_would_do() {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let path = dir.path().join("body.stl");
+        std::fs::write(&path, "solid x").expect("written");
+        let error = read(&path, LengthUnit::Metre).unwrap_err();
+        assert!(error.to_string().contains("body.stl: the mesh format is not known"), "{error}");
+        assert!(error.fix.contains("Gmsh .msh"), "{error}");
+        let missing = read(&dir.path().join("none.msh"), LengthUnit::Metre).unwrap_err();
+        assert!(missing.to_string().contains("none.msh: cannot read the file"), "{missing}");
+        assert!(missing.fix.contains("check the path"), "{missing}");
+    }
+}
+
 /// Small meshes for the tests of this crate.
 #[cfg(test)]
 pub(crate) mod testing {
@@ -118,30 +138,27 @@ pub(crate) mod testing {
     pub(crate) fn cube(cells: usize, side_m: f64) -> TetMesh {
         TetMesh::cuboid([cells; 3], side_m / cells as f64)
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_unit_is_found_by_its_word() {
-        for unit in LengthUnit::ALL {
-            assert_eq!(LengthUnit::from_name(unit.name()), Some(unit));
+    /// A box of `cells` cubes of edge `edge_m`. Its nodes are moved off the lattice, those of a face within
+    /// the face, so that no symmetry hides an error.
+    pub(crate) fn box_mesh(cells: [usize; 3], edge_m: f64) -> TetMesh {
+        let mut mesh = TetMesh::cuboid(cells, edge_m);
+        for x in &mut mesh.nodes_m {
+            let at = x.map(|x| (x / edge_m).round() as usize);
+            let [i, j, k] = at;
+            for axis in 0..3 {
+                let wobble = ((7 * i + 11 * j + 13 * k + 4 * axis + 1) % 17) as f64 / 17.0 - 0.5;
+                if at[axis] != 0 && at[axis] != cells[axis] {
+                    x[axis] += 0.3 * wobble * edge_m;
+                }
+            }
         }
-        assert_eq!(LengthUnit::from_name("inch"), None);
+        mesh.check().expect("the box is a valid mesh");
+        mesh
     }
 
-    #[test]
-    fn unknown_formats_and_missing_files_say_what_would_do() {
-        let dir = tempfile::tempdir().expect("a temporary folder");
-        let path = dir.path().join("body.stl");
-        std::fs::write(&path, "solid x").expect("written");
-        let error = read(&path, LengthUnit::Metre).unwrap_err();
-        assert!(error.to_string().contains("body.stl: the mesh format is not known"), "{error}");
-        assert!(error.fix.contains("Gmsh .msh"), "{error}");
-        let missing = read(&dir.path().join("none.msh"), LengthUnit::Metre).unwrap_err();
-        assert!(missing.to_string().contains("none.msh: cannot read the file"), "{missing}");
-        assert!(missing.fix.contains("check the path"), "{missing}");
+    /// Nodes of a mesh that `keep` accepts.
+    pub(crate) fn nodes_where(mesh: &TetMesh, keep: impl Fn([f64; 3]) -> bool) -> Vec<u32> {
+        (0..mesh.nodes_m.len() as u32).filter(|&n| keep(mesh.nodes_m[n as usize])).collect()
     }
 }

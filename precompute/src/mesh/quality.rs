@@ -4,10 +4,11 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
-use super::surface::FACES;
-use super::tetrahedral::sorted;
+use super::surface::{FACES, Topology};
+use super::tetrahedral::{EDGES, Edges, sorted};
 use super::{Surface, TetMesh, surface};
-use shape::{aspect, dihedral_angles_deg, edge_lengths};
+use crate::num::vector::distance;
+use shape::{aspect, dihedral_angles_deg};
 
 pub use pressure::doubtful_for_pressure;
 
@@ -125,16 +126,9 @@ pub struct SurfaceReport {
     pub area_m2: f64,
     /// Whether the surface is a closed manifold.
     pub manifold: bool,
-    /// Number of edges with more than two triangles.
-    pub non_manifold_edges: usize,
-    /// Number of nodes where parts of the surface touch in one point only.
-    pub non_manifold_nodes: usize,
-    /// Number of faces with three or more tets.
-    pub overlapping_faces: usize,
-    /// Euler characteristic; 2 for a body without handles and cavities.
-    pub euler_characteristic: i64,
-    /// Number of closed surfaces: one, plus one for each cavity.
-    pub pieces: usize,
+    /// Defects of the surface as a closed manifold.
+    #[serde(flatten)]
+    pub topology: Topology,
 }
 
 /// Size of a named group.
@@ -167,7 +161,14 @@ impl MeshReport {
         }
         let worst_tet = (0..angles.len()).min_by(|&a, &b| smallest[a].total_cmp(&smallest[b])).unwrap_or(0);
         let below = |bound: f64| smallest.iter().filter(|&&angle| angle < bound).count();
-        let edges = edge_lengths(mesh);
+        let edge_m: Vec<f64> = Edges::of(mesh, EDGES)
+            .ends
+            .iter()
+            .map(|ends| {
+                let [a, b] = ends.map(|end| mesh.nodes_m[end as usize]);
+                distance(a, b)
+            })
+            .collect();
         let (pieces, largest_piece_share) = pieces(mesh);
         let (size_jumps, tets_by_free_faces) = neighbours(mesh);
         let on_surface = |tet: &&[u32; 4]| tet.iter().all(|&node| skin.contains(node));
@@ -179,14 +180,14 @@ impl MeshReport {
         Self {
             nodes: mesh.nodes_m.len(),
             tets: mesh.tets.len(),
-            edges: edges.len(),
+            edges: edge_m.len(),
             pieces,
             largest_piece_share,
             low_m,
             high_m,
             volume_m3: mesh.volume_m3(),
             tet_volume_m3: Range::of((0..mesh.tets.len()).map(|tet| mesh.signed_volume_m3(tet))),
-            edge_m: Range::of(edges.into_iter()),
+            edge_m: Range::of(edge_m.into_iter()),
             dihedral_deg: Range::of(angles.iter().flatten().copied()),
             worst_tet,
             dihedral_histogram,
@@ -203,11 +204,7 @@ impl MeshReport {
                 triangles: skin.triangles.len(),
                 area_m2: skin.area_m2(mesh),
                 manifold: skin.topology.is_manifold(),
-                non_manifold_edges: skin.topology.non_manifold_edges,
-                non_manifold_nodes: skin.topology.non_manifold_nodes,
-                overlapping_faces: skin.topology.overlapping_faces,
-                euler_characteristic: skin.topology.euler_characteristic,
-                pieces: skin.topology.pieces,
+                topology: skin.topology,
             },
             groups: mesh.node_groups.iter().map(group).collect(),
         }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use super::lines::DAMAGED;
 use super::{LengthUnit, MeshFault, TetMesh};
 use crate::error::{InputError, count};
 
@@ -28,8 +29,9 @@ pub(crate) struct RawMesh {
     pub(crate) tet_origins: Vec<Origin>,
     /// Mid-edge nodes of ten-node tets in the order of `EDGES`, one row per tet; empty for four-node tets.
     pub(crate) mid_edges: Vec<[u32; 6]>,
-    /// Whether the order of the rows of `mid_edges` is undefined (TetGen's versions differ).
-    pub(crate) mid_edges_in_any_order: bool,
+    /// Position of the mid-edge node of each of `EDGES` in a ten-node tet, counted from the fifth node; `None`
+    /// if the format defines no order.
+    pub(crate) edge_order: Option<[usize; 6]>,
     /// Relative rounding error of the coordinates: that of f32 if the file stores f32, otherwise zero.
     pub(crate) rounding: f64,
     /// Unsorted and with repetitions; `finish` sorts and deduplicates.
@@ -42,28 +44,31 @@ impl RawMesh {
         Self { node_file: node_file.into(), tet_file: tet_file.into(), ..Self::default() }
     }
 
-    /// Adds a tet, and adds it and its nodes to each of its groups.
-    ///
-    /// All tets of a mesh have four nodes, or all have ten; `mid_edges` is in the order of `EDGES`.
+    /// Adds a tet of four or ten nodes, and adds it and its vertices to each of its groups. All tets of a mesh
+    /// have the same number of nodes.
     pub(crate) fn push_tet(
         &mut self,
-        nodes: [u32; 4],
-        mid_edges: Option<[u32; 6]>,
+        nodes: &[u32],
         origin: Origin,
         groups: &[String],
     ) -> Result<(), InputError> {
         let index = self.tets.len() as u32;
-        self.tets.push(nodes);
+        let vertices = [nodes[0], nodes[1], nodes[2], nodes[3]];
+        self.tets.push(vertices);
         self.tet_origins.push(origin);
-        self.mid_edges.extend(mid_edges);
+        let has_mid_edges = nodes.len() == 10;
+        if has_mid_edges {
+            let order = self.edge_order.unwrap_or([0, 1, 2, 3, 4, 5]);
+            self.mid_edges.push(order.map(|at| nodes[4 + at]));
+        }
         if !self.mid_edges.is_empty() && self.mid_edges.len() != self.tets.len() {
-            let (this, before) = if mid_edges.is_some() { (10, 4) } else { (4, 10) };
+            let (this, before) = if has_mid_edges { (10, 4) } else { (4, 10) };
             let what = format!("has {this} nodes, and the elements before it have {before}");
             return Err(self.at_tet(index, what, "save the whole mesh with one order, 1 or 2"));
         }
         for group in groups {
             self.tet_groups.entry(group.clone()).or_default().push(index);
-            self.node_groups.entry(group.clone()).or_default().extend(nodes);
+            self.node_groups.entry(group.clone()).or_default().extend(vertices);
         }
         Ok(())
     }
@@ -84,10 +89,8 @@ impl RawMesh {
             node_groups: std::mem::take(&mut self.node_groups),
             tet_groups: std::mem::take(&mut self.tet_groups),
         };
-        match mesh.check() {
-            Ok(()) => Ok(mesh),
-            Err(fault) => Err(self.explain(fault)),
-        }
+        mesh.check().map_err(|fault| self.explain(fault))?;
+        Ok(mesh)
     }
 
     /// Converts a fault to an input error with the tags and lines of the file.
@@ -109,7 +112,7 @@ impl RawMesh {
                     "names node {node} (0-based), but there are {}",
                     count(self.node_origins.len(), "node")
                 ),
-                "the file is damaged or its counts do not match: export it again",
+                DAMAGED,
             ),
             MeshFault::Flat { tet } => self.at_tet(
                 tet,

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use super::TetMesh;
-use super::tetrahedral::six_volume;
+use super::tetrahedral::{EDGES, Edges, six_volume};
 use crate::num::vector::distance;
 
 /// A refined mesh with eight times as many tets. Its nodes are the coarse nodes, followed by the midpoints of
@@ -22,32 +22,21 @@ pub(crate) struct Refined {
     coarse_nodes: u32,
 }
 
-/// Pairs of a tet's vertices, in the order of its midpoints.
-const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-/// Pairs of opposite edges: their midpoints are the ends of the octahedron's diagonals.
+/// Pairs of opposite edges of [`EDGES`]: their midpoints are the ends of the octahedron's diagonals.
 const DIAGONALS: [[usize; 2]; 3] = [[0, 5], [1, 4], [2, 3]];
 
 impl Refined {
     /// Refines a mesh once.
     pub(crate) fn of(coarse: &TetMesh) -> Self {
         let coarse_nodes = coarse.nodes_m.len() as u32;
-        let mut numbers: BTreeMap<[u32; 2], u32> = BTreeMap::new();
-        let mut edges = Vec::new();
+        let edges = Edges::of(coarse, EDGES);
         let mut nodes_m = coarse.nodes_m.clone();
-        let mut tets = Vec::with_capacity(8 * coarse.tets.len());
-        for tet in &coarse.tets {
-            let middle = EDGES.map(|[a, b]| {
-                let ends = [tet[a].min(tet[b]), tet[a].max(tet[b])];
-                *numbers.entry(ends).or_insert_with(|| {
-                    let [a, b] = ends.map(|end| coarse.nodes_m[end as usize]);
-                    nodes_m.push(std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis])));
-                    edges.push(ends);
-                    coarse_nodes + edges.len() as u32 - 1
-                })
-            });
-            tets.extend(children(tet, middle, &nodes_m));
-        }
-        let mut refined = Self { mesh: TetMesh { nodes_m, tets, ..TetMesh::default() }, edges, coarse_nodes };
+        nodes_m.extend(edges.midpoints_m(coarse));
+        let middles = edges.of_tets.iter().map(|edges| edges.map(|edge| coarse_nodes + edge));
+        let tets = coarse.tets.iter().zip(middles).flat_map(|(tet, middle)| children(tet, middle, &nodes_m));
+        let tets = tets.collect();
+        let mut refined =
+            Self { mesh: TetMesh { nodes_m, tets, ..TetMesh::default() }, edges: edges.ends, coarse_nodes };
         refined.mesh.node_groups = named(&coarse.node_groups, |nodes| refined.nodes(nodes));
         refined.mesh.tet_groups = named(&coarse.tet_groups, Self::tets);
         refined

@@ -2,8 +2,11 @@
 
 use std::collections::HashMap;
 
+use serde::Serialize;
+
 use super::TetMesh;
 use super::tetrahedral::sorted;
+use crate::error::count;
 use crate::num::vector::{cross, difference, dot, norm};
 
 /// The four faces of a tet of positive volume, counter-clockwise seen from outside.
@@ -28,10 +31,8 @@ pub struct Surface {
 }
 
 /// Counts that show whether the boundary is one closed surface around one body.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Topology {
-    /// Number of boundary edges.
-    pub edges: usize,
     /// Number of edges with more than two boundary triangles: parts of the body can rotate about them.
     pub non_manifold_edges: usize,
     /// Number of nodes where parts of the boundary touch in one point only.
@@ -48,6 +49,18 @@ impl Topology {
     /// Whether every edge has two triangles, every node one fan of triangles, and no face more than two tets.
     pub(crate) fn is_manifold(&self) -> bool {
         self.non_manifold_edges == 0 && self.non_manifold_nodes == 0 && self.overlapping_faces == 0
+    }
+
+    /// The warning in one line, or `None` for a manifold.
+    pub(crate) fn warning(&self) -> Option<String> {
+        (!self.is_manifold()).then(|| {
+            format!(
+                "the surface is not a closed manifold ({}, {}, {}): parts can rotate about shared edges, or overlap",
+                count(self.non_manifold_edges, "bad edge"),
+                count(self.non_manifold_nodes, "bad node"),
+                count(self.overlapping_faces, "overlapping face")
+            )
+        })
     }
 }
 
@@ -174,7 +187,6 @@ fn topology(triangles: &[[u32; 3]], nodes: &[u32], overlapping_faces: usize) -> 
     }
     let one_fan = |roots: &Vec<usize>| roots.iter().all(|root| root == &roots[0]);
     Topology {
-        edges: edges.len(),
         non_manifold_edges: edges.values().filter(|sharing| sharing.len() != 2).count(),
         non_manifold_nodes: fans_of_node.values().filter(|roots| !one_fan(roots)).count(),
         overlapping_faces,

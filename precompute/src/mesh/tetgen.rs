@@ -10,8 +10,7 @@
 
 use std::path::Path;
 
-use super::lines::{Line, Lines};
-use super::mid_edge;
+use super::lines::{DAMAGED, Line, Lines, Words};
 use super::raw::{Origin, RawMesh};
 use crate::error::InputError;
 
@@ -58,7 +57,10 @@ fn nodes(raw: &mut RawMesh, mut lines: Lines<'_>) -> Result<u64, InputError> {
         let mut words = line.words();
         let tag: u64 = words.number("a node number")?;
         if index == 0 {
-            base = first_number(line, tag)?;
+            if tag > 1 {
+                return Err(line.error(format!("the first node has the number {tag}"), RENUMBER));
+            }
+            base = tag;
         }
         in_sequence(line, "node", tag, base + index)?;
         let position = words.position()?;
@@ -90,7 +92,6 @@ fn tets(raw: &mut RawMesh, mut lines: Lines<'_>, base: u64) -> Result<(), InputE
             "save the mesh with 4 nodes per tetrahedron, or with 10 (TetGen's -o2)",
         ));
     }
-    raw.mid_edges_in_any_order = true;
     for index in 0..n {
         let line = lines.expect_line("a tetrahedron")?;
         let mut words = line.words();
@@ -113,22 +114,13 @@ fn tets(raw: &mut RawMesh, mut lines: Lines<'_>, base: u64) -> Result<(), InputE
             }
         }
         words.end()?;
-        let (vertices, mid_edges) = mid_edge::split(nodes, mid_edge::VTK_ORDER);
-        let mid_edges = (per_tet == 10).then_some(mid_edges);
-        raw.push_tet(vertices, mid_edges, Origin { tag, line: Some(line.number) }, &groups)?;
+        raw.push_tet(&nodes[..per_tet], Origin { tag, line: Some(line.number) }, &groups)?;
     }
     nothing_more(&mut lines, "tetrahedron")
 }
 
-fn optional(words: &mut super::lines::Words<'_>, wanted: &str) -> Result<usize, InputError> {
+fn optional(words: &mut Words<'_>, wanted: &str) -> Result<usize, InputError> {
     if words.left() == 0 { Ok(0) } else { words.number(wanted) }
-}
-
-fn first_number(line: Line<'_>, tag: u64) -> Result<u64, InputError> {
-    if tag <= 1 {
-        return Ok(tag);
-    }
-    Err(line.error(format!("the first node has the number {tag}"), RENUMBER))
 }
 
 fn in_sequence(line: Line<'_>, noun: &str, tag: u64, expected: u64) -> Result<(), InputError> {
@@ -141,10 +133,7 @@ fn in_sequence(line: Line<'_>, noun: &str, tag: u64, expected: u64) -> Result<()
 fn nothing_more(lines: &mut Lines<'_>, noun: &str) -> Result<(), InputError> {
     match lines.next_line() {
         None => Ok(()),
-        Some(line) => Err(line.error(
-            format!("a {noun} more than the header announces"),
-            "the file is damaged or its counts do not match: export it again",
-        )),
+        Some(line) => Err(line.error(format!("a {noun} more than the header announces"), DAMAGED)),
     }
 }
 

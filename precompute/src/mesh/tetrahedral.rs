@@ -76,7 +76,7 @@ impl fmt::Display for MeshFault {
             Self::Empty => write!(f, "the mesh holds no tetrahedra"),
             Self::NotFinite { node } => write!(f, "node {node} has a coordinate that is not finite"),
             Self::NoSuchNode { tet, node } => write!(f, "tet {tet} names node {node}, which does not exist"),
-            Self::Flat { tet } => write!(f, "tet {tet} has zero volume"),
+            Self::Flat { tet } => write!(f, "tet {tet} has no positive volume"),
             Self::Negative { tet, volume, .. } => write!(f, "tet {tet} has negative volume ({volume:e})"),
             Self::Repeated { tet, first } => write!(f, "tet {tet} has the same vertices as tet {first}"),
             Self::Isolated { node, .. } => write!(f, "node {node} belongs to no tet"),
@@ -255,11 +255,45 @@ pub(crate) fn six_volume(x: &[[f64; 3]; 4]) -> f64 {
 }
 
 fn longest_edge(x: &[[f64; 3]; 4]) -> f64 {
-    EDGES.iter().map(|&(i, j)| distance(x[i], x[j])).fold(0.0, f64::max)
+    EDGES.iter().map(|&[i, j]| distance(x[i], x[j])).fold(0.0, f64::max)
 }
 
 /// The six edges of a tet as pairs of local vertices.
-pub(crate) const EDGES: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
+pub(crate) const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
+/// The edges of a mesh, each once, in order of first use.
+#[derive(Debug, Clone)]
+pub(crate) struct Edges {
+    /// The two nodes of each edge, in ascending order.
+    pub(crate) ends: Vec<[u32; 2]>,
+    /// The indices of the six edges of each tet.
+    pub(crate) of_tets: Vec<[u32; 6]>,
+}
+
+impl Edges {
+    /// The edges of a mesh; `pairs` gives the order of the edges of a tet.
+    pub(crate) fn of(mesh: &TetMesh, pairs: [[usize; 2]; 6]) -> Self {
+        let mut indices = HashMap::with_capacity(2 * mesh.tets.len());
+        let mut ends = Vec::new();
+        let mut index = |edge: [u32; 2]| {
+            *indices.entry(edge).or_insert_with(|| {
+                ends.push(edge);
+                ends.len() as u32 - 1
+            })
+        };
+        let of_tet = |tet: &[u32; 4]| pairs.map(|pair| index(sorted(pair.map(|v| tet[v]))));
+        let of_tets = mesh.tets.iter().map(of_tet).collect();
+        Self { ends, of_tets }
+    }
+
+    /// The middle of each edge, m.
+    pub(crate) fn midpoints_m<'m>(&'m self, mesh: &'m TetMesh) -> impl Iterator<Item = [f64; 3]> + 'm {
+        self.ends.iter().map(|ends| {
+            let [a, b] = ends.map(|end| mesh.nodes_m[end as usize]);
+            std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis]))
+        })
+    }
+}
 
 #[cfg(test)]
 mod tests {

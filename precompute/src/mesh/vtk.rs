@@ -7,13 +7,13 @@
 //! point and cell data are ignored.
 
 use std::path::Path;
-use std::str::FromStr;
 
+use super::lines::excerpt;
 use super::mid_edge;
 use super::raw::{Origin, RawMesh};
 use crate::error::InputError;
 
-const DAMAGED: &str = "the file is damaged or truncated: export it again";
+pub(super) const DAMAGED: &str = "the file is damaged or truncated: export it again";
 
 /// Points of either format, with the relative rounding error of their number type.
 pub(super) struct Points {
@@ -30,26 +30,28 @@ impl Points {
 }
 
 /// Decoded cells of either VTK format.
+#[derive(Default)]
 pub(super) struct Cells {
     /// VTK cell types.
     pub(super) types: Vec<u8>,
     /// End index of each cell in `nodes`.
     pub(super) ends: Vec<usize>,
     pub(super) nodes: Vec<u32>,
-    /// Line of each cell in an ASCII file.
-    pub(super) lines: Option<Vec<usize>>,
+    /// Line of each cell; empty if the format has no lines of cells.
+    pub(super) lines: Vec<usize>,
 }
 
 impl Cells {
     /// The tets of the cells. Cells of lower dimension are dropped, because VTK has no groups.
     pub(super) fn into_raw(self, file: &Path, points: Points) -> Result<RawMesh, InputError> {
         let Points { points, rounding } = points;
-        let mut raw = RawMesh { rounding, ..RawMesh::new(file, file) };
+        let edge_order = Some(mid_edge::VTK_ORDER);
+        let mut raw = RawMesh { rounding, edge_order, ..RawMesh::new(file, file) };
         raw.node_origins = (0..points.len() as u64).map(|tag| Origin { tag, line: None }).collect();
         raw.nodes = points;
         let mut start = 0;
         for (index, (&cell_type, &end)) in self.types.iter().zip(&self.ends).enumerate() {
-            let line = self.lines.as_ref().map(|lines| lines[index]);
+            let line = self.lines.get(index).copied();
             let error = |what: String, fix: &str| InputError { line, ..InputError::new(file, what, fix) };
             let nodes = self
                 .nodes
@@ -58,17 +60,12 @@ impl Cells {
             start = end;
             match cell_type {
                 10 | 24 => {
-                    let origin = Origin { tag: index as u64, line };
-                    if let (10, Ok(nodes)) = (cell_type, <[u32; 4]>::try_from(nodes)) {
-                        raw.push_tet(nodes, None, origin, &[])?;
-                    } else if let (24, Ok(nodes)) = (cell_type, <[u32; 10]>::try_from(nodes)) {
-                        let (vertices, mid_edges) = mid_edge::split(nodes, mid_edge::VTK_ORDER);
-                        raw.push_tet(vertices, Some(mid_edges), origin, &[])?;
-                    } else {
-                        let shape = if cell_type == 10 { "tetra" } else { "quadratic tetra" };
+                    let (count, shape) = if cell_type == 10 { (4, "tetra") } else { (10, "quadratic tetra") };
+                    if nodes.len() != count {
                         let what = format!("cell {index} is a {shape} with {} nodes", nodes.len());
                         return Err(error(what, DAMAGED));
                     }
+                    raw.push_tet(nodes, Origin { tag: index as u64, line }, &[])?;
                 }
                 1..=6 | 21 | 22 => {}
                 23 | 25..=37 | 51..=81 => {
@@ -105,7 +102,7 @@ fn shape(cell_type: u8) -> &'static str {
 
 /// Reads a legacy file. [`RawMesh::finish`] does the checks that all formats share.
 pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
-    let mut cursor = Cursor { file, bytes, at: 0, binary: false };
+    let mut cursor = Cursor { file, bytes, at: 0, line: 1, binary: false };
     let version = cursor.line("the version")?;
     if !version.to_lowercase().starts_with("# vtk datafile") {
         return Err(
@@ -134,7 +131,7 @@ pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputErr
             ("CELLS", [n, size]) => cells = Some(cursor.cells(n, size)?),
             ("CELL_TYPES", [n]) => {
                 let n = cursor.count(n)?;
-                let types = cursor.numbers::<i64>(n, "int", "a cell type")?;
+                let types = cursor.numbers(n, "int", "a cell type")?;
                 let (Some(points), Some(mut cells)) = (points, cells) else {
                     return Err(cursor.error("CELL_TYPES precedes POINTS or CELLS", DAMAGED));
                 };
@@ -142,8 +139,7 @@ pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputErr
                     let what = format!("{n} cell types for {} cells", cells.ends.len());
                     return Err(cursor.error(what, DAMAGED));
                 }
-                // Types above 255 do not exist; 255 is refused as an unknown type.
-                cells.types = types.into_iter().map(|t| u8::try_from(t).unwrap_or(u8::MAX)).collect();
+                cells.types = cell_types(&types);
                 return cells.into_raw(file, points);
             }
             ("METADATA", _) => while !cursor.raw_line().trim().is_empty() {},
@@ -160,35 +156,35 @@ pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputErr
     }
 }
 
-fn excerpt(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '?' } else { c }).take(40).collect()
-}
-
+#[derive(Clone, Copy)]
 struct Cursor<'a> {
     file: &'a Path,
     bytes: &'a [u8],
     at: usize,
+    /// 1-based line of the last byte before `at`.
+    line: usize,
     binary: bool,
 }
 
 impl Cursor<'_> {
     /// An error at the current position, with the line in an ASCII file.
     fn error(&self, what: impl Into<String>, fix: &str) -> InputError {
-        let line = (!self.binary).then(|| self.line_number(self.at));
+        let line = (!self.binary).then_some(self.line);
         InputError { line, ..InputError::new(self.file, what, fix) }
     }
 
-    /// 1-based line of the last character before `at`.
-    fn line_number(&self, at: usize) -> usize {
-        let before = &self.bytes[..at.min(self.bytes.len())];
-        1 + before.iter().rev().skip(1).filter(|&&b| b == b'\n').count()
+    fn advance(&mut self, length: usize) {
+        let to = self.at + length;
+        let passed = &self.bytes[self.at.saturating_sub(1)..to.saturating_sub(1)];
+        self.line += passed.iter().filter(|&&b| b == b'\n').count();
+        self.at = to;
     }
 
     /// Text up to the next line break; can be empty.
     fn raw_line(&mut self) -> String {
         let rest = &self.bytes[self.at..];
         let end = rest.iter().position(|&b| b == b'\n').map_or(rest.len(), |end| end + 1);
-        self.at += end;
+        self.advance(end);
         String::from_utf8_lossy(&rest[..end]).into_owned()
     }
 
@@ -212,17 +208,17 @@ impl Cursor<'_> {
 
     fn points(&mut self, n: &str, scalar: &str) -> Result<Points, InputError> {
         let n = self.count(n)?;
-        let coordinates = self.numbers::<f64>(3 * n, scalar, "a coordinate")?;
+        let coordinates = self.numbers(3 * n, scalar, "a coordinate")?;
         Ok(Points::new(&coordinates, Scalar::from_legacy(scalar).expect("numbers of this type were read")))
     }
 
     /// Both layouts: `n v0 .. vn` per cell and, since version 5.1, OFFSETS and CONNECTIVITY.
     fn cells(&mut self, n: &str, size: &str) -> Result<Cells, InputError> {
         let (n, size) = (self.count(n)?, self.count(size)?);
-        let mark = self.at;
+        let start = *self;
         let next = self.line("the cells")?;
         if let ["OFFSETS", scalar] = next.split_whitespace().collect::<Vec<_>>()[..] {
-            let offsets = self.numbers::<i64>(n, scalar, "an offset")?;
+            let offsets = self.numbers(n, scalar, "an offset")?;
             let header = self.line("CONNECTIVITY")?;
             let ["CONNECTIVITY", scalar] = header.split_whitespace().collect::<Vec<_>>()[..] else {
                 return Err(
@@ -231,18 +227,15 @@ impl Cursor<'_> {
             };
             let nodes = self.indices(size, scalar)?;
             // The first offset is 0, so there is one offset more than cells.
-            let ends =
-                offsets.iter().skip(1).map(|&end| usize::try_from(end).unwrap_or(usize::MAX)).collect();
-            return Ok(Cells { types: Vec::new(), ends, nodes, lines: None });
+            let ends = offsets.iter().skip(1).map(|&end| integer(end).unwrap_or(usize::MAX)).collect();
+            return Ok(Cells { ends, nodes, ..Cells::default() });
         }
-        self.at = mark;
-        let mut cells = Cells { types: Vec::new(), ends: Vec::new(), nodes: Vec::new(), lines: None };
-        let mut lines = Vec::new();
-        let mut line = Lines { at: 0, number: 1 };
+        *self = start;
+        let mut cells = Cells::default();
         for _ in 0..n {
             let per_cell = self.indices(1, "int")?[0] as usize;
             if !self.binary {
-                lines.push(line.advance(self.bytes, self.at));
+                cells.lines.push(self.line);
             }
             if per_cell > size {
                 return Err(self.error(format!("a cell with {per_cell} nodes"), DAMAGED));
@@ -255,14 +248,13 @@ impl Cursor<'_> {
             let what = format!("CELLS announces {size} numbers and contains {}", cells.nodes.len() + n);
             return Err(self.error(what, DAMAGED));
         }
-        cells.lines = (!self.binary).then_some(lines);
         Ok(cells)
     }
 
     fn indices(&mut self, n: usize, scalar: &str) -> Result<Vec<u32>, InputError> {
-        let numbers = self.numbers::<i64>(n, scalar, "a node index")?;
+        let numbers = self.numbers(n, scalar, "a node index")?;
         let index =
-            |i: i64| u32::try_from(i).map_err(|_| self.error(format!("{i} is not a node index"), DAMAGED));
+            |i: f64| integer(i).ok_or_else(|| self.error(format!("{i} is not a node index"), DAMAGED));
         numbers.into_iter().map(index).collect()
     }
 
@@ -281,7 +273,7 @@ impl Cursor<'_> {
         if scalar == "string" {
             return (0..n).try_for_each(|_| self.skip_string());
         }
-        self.numbers::<f64>(n, scalar, "a field value").map(drop)
+        self.numbers(n, scalar, "a field value").map(drop)
     }
 
     /// Skips a string: a line of text; in binary files the length in 6, 14, 30 or 62 bits (the two highest
@@ -300,12 +292,12 @@ impl Cursor<'_> {
         let Some(end) = end.filter(|&end| end <= rest.len()) else {
             return Err(self.error("the file ends inside a string", DAMAGED));
         };
-        self.at += end;
+        self.advance(end);
         Ok(())
     }
 
     /// Reads `n` numbers of a VTK type: words in an ASCII file, big-endian bytes in a binary file.
-    fn numbers<T: Number>(&mut self, n: usize, scalar: &str, wanted: &str) -> Result<Vec<T>, InputError> {
+    fn numbers(&mut self, n: usize, scalar: &str, wanted: &str) -> Result<Vec<f64>, InputError> {
         let Some(scalar) = Scalar::from_legacy(scalar) else {
             return Err(self.error(format!("unknown number type `{}`", excerpt(scalar)), DAMAGED));
         };
@@ -316,15 +308,15 @@ impl Cursor<'_> {
         let Some(bytes) = self.bytes[self.at..].get(..length) else {
             return Err(self.error(format!("the file ends inside a block of {n} numbers"), DAMAGED));
         };
-        self.at += length;
+        self.advance(length);
         Ok(bytes.chunks_exact(scalar.size()).map(|b| scalar.decode(b, false)).collect())
     }
 
-    fn word<T: FromStr>(&mut self, wanted: &str) -> Result<T, InputError> {
+    fn word(&mut self, wanted: &str) -> Result<f64, InputError> {
         let rest = &self.bytes[self.at..];
         let start = rest.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(rest.len());
         let length = rest[start..].iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len() - start);
-        self.at += start + length;
+        self.advance(start + length);
         let word = String::from_utf8_lossy(&rest[start..start + length]);
         word.parse().map_err(|_| match word.as_ref() {
             "" => self.error(format!("the file ends where {wanted} should follow"), DAMAGED),
@@ -333,43 +325,14 @@ impl Cursor<'_> {
     }
 }
 
-/// Incremental count of line breaks: each byte is examined once.
-struct Lines {
-    at: usize,
-    number: usize,
+/// A number of a file as an integer, if it is one of this type.
+pub(super) fn integer<I: TryFrom<i64>>(number: f64) -> Option<I> {
+    (number.fract() == 0.0).then_some(number as i64).and_then(|n| I::try_from(n).ok())
 }
 
-impl Lines {
-    fn advance(&mut self, bytes: &[u8], to: usize) -> usize {
-        self.number += bytes[self.at..to].iter().filter(|&&b| b == b'\n').count();
-        self.at = to;
-        self.number
-    }
-}
-
-/// Target types of numbers: f64 for coordinates, i64 for indices.
-pub(super) trait Number: FromStr + Copy {
-    fn from_f64(value: f64) -> Self;
-    fn from_i64(value: i64) -> Self;
-}
-
-impl Number for f64 {
-    fn from_f64(value: f64) -> Self {
-        value
-    }
-    fn from_i64(value: i64) -> Self {
-        value as f64
-    }
-}
-
-impl Number for i64 {
-    /// A float is no valid index; -1 is refused wherever an index is used.
-    fn from_f64(value: f64) -> Self {
-        if value.fract() == 0.0 { value as i64 } else { -1 }
-    }
-    fn from_i64(value: i64) -> Self {
-        value
-    }
+/// VTK cell types. Types above 255 do not exist; 255 is refused as an unknown type.
+pub(super) fn cell_types(numbers: &[f64]) -> Vec<u8> {
+    numbers.iter().map(|&number| integer(number).unwrap_or(u8::MAX)).collect()
 }
 
 /// The number types of VTK files.
@@ -414,8 +377,8 @@ impl Scalar {
         }
     }
 
-    /// Decodes a number from its `size()` bytes.
-    pub(super) fn decode<T: Number>(self, bytes: &[u8], little_endian: bool) -> T {
+    /// Decodes a number from its `size()` bytes. Every node index is exact as an f64.
+    pub(super) fn decode(self, bytes: &[u8], little_endian: bool) -> f64 {
         let mut word = [0u8; 8];
         let size = self.size();
         word[..size].copy_from_slice(bytes);
@@ -424,13 +387,13 @@ impl Scalar {
         }
         let bits = u64::from_le_bytes(word);
         match self {
-            Self::Float { size: 4 } => T::from_f64(f64::from(f32::from_bits(bits as u32))),
-            Self::Float { .. } => T::from_f64(f64::from_bits(bits)),
-            Self::Int { signed: false, .. } => T::from_i64(i64::try_from(bits).unwrap_or(i64::MAX)),
+            Self::Float { size: 4 } => f64::from(f32::from_bits(bits as u32)),
+            Self::Float { .. } => f64::from_bits(bits),
+            Self::Int { signed: false, .. } => bits as f64,
             Self::Int { size, .. } => {
                 // The two shifts extend the sign bit to the upper bits.
                 let unused = 64 - 8 * size as u32;
-                T::from_i64((bits << unused) as i64 >> unused)
+                ((bits << unused) as i64 >> unused) as f64
             }
         }
     }

@@ -11,11 +11,10 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use roxmltree::{Document, Node};
 
+use super::lines::excerpt;
 use super::raw::RawMesh;
-use super::vtk::{Cells, Number, Points, Scalar};
+use super::vtk::{Cells, DAMAGED, Points, Scalar, cell_types, integer};
 use crate::error::InputError;
-
-const DAMAGED: &str = "the file is damaged or truncated: export it again";
 
 /// Reads a file with one piece. [`RawMesh::finish`] does the checks that all formats share.
 pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
@@ -108,7 +107,7 @@ impl<'a> Vtu<'a, '_> {
         let point_count = self.count(piece, "NumberOfPoints")?;
         let cell_count = self.count(piece, "NumberOfCells")?;
         let points = self.child(self.child(piece, "Points")?, "DataArray")?;
-        let coordinates = self.numbers::<f64>(points, 3 * point_count)?;
+        let coordinates = self.numbers(points, 3 * point_count)?;
         let cells = self.child(piece, "Cells")?;
         let array = |name: &str| {
             let named =
@@ -118,33 +117,32 @@ impl<'a> Vtu<'a, '_> {
                 .find(named)
                 .ok_or_else(|| self.error(cells, format!("<Cells> has no `{name}`"), DAMAGED))
         };
-        let index = |node: Node<'_, '_>, value: i64| {
-            u32::try_from(value)
-                .map_err(|_| self.error(node, format!("{value} is not a node index"), DAMAGED))
-        };
-        let offsets = array("offsets")?;
-        let ends = self.numbers::<i64>(offsets, cell_count)?;
-        let ends = ends.into_iter().map(|end| index(offsets, end).map(|end| end as usize));
-        let ends = ends.collect::<Result<Vec<_>, _>>()?;
-        let connectivity = array("connectivity")?;
-        let nodes = self.numbers::<i64>(connectivity, ends.last().copied().unwrap_or(0))?;
-        let nodes = nodes.into_iter().map(|node| index(connectivity, node)).collect::<Result<_, _>>()?;
-        let types = self.numbers::<i64>(array("types")?, cell_count)?;
-        let types = types.into_iter().map(|t| u8::try_from(t).unwrap_or(u8::MAX)).collect();
+        let ends = self.indices(array("offsets")?, cell_count)?;
+        let ends: Vec<usize> = ends.into_iter().map(|end| end as usize).collect();
+        let nodes = self.indices(array("connectivity")?, ends.last().copied().unwrap_or(0))?;
+        let types = cell_types(&self.numbers(array("types")?, cell_count)?);
         let scalar = Scalar::from_xml(points.attribute("type").unwrap_or_default());
         let points = Points::new(&coordinates, scalar.expect("numbers of this type were read"));
-        Cells { types, ends, nodes, lines: None }.into_raw(self.file, points)
+        Cells { types, ends, nodes, lines: Vec::new() }.into_raw(self.file, points)
+    }
+
+    fn indices(&self, array: Node<'_, '_>, n: usize) -> Result<Vec<u32>, InputError> {
+        let index = |value: f64| {
+            let wrong = || self.error(array, format!("{value} is not a node index"), DAMAGED);
+            integer(value).ok_or_else(wrong)
+        };
+        self.numbers(array, n)?.into_iter().map(index).collect()
     }
 
     /// Reads the `n` numbers of a `DataArray`.
-    fn numbers<T: Number>(&self, array: Node<'_, '_>, n: usize) -> Result<Vec<T>, InputError> {
+    fn numbers(&self, array: Node<'_, '_>, n: usize) -> Result<Vec<f64>, InputError> {
         let name = array.attribute("Name").unwrap_or("Points");
         let type_name = array.attribute("type").unwrap_or_default();
         let Some(scalar) = Scalar::from_xml(type_name) else {
             return Err(self.error(array, format!("`{name}` has the unknown type `{type_name}`"), DAMAGED));
         };
         let text = array.text().unwrap_or_default();
-        let numbers: Vec<T> = match array.attribute("format").unwrap_or("ascii") {
+        let numbers = match array.attribute("format").unwrap_or("ascii") {
             "ascii" => self.words(array, name, text)?,
             "binary" => self.binary(array, n, scalar, Source::Base64(Quads::new(text.as_bytes())))?,
             "appended" => {
@@ -170,14 +168,13 @@ impl<'a> Vtu<'a, '_> {
         Err(self.error(array, what, DAMAGED))
     }
 
-    fn words<T: Number>(&self, array: Node<'_, '_>, name: &str, text: &str) -> Result<Vec<T>, InputError> {
+    fn words(&self, array: Node<'_, '_>, name: &str, text: &str) -> Result<Vec<f64>, InputError> {
         let first = array.first_child().map_or_else(|| self.row(array), |text| self.row(text));
         let mut numbers = Vec::new();
         for (line, text) in text.lines().enumerate() {
             for word in text.split_ascii_whitespace() {
                 numbers.push(word.parse().map_err(|_| {
-                    let word: String = word.chars().take(40).collect();
-                    let what = format!("expected a number of `{name}`, found `{word}`");
+                    let what = format!("expected a number of `{name}`, found `{}`", excerpt(word));
                     InputError::at(self.file, first + line, what, DAMAGED)
                 })?);
             }
@@ -187,19 +184,19 @@ impl<'a> Vtu<'a, '_> {
 
     /// Plain data: number of bytes, data. Compressed data: number of blocks, their size, the size of the last
     /// one if it is partial, the compressed size of each block; then the blocks.
-    fn binary<T: Number>(
+    fn binary(
         &self,
         array: Node<'_, '_>,
         n: usize,
         scalar: Scalar,
         mut source: Source<'_>,
-    ) -> Result<Vec<T>, InputError> {
+    ) -> Result<Vec<f64>, InputError> {
         let name = array.attribute("Name").unwrap_or("Points");
         let short = || self.error(array, format!("the data of `{name}` end too soon"), DAMAGED);
         let header = Scalar::Int { size: self.header_size, signed: false };
         let count = |source: &mut Source<'_>| -> Result<usize, InputError> {
             let bytes = source.take(self.header_size).ok_or_else(short)?;
-            Ok(usize::try_from(header.decode::<i64>(&bytes, self.little_endian)).unwrap_or(usize::MAX))
+            Ok(integer(header.decode(&bytes, self.little_endian)).unwrap_or(usize::MAX))
         };
         // Required number of bytes; limits the allocation.
         let due = n.saturating_mul(scalar.size());
@@ -211,15 +208,11 @@ impl<'a> Vtu<'a, '_> {
             for size in sizes {
                 let block = source.take(size).ok_or_else(short)?;
                 let room = (due - bytes.len().min(due)) as u64 + 1;
-                flate2::read::ZlibDecoder::new(&block[..]).take(room).read_to_end(&mut bytes).map_err(
-                    |e| {
-                        self.error(
-                            array,
-                            format!("the data of `{name}` cannot be decompressed ({e})"),
-                            DAMAGED,
-                        )
-                    },
-                )?;
+                let mut decoder = flate2::read::ZlibDecoder::new(&block[..]).take(room);
+                decoder.read_to_end(&mut bytes).map_err(|e| {
+                    let what = format!("the data of `{name}` cannot be decompressed ({e})");
+                    self.error(array, what, DAMAGED)
+                })?;
             }
             bytes
         } else {

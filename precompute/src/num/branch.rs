@@ -23,46 +23,46 @@ use nalgebra::Vector3;
 use super::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 
 /// Lower bound of the limit max(`MIN_N`, `SHARE` |h|), N.
-pub(crate) const MIN_N: f64 = 0.1;
+const MIN_N: f64 = 0.1;
 /// Limit as a share of the larger |h|. A jump below the just noticeable difference of force (about 7 %) is
 /// hardly perceptible.
-pub(crate) const SHARE: f64 = 0.1;
+const SHARE: f64 = 0.1;
 
 /// Residuals of two solutions against one smooth branch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Excess {
+pub(crate) struct Excess {
     /// Residual rho of the energy, divided by the length of the edge, N.
-    pub rho_n: f64,
+    pub(crate) rho_n: f64,
     /// Residual rho_h of the force, N.
-    pub rho_h_n: f64,
+    pub(crate) rho_h_n: f64,
     /// A residual above this limit is a jump, N.
     limit_n: f64,
 }
 
 impl Excess {
     /// Residuals of two solutions at different controls, without third derivatives.
-    pub fn between(a: &EnergyJet, b: &EnergyJet) -> Self {
+    pub(crate) fn between(a: &EnergyJet, b: &EnergyJet) -> Self {
         let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
-        let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
         let bend = d.dot(&((b.stiffness_n_m - a.stiffness_n_m) * d));
-        Self {
-            rho_n: (b.energy_j - a.energy_j - 0.5 * (ha + hb).dot(&d) + bend / 12.0).abs() / d.norm(),
-            rho_h_n: (hb - ha - (a.stiffness_n_m + b.stiffness_n_m) * d * 0.5).norm(),
-            limit_n: MIN_N.max(SHARE * ha.norm().max(hb.norm())),
-        }
+        Self::of(a, b, bend / 12.0, Vector3::zeros())
     }
 
     /// Residuals with the third derivatives of both solutions, one order finer.
     pub(crate) fn with_thirds(a: &EnergyJet, b: &EnergyJet) -> Self {
         let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
-        let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
         let (ta, tb) = (twice_along(&a.third_n_m2, d), twice_along(&b.third_n_m2, d));
-        let (sa, sb) = (a.stiffness_n_m, b.stiffness_n_m);
-        let bend = d.dot(&((sb - sa) * d)) / 10.0 - (ta + tb).dot(&d) / 120.0;
+        let bend = d.dot(&((b.stiffness_n_m - a.stiffness_n_m) * d));
+        Self::of(a, b, bend / 10.0 - (ta + tb).dot(&d) / 120.0, (tb - ta) / 12.0)
+    }
+
+    /// Residuals with these terms of the second and third derivatives in rho and rho_h.
+    fn of(a: &EnergyJet, b: &EnergyJet, in_energy: f64, in_force: Vector3<f64>) -> Self {
+        let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
+        let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
         Self {
-            rho_n: (b.energy_j - a.energy_j - 0.5 * (ha + hb).dot(&d) + bend).abs() / d.norm(),
-            rho_h_n: (hb - ha - (sa + sb) * d * 0.5 + (tb - ta) / 12.0).norm(),
-            ..Self::between(a, b)
+            rho_n: (b.energy_j - a.energy_j - 0.5 * (ha + hb).dot(&d) + in_energy).abs() / d.norm(),
+            rho_h_n: (hb - ha - (a.stiffness_n_m + b.stiffness_n_m) * d * 0.5 + in_force).norm(),
+            limit_n: MIN_N.max(SHARE * ha.norm().max(hb.norm())),
         }
     }
 

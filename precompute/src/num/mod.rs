@@ -1,7 +1,7 @@
 //! Numerical types that are independent of meshes and bodies: SIMD lanes of f64, tensors, symmetric third
 //! derivatives.
 
-pub mod branch;
+pub(crate) mod branch;
 pub mod jet;
 pub(crate) mod lanes;
 pub mod parallel;

@@ -1,21 +1,27 @@
 //! Deterministic sequences: low-discrepancy points (Roberts 2018) and pseudo-random numbers.
 
 /// Point `n` of the low-discrepancy sequence R2 in the unit square, shifted by `shift` along both axes.
-pub fn r2(n: u32, shift: f64) -> [f64; 2] {
+pub(crate) fn r2(n: u32, shift: f64) -> [f64; 2] {
     const STEP: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
     STEP.map(|step| (shift + f64::from(n) * step).fract())
 }
 
 /// Point `n` of the low-discrepancy sequence R3 in the unit cube, shifted by `shift` along all axes.
-pub fn r3(n: u32, shift: f64) -> [f64; 3] {
+pub(crate) fn r3(n: u32, shift: f64) -> [f64; 3] {
     const STEP: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5];
     STEP.map(|step| (shift + f64::from(n) * step).fract())
 }
 
 /// The unit vector at the height `z`, -1 to 1, and the azimuth with this sine and cosine.
-pub fn on_sphere(z: f64, (sin, cos): (f64, f64)) -> [f64; 3] {
+pub(crate) fn on_sphere(z: f64, (sin, cos): (f64, f64)) -> [f64; 3] {
     let across = (1.0 - z * z).sqrt();
     [across * cos, across * sin, z]
+}
+
+/// Point `n` of an even distribution in the ball of this radius about the origin.
+pub fn in_ball(n: u32, shift: f64, radius_m: f64) -> [f64; 3] {
+    let [r, z, turn] = r3(n, shift);
+    on_sphere(2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos()).map(|x| radius_m * r.cbrt() * x)
 }
 
 /// Step of the state of SplitMix64.

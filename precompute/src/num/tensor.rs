@@ -120,79 +120,50 @@ impl<R: Real> Mat3<R> {
     }
 }
 
-impl<R: Real> Add for Vec3<R> {
-    type Output = Self;
+/// The operators that act on each of the three parts of a vector or matrix.
+macro_rules! elementwise {
+    ($type:ident) => {
+        impl<R: Real> Add for $type<R> {
+            type Output = Self;
 
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        Self([a + x, b + y, c + z])
-    }
+            #[inline(always)]
+            fn add(self, other: Self) -> Self {
+                let ([a, b, c], [x, y, z]) = (self.0, other.0);
+                Self([a + x, b + y, c + z])
+            }
+        }
+
+        impl<R: Real> Sub for $type<R> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn sub(self, other: Self) -> Self {
+                let ([a, b, c], [x, y, z]) = (self.0, other.0);
+                Self([a - x, b - y, c - z])
+            }
+        }
+
+        impl<R: Real> Mul<R> for $type<R> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn mul(self, factor: R) -> Self {
+                let [a, b, c] = self.0;
+                Self([a * factor, b * factor, c * factor])
+            }
+        }
+
+        impl<R: Real> AddAssign for $type<R> {
+            #[inline(always)]
+            fn add_assign(&mut self, other: Self) {
+                *self = *self + other;
+            }
+        }
+    };
 }
 
-impl<R: Real> Sub for Vec3<R> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        Self([a - x, b - y, c - z])
-    }
-}
-
-impl<R: Real> Mul<R> for Vec3<R> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn mul(self, factor: R) -> Self {
-        let [a, b, c] = self.0;
-        Self([a * factor, b * factor, c * factor])
-    }
-}
-
-impl<R: Real> AddAssign for Vec3<R> {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Self) {
-        *self = *self + other;
-    }
-}
-
-impl<R: Real> Add for Mat3<R> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        Self([a + x, b + y, c + z])
-    }
-}
-
-impl<R: Real> Sub for Mat3<R> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        Self([a - x, b - y, c - z])
-    }
-}
-
-impl<R: Real> AddAssign for Mat3<R> {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Self) {
-        *self = *self + other;
-    }
-}
-
-impl<R: Real> Mul<R> for Mat3<R> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn mul(self, factor: R) -> Self {
-        let [a, b, c] = self.0;
-        Self([a * factor, b * factor, c * factor])
-    }
-}
+elementwise!(Vec3);
+elementwise!(Mat3);
 
 impl<R: Real> Mul<Vec3<R>> for Mat3<R> {
     type Output = Vec3<R>;

@@ -125,7 +125,7 @@ fn load_mesh(scene: &Scene) -> Result<TetMesh, InputError> {
     let table = scene.file.mesh.get_ref();
     let unit = match &table.unit {
         None => LengthUnit::Metre,
-        Some(word) => LengthUnit::from_name(word.get_ref()).ok_or_else(|| {
+        Some(word) => word.get_ref().parse().map_err(|_| {
             place.error(
                 word.span(),
                 format!("unknown unit \"{}\"", word.get_ref()),
@@ -313,15 +313,7 @@ impl Lookup<'_> {
             self.warnings
                 .push(format!("{} {has} all four vertices fixed and cannot deform", count(rigid, "tet")));
         }
-        let topology = self.skin.topology;
-        if !topology.is_manifold() {
-            self.warnings.push(format!(
-                "the surface is not a closed manifold ({}, {}, {}): parts can rotate about shared edges, or overlap",
-                count(topology.non_manifold_edges, "bad edge"),
-                count(topology.non_manifold_nodes, "bad node"),
-                count(topology.overlapping_faces, "overlapping face")
-            ));
-        }
+        self.warnings.extend(self.skin.topology.warning());
     }
 }
 

@@ -6,8 +6,7 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::held_out::{Draw, Summary};
-use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::mesh::surface::Surface;
+use palpate_precompute::mesh::{Surface, TetMesh};
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use palpate_precompute::space::with_threads;

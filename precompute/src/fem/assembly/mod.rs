@@ -4,7 +4,10 @@ mod batch;
 mod element;
 mod pattern;
 
-pub use pattern::Pattern;
+#[cfg(test)]
+mod tests;
+
+pub(crate) use pattern::Pattern;
 
 use nalgebra::Matrix3;
 
@@ -17,36 +20,36 @@ use element::ElementSystem;
 
 /// Results of one assembly.
 #[derive(Debug, Clone, Default)]
-pub struct Assembled {
+pub(crate) struct Assembled {
     /// Internal force minus body force on every node (pressure part included), 3 per node, N: the force that
     /// a tool or a fixation must apply to the node.
-    pub nodal_force_n: Vec<f64>,
+    pub(crate) nodal_force_n: Vec<f64>,
     /// Constraint of every pressure unknown, int N_v (1 - J) + (B q)_v, m^3.
-    pub constraint_m3: Vec<f64>,
+    pub(crate) constraint_m3: Vec<f64>,
     /// Total potential, J: Lagrangian of the elements minus the work of the body force. Its value at rest is
     /// not subtracted.
-    pub energy_j: f64,
+    pub(crate) energy_j: f64,
     /// Smallest J over the quadrature points.
-    pub min_jacobian: f64,
+    pub(crate) min_jacobian: f64,
     /// Number of elements with J <= 0 at a quadrature point.
-    pub inverted: usize,
+    pub(crate) inverted: usize,
     /// Deformed volume, m^3.
-    pub volume_m3: f64,
+    pub(crate) volume_m3: f64,
     /// Tangent, lower triangle on the [`Pattern`]. One more slot than entries; eliminated entries are added
     /// to it.
-    pub tangent: Vec<f64>,
+    pub(crate) tangent: Vec<f64>,
     /// Load factor of the body force; 1 except during the solution of the rest state.
-    pub load: f64,
+    pub(crate) load_factor: f64,
 }
 
 impl Assembled {
     /// Zero results of the size of `body` and `pattern`.
-    pub fn new(body: &Body, pattern: &Pattern) -> Self {
+    pub(crate) fn new(body: &Body, pattern: &Pattern) -> Self {
         Self {
             nodal_force_n: vec![0.0; body.displacement_len()],
             constraint_m3: vec![0.0; body.pressure_sites.len()],
             tangent: vec![0.0; pattern.entries() + 1],
-            load: 1.0,
+            load_factor: 1.0,
             ..Self::default()
         }
     }
@@ -61,7 +64,7 @@ impl Assembled {
     }
 
     /// Computes forces, constraints, energy and tangent at `state`.
-    pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
+    pub(crate) fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.tangent.fill(0.0);
         lanes::dispatch(Pass::<true> { to: self, body, pattern: Some(pattern), state });
         let tie = -body.stiffness_scale_n_m();
@@ -119,8 +122,8 @@ impl Assembled {
         if body.is_loaded() {
             for ((force, external), u) in self.nodal_force_n.iter_mut().zip(&body.external_force_n).zip(state)
             {
-                *force -= self.load * external;
-                self.energy_j -= self.load * external * u;
+                *force -= self.load_factor * external;
+                self.energy_j -= self.load_factor * external * u;
             }
         }
     }
@@ -167,7 +170,7 @@ impl Assembled {
     }
 
     /// Net force on a set of nodes, N. For the handle this is h, the force of the tool on the body.
-    pub fn force_on(&self, nodes: &[u32]) -> [f64; 3] {
+    pub(crate) fn force_on(&self, nodes: &[u32]) -> [f64; 3] {
         let mut sum = [0.0; 3];
         for &node in nodes {
             for (axis, total) in sum.iter_mut().enumerate() {
@@ -181,12 +184,12 @@ impl Assembled {
     /// changed.
     pub(crate) fn residual_into(&self, body: &Body, positions: &[(usize, usize)], residual: &mut [f64]) {
         let scale = body.pressure_scale();
-        let forces = self.nodal_force_n.len();
+        let displacement_len = self.nodal_force_n.len();
         for &(dof, position) in positions {
-            residual[dof] = if position < forces {
+            residual[dof] = if position < displacement_len {
                 self.nodal_force_n[position]
             } else {
-                scale * self.constraint_m3[position - forces]
+                scale * self.constraint_m3[position - displacement_len]
             };
         }
     }

@@ -8,11 +8,11 @@ use crate::fem::boundary::DofMap;
 
 /// Sparsity of the lower triangle and the scatter map into it.
 #[derive(Debug)]
-pub struct Pattern {
+pub(crate) struct Pattern {
     /// Column starts, `unknowns + 1`.
-    pub column_starts: Vec<usize>,
+    pub(crate) column_starts: Vec<usize>,
     /// Row of every entry, sorted in each column; the diagonal comes first.
-    pub rows: Vec<usize>,
+    pub(crate) rows: Vec<usize>,
     /// Equations of each element's local unknowns: displacements node-major, then four pressures.
     element_dofs: Vec<u32>,
     /// Position of each element entry in the values; eliminated entries have the position one past the end.
@@ -42,7 +42,7 @@ fn local_pairs(nodes: usize, pressures: bool, blocks: bool) -> impl Iterator<Ite
 
 impl Pattern {
     /// Pattern of `body` with the unknowns of `dofs`.
-    pub fn new(body: &Body, dofs: &DofMap) -> Self {
+    pub(crate) fn new(body: &Body, dofs: &DofMap) -> Self {
         let n = dofs.unknowns();
         let nodes = body.order.nodes();
         let pairs: Vec<(usize, usize)> =
@@ -112,7 +112,7 @@ impl Pattern {
     }
 
     /// Number of equations.
-    pub fn unknowns(&self) -> usize {
+    pub(crate) fn unknowns(&self) -> usize {
         self.column_starts.len() - 1
     }
 

@@ -10,7 +10,7 @@
 
 mod quadrature;
 
-pub use quadrature::{LINEAR, Point, QUADRATIC};
+pub(crate) use quadrature::{LINEAR, Point, QUADRATIC};
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -46,11 +46,11 @@ impl Order {
 }
 
 /// Vertex pairs of the mid-edge nodes 4 to 9, in VTK's order of the ten-node tetrahedron.
-pub const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
+pub(crate) const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
 
 /// Undeformed geometry of a straight-sided tetrahedron.
 #[derive(Debug, Clone, Copy)]
-pub struct Tetrahedron {
+pub(crate) struct Tetrahedron {
     /// Volume, m^3, positive.
     pub volume_m3: f64,
     /// Gradients G_k of the barycentric coordinates, 1/m; their sum is zero.
@@ -72,12 +72,6 @@ impl Tetrahedron {
         let inverse = edges.try_inverse()?;
         let g = [0, 1, 2].map(|row| inverse.row(row).transpose());
         Some(Self { volume_m3, gradients: [-(g[0] + g[1] + g[2]), g[0], g[1], g[2]] })
-    }
-
-    /// Gradients of the N shape functions at a quadrature point, 1/m.
-    pub fn shape_gradients<const N: usize>(&self, point: &Point<N>) -> [Vector3<f64>; N] {
-        let gradients = self.gradients.map(Vec3::from);
-        shape_gradients(&gradients, point).map(|g| Vector3::from(g.0))
     }
 }
 
@@ -139,7 +133,7 @@ mod tests {
         for point in rule {
             let x: Vector3<f64> =
                 point.barycentric.iter().zip(&CORNERS).map(|(l, c)| Vector3::from(*c) * *l).sum();
-            let gradients = tet.shape_gradients(point).map(Vec3::from);
+            let gradients = shape_gradients(&tet.gradients.map(Vec3::from), point);
             let found = Matrix3::from(field_gradient(&values.map(Vec3::from), &gradients));
             assert!((found - field(x).1).norm() < 1e-13);
             let value: Vector3<f64> = values.iter().zip(&point.values).map(|(u, n)| u * *n).sum();

@@ -4,7 +4,7 @@ use super::EDGES;
 
 /// One quadrature point of an element with N nodes.
 #[derive(Debug, Clone, Copy)]
-pub struct Point<const N: usize> {
+pub(crate) struct Point<const N: usize> {
     /// Weight as a share of the volume; the weights of a rule add up to 1.
     pub weight: f64,
     /// Barycentric coordinates, which are also the values of the four linear (pressure) shape functions.
@@ -16,7 +16,7 @@ pub struct Point<const N: usize> {
 }
 
 /// One point, exact for linear integrands; sufficient for constant-strain elements.
-pub static LINEAR: [Point<4>; 1] = [Point {
+pub(crate) static LINEAR: [Point<4>; 1] = [Point {
     weight: 1.0,
     barycentric: [0.25; 4],
     values: [0.25; 4],
@@ -26,7 +26,7 @@ pub static LINEAR: [Point<4>; 1] = [Point {
 /// Fourteen points with positive weights, exact to degree 5 (Walkington 2000). With quadratic shape functions
 /// the force of St. Venant-Kirchhoff and of unreduced Mooney-Rivlin has degree 4, so that its integral is
 /// exact.
-pub static QUADRATIC: [Point<10>; 14] = quadratic();
+pub(crate) static QUADRATIC: [Point<10>; 14] = quadratic();
 
 /// Orbit of (a, a, a, 1 - 3a): a and the weight of each of its four points.
 const VERTEX_ORBITS: [(f64, f64); 2] = [

@@ -1,7 +1,5 @@
 //! Holzapfel-Gasser-Ogden: an incompressible matrix with one family of stiffening fibres.
 
-use serde::{Deserialize, Serialize};
-
 use super::invariants::{Derivatives, I1, I4, Invariants, J, OfInvariants, Third, no_third};
 use super::parameters::{BuiltIn, Key, ParameterError, Parameters};
 use super::{Describe, Value};
@@ -32,7 +30,7 @@ use crate::num::lanes::Real;
 ///
 /// Source: Gasser, Ogden and Holzapfel 2006, Eqs. (3.2) and (4.3). Deviations: the smooth switch, and
 /// unreduced invariants.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HolzapfelGasserOgden {
     /// Coefficient of I1 - 3 (the matrix), Pa.
     pub c10_pa: f64,

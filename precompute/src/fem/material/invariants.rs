@@ -14,7 +14,7 @@ pub const I2: usize = 1;
 /// Position of J = det F.
 pub const J: usize = 2;
 /// Position of I4 = |F a|^2, a the fibre direction.
-pub(crate) const I4: usize = 3;
+pub const I4: usize = 3;
 
 /// Invariants of the deformation minus their values at rest.
 #[derive(Debug, Clone, Copy)]

@@ -1,9 +1,7 @@
 //! Lame's constants, the parameters of four laws.
 
-use serde::{Deserialize, Serialize};
-
 /// Lame's constants.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lame {
     /// First Lame coefficient, Pa.
     pub lambda_pa: f64,

@@ -1,7 +1,5 @@
 //! Linear elasticity: small strain, no rotation.
 
-use serde::{Deserialize, Serialize};
-
 use super::parameters::OfLame;
 use super::{Describe, Lame, Law, Tangent, Value};
 use crate::fem::kinematics::Kinematics;
@@ -19,7 +17,7 @@ use crate::num::tensor::Mat3;
 /// All stress measures agree at small strain, so sigma is both the first and the second Piola stress. The law
 /// is not objective: a rotation causes strain. It serves for comparisons (paper, Fig. 5). Source: any
 /// textbook. Deviation: none.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinearElastic {
     /// Lame's constants.
     pub lame: Lame,

@@ -8,7 +8,7 @@ macro_rules! laws {
     };
     (@with ($d:tt) $($(#[$doc:meta])* $name:literal => $law:ident),*) => {
         /// A hyperelastic law with its parameters.
-        #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+        #[derive(Debug, Clone, PartialEq)]
         pub enum Material {
             $($(#[$doc])* $law($law),)*
             /// A user-defined law.
@@ -50,11 +50,10 @@ macro_rules! laws {
                         let given = parameters::Parameters::of::<$law>(name, given);
                         parameters::BuiltIn::from_parameters(&given).map(Self::$law)
                     })*
-                    _ => Err(ParameterError {
-                        key: None,
-                        what: format!("unknown law \"{name}\""),
-                        fix: format!("choose one of {}", LAWS.join(", ")),
-                    }),
+                    _ => Err(ParameterError::of_law(
+                        format!("unknown law \"{name}\""),
+                        format!("choose one of {}", LAWS.join(", ")),
+                    )),
                 }
             }
 

@@ -44,6 +44,8 @@ mod tangent;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+pub(crate) use tests::mooney_rivlin;
 
 pub use crate::fem::kinematics::Kinematics;
 pub use crate::num::lanes::Real;
@@ -56,11 +58,9 @@ pub use linear_elastic::LinearElastic;
 pub use mooney_rivlin::{MooneyRivlin, ReducedMooneyRivlin};
 pub use neo_hookean::NeoHookean;
 pub(crate) use own::OwnLaw;
-pub(crate) use parameters::ParameterError;
+pub use parameters::ParameterError;
 pub use st_venant_kirchhoff::{ModifiedStVenantKirchhoff, StVenantKirchhoff};
 pub use tangent::Tangent;
-
-use nalgebra::Matrix3;
 
 use list::laws;
 pub(crate) use parameters::{Key, SmallStrain};
@@ -85,8 +85,8 @@ laws! {
 impl Material {
     /// A user-defined law; `name` is used in messages and tables.
     ///
-    /// [`crate::fem::solve::Solver`] solves such a material like any other. It is code and cannot be
-    /// serialised. So a scene with it has no `.space` file, and no scene file can name it.
+    /// [`crate::fem::solve::Solver`] solves such a material like any other. It is code: a scene with it has no
+    /// `.space` file, and no scene file can name it.
     pub fn own(name: &'static str, law: impl Law) -> Self {
         Self::Own(OwnLaw::new(name, law))
     }
@@ -97,39 +97,18 @@ impl Material {
     }
 
     /// The numbers of [`Material::parameters`], for the hash of the model.
-    pub fn numbers(&self) -> Vec<f64> {
+    pub(crate) fn numbers(&self) -> Vec<f64> {
         self.parameters().iter().flat_map(|(_, value)| value.numbers().to_vec()).collect()
     }
 
     /// Pressure at rest of an incompressible law, Pa; `None` if the law needs no multiplier.
-    pub fn rest_pressure_pa(&self) -> Option<f64> {
+    pub(crate) fn rest_pressure_pa(&self) -> Option<f64> {
         with_law!(self, law => law.rest_pressure_pa())
     }
 
     /// Shear modulus at rest, Pa (of the matrix, for a law with fibres): the scale of residuals and
     /// pressures.
-    pub fn shear_modulus_pa(&self) -> f64 {
+    pub(crate) fn shear_modulus_pa(&self) -> f64 {
         with_law!(self, law => law.shear_modulus_pa())
-    }
-
-    /// Result of [`check`] for the law.
-    pub fn check(&self) -> LawCheck {
-        with_law!(self, law => check(law))
-    }
-}
-
-/// Evaluation at one point, for callers outside the assembly loops.
-impl Material {
-    /// Energy density with the multiplier term of the excess pressure `q`, J/m^3, and first Piola stress, Pa.
-    pub fn stress(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>) {
-        let (energy, stress) = with_law!(self, law => law.stress(k, q_pa));
-        (energy, stress.into())
-    }
-
-    /// [`Material::stress`] with the tangent dP/dF at fixed pressure.
-    #[cfg(test)]
-    fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent) {
-        let (energy, stress, tangent) = with_law!(self, law => law.response(k, q_pa));
-        (energy, stress.into(), tangent)
     }
 }

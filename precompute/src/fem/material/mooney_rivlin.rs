@@ -1,7 +1,5 @@
 //! Incompressible Mooney-Rivlin, with unreduced invariants (paper, Eq. 7) and with reduced ones.
 
-use serde::{Deserialize, Serialize};
-
 use super::invariants::{Derivatives, I1, I2, Invariants, J, OfInvariants, Third, no_third};
 use super::parameters::{BuiltIn, Key, ParameterError, Parameters, SmallStrain};
 use super::{Describe, Lame, Value};
@@ -27,20 +25,12 @@ pub(crate) const NEARLY_INCOMPRESSIBLE: f64 = 0.49;
 ///
 /// Deviation: the paper prints 2 C01 before the bracket of Eq. (7). The standard form above gives the paper's
 /// own E = 6 (C10 + C01) = 15.48 kPa, and its tool, GetFEM, computes this form.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MooneyRivlin {
     /// Coefficient of I1 - 3, Pa.
     pub c10_pa: f64,
     /// Coefficient of I2 - 3, Pa.
     pub c01_pa: f64,
-}
-
-impl MooneyRivlin {
-    /// p0 = 2 C10 + 4 C01, Pa.
-    #[inline(always)]
-    fn p0_pa(&self) -> f64 {
-        2.0 * self.c10_pa + 4.0 * self.c01_pa
-    }
 }
 
 impl Describe for MooneyRivlin {
@@ -52,9 +42,9 @@ impl Describe for MooneyRivlin {
         2.0 * (self.c10_pa + self.c01_pa)
     }
 
-    #[inline(always)]
+    /// p0 = 2 C10 + 4 C01.
     fn rest_pressure_pa(&self) -> Option<f64> {
-        Some(self.p0_pa())
+        Some(2.0 * self.c10_pa + 4.0 * self.c01_pa)
     }
 }
 
@@ -104,7 +94,7 @@ impl BuiltIn for MooneyRivlin {
 impl OfInvariants for MooneyRivlin {
     #[inline(always)]
     fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
-        let rest_pa = self.p0_pa();
+        let rest_pa = 2.0 * self.c10_pa + 4.0 * self.c01_pa;
         let energy = at.i1 * self.c10_pa + at.i2 * self.c01_pa - at.j * rest_pa;
         let mut d = Derivatives::of_energy(energy);
         d.first[I1] = energy.constant(self.c10_pa);
@@ -132,36 +122,20 @@ impl OfInvariants for MooneyRivlin {
 /// differ by a few per mille on the paper's P1/P1 meshes. GetFEM 5 has this form built in. The rest pressure
 /// is zero. For J <= 0 the energy is NaN, and Newton's line search shortens the step. Source: Holzapfel 2000,
 /// section 6.5. Deviation: none.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct ReducedMooneyRivlin {
-    /// Coefficient of the reduced I1 - 3, Pa.
-    pub c10_pa: f64,
-    /// Coefficient of the reduced I2 - 3, Pa.
-    pub c01_pa: f64,
-}
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReducedMooneyRivlin(pub MooneyRivlin);
 
 impl Describe for ReducedMooneyRivlin {
     fn parameters(&self) -> Vec<(&'static str, Value)> {
-        vec![("c10_pa", self.c10_pa.into()), ("c01_pa", self.c01_pa.into())]
+        self.0.parameters()
     }
 
     fn shear_modulus_pa(&self) -> f64 {
-        2.0 * (self.c10_pa + self.c01_pa)
+        self.0.shear_modulus_pa()
     }
 
-    #[inline(always)]
     fn rest_pressure_pa(&self) -> Option<f64> {
         Some(0.0)
-    }
-}
-
-impl ReducedMooneyRivlin {
-    fn unreduced(&self) -> MooneyRivlin {
-        MooneyRivlin { c10_pa: self.c10_pa, c01_pa: self.c01_pa }
-    }
-
-    fn with_constants_of(law: MooneyRivlin) -> Self {
-        Self { c10_pa: law.c10_pa, c01_pa: law.c01_pa }
     }
 }
 
@@ -171,23 +145,23 @@ impl BuiltIn for ReducedMooneyRivlin {
     const WANTED: &'static str = MooneyRivlin::WANTED;
 
     fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
-        MooneyRivlin::from_parameters(given).map(Self::with_constants_of)
+        MooneyRivlin::from_parameters(given).map(Self)
     }
 
     fn liver() -> Self {
-        Self::with_constants_of(MooneyRivlin::liver())
+        Self(MooneyRivlin::liver())
     }
 
     fn warnings(&self) -> Vec<String> {
-        self.unreduced().warnings()
+        self.0.warnings()
     }
 
     fn small_strain(&self, bulk_modulus_pa: Option<f64>) -> Option<SmallStrain> {
-        self.unreduced().small_strain(bulk_modulus_pa)
+        self.0.small_strain(bulk_modulus_pa)
     }
 
     fn with_small_strain(moduli: &SmallStrain) -> Option<Self> {
-        MooneyRivlin::with_small_strain(moduli).map(Self::with_constants_of)
+        MooneyRivlin::with_small_strain(moduli).map(Self)
     }
 }
 
@@ -197,7 +171,7 @@ impl OfInvariants for ReducedMooneyRivlin {
 
     #[inline(always)]
     fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
-        let Self { c10_pa, c01_pa } = *self;
+        let MooneyRivlin { c10_pa, c01_pa } = self.0;
         let (i1, i2, jacobian) = (at.i1 + 3.0, at.i2 + 3.0, at.j + 1.0);
         // a - 1 without cancellation, so that the energy of a small strain keeps its precision.
         let less = at.j.map(|j| libm::expm1(-2.0 / 3.0 * libm::log1p(j)));
@@ -219,7 +193,7 @@ impl OfInvariants for ReducedMooneyRivlin {
 
     #[inline(always)]
     fn third<R: Real>(&self, at: &Invariants<R>) -> Third<R> {
-        let Self { c10_pa, c01_pa } = *self;
+        let MooneyRivlin { c10_pa, c01_pa } = self.0;
         let inverse = (at.j + 1.0).recip();
         let inverse_squared = inverse * inverse;
         let a = at.j.map(|j| libm::exp(-2.0 / 3.0 * libm::log1p(j)));

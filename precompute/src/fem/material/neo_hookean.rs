@@ -1,7 +1,5 @@
 //! Compressible neo-Hookean with a logarithmic barrier.
 
-use serde::{Deserialize, Serialize};
-
 use super::invariants::{Derivatives, I1, Invariants, J, OfInvariants, Third, no_third};
 use super::parameters::OfLame;
 use super::{Describe, Lame, Value};
@@ -22,7 +20,7 @@ use crate::num::lanes::Real;
 /// W -> infinity as J -> 0, so no element can collapse. For J <= 0 the energy is NaN, and Newton's line
 /// search shortens the step. The law agrees with linear elasticity at small strain. Source: Bonet and Wood
 /// 2008, section 6.4.3. Deviation: none.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NeoHookean {
     /// Lame's constants at rest.
     pub lame: Lame,

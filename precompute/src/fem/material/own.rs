@@ -2,10 +2,6 @@
 
 use std::sync::Arc;
 
-use serde::de::Error as _;
-use serde::ser::Error as _;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
 use super::{Describe, Law, Tangent, Value};
 use crate::fem::kinematics::Kinematics;
 use crate::num::lanes::{MAX_LANES, Real};
@@ -114,22 +110,5 @@ impl Law for OwnLaw {
             *value = q_pa.with_lanes(|lane| all[lane][index]);
         }
         third
-    }
-}
-
-/// Always fails: a law is code, which cannot be serialised.
-impl Serialize for OwnLaw {
-    fn serialize<S: Serializer>(&self, _: S) -> Result<S::Ok, S::Error> {
-        let name = self.name;
-        Err(S::Error::custom(format!(
-            "the law \"{name}\" is user-defined and cannot be stored or sent; build the material where it is used"
-        )))
-    }
-}
-
-/// Always fails, as [`Serialize`] does.
-impl<'de> Deserialize<'de> for OwnLaw {
-    fn deserialize<D: Deserializer<'de>>(_: D) -> Result<Self, D::Error> {
-        Err(D::Error::custom("a user-defined law cannot be read; build the material where it is used"))
     }
 }

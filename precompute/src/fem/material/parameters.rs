@@ -30,6 +30,17 @@ pub struct ParameterError {
     pub fix: String,
 }
 
+impl ParameterError {
+    /// An error of the law itself.
+    pub(crate) fn of_law(what: impl Into<String>, fix: impl Into<String>) -> Self {
+        Self { key: None, what: what.into(), fix: fix.into() }
+    }
+
+    fn at(key: &str, what: impl Into<String>, fix: impl Into<String>) -> Self {
+        Self { key: Some(key.into()), ..Self::of_law(what, fix) }
+    }
+}
+
 impl std::fmt::Display for ParameterError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}; {}", self.what, self.fix)
@@ -169,11 +180,8 @@ impl<'a> Parameters<'a> {
         let Some((key, _)) = self.given.iter().find(|(given, _)| !keys.contains(given)) else {
             return Ok(());
         };
-        Err(ParameterError {
-            key: Some((*key).into()),
-            what: format!("`{key}` does not belong to the law \"{}\" here", self.law),
-            fix: format!("give {}", self.wanted),
-        })
+        let what = format!("`{key}` does not belong to the law \"{}\" here", self.law);
+        Err(ParameterError::at(key, what, format!("give {}", self.wanted)))
     }
 
     /// Numbers that are required and must be finite.
@@ -195,7 +203,7 @@ impl<'a> Parameters<'a> {
             }
             Some(vector) => {
                 let what = format!("`{key}` = {:?} is not one number", vector.numbers());
-                Err(ParameterError { key: Some(key.into()), what, fix: "give a number".into() })
+                Err(ParameterError::at(key, what, "give a number"))
             }
         }
     }
@@ -209,16 +217,15 @@ impl<'a> Parameters<'a> {
             Value::Number(_) => nalgebra::Vector3::zeros(),
         };
         let unit = vector.try_normalize(0.0).filter(|unit| unit.iter().all(|c| c.is_finite()));
-        unit.map(Into::into).ok_or_else(|| ParameterError {
-            key: Some(key.into()),
-            what: format!("`{key}` = {:?} is not a direction", value.numbers()),
-            fix: "give a vector that is not zero".into(),
+        unit.map(Into::into).ok_or_else(|| {
+            let what = format!("`{key}` = {:?} is not a direction", value.numbers());
+            ParameterError::at(key, what, "give a vector that is not zero")
         })
     }
 
     /// Error for a number that is out of range for the law.
     pub(crate) fn wrong(&self, key: &str, number: f64, rule: &str, fix: &str) -> ParameterError {
-        ParameterError { key: Some(key.into()), what: format!("`{key}` = {number} {rule}"), fix: fix.into() }
+        ParameterError::at(key, format!("`{key}` = {number} {rule}"), fix)
     }
 
     fn value(&self, key: &str) -> Option<Value> {
@@ -226,6 +233,6 @@ impl<'a> Parameters<'a> {
     }
 
     fn lacks(&self, key: &str, fix: String) -> ParameterError {
-        ParameterError { key: None, what: format!("the law \"{}\" lacks `{key}`", self.law), fix }
+        ParameterError::of_law(format!("the law \"{}\" lacks `{key}`", self.law), fix)
     }
 }

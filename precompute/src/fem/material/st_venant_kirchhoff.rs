@@ -1,7 +1,5 @@
 //! St. Venant-Kirchhoff: linear elasticity extended to large rotations (paper, Eq. 6).
 
-use serde::{Deserialize, Serialize};
-
 use super::invariants::{Derivatives, I1, I2, Invariants, OfInvariants};
 use super::parameters::OfLame;
 use super::{Describe, Lame, Value};
@@ -21,7 +19,7 @@ use crate::num::lanes::Real;
 ///
 /// It has no barrier at J -> 0: a compressed element can collapse. Therefore half of the paper's loading
 /// paths end early with this law. Source: Peterlik 2010, section 2.1. Deviation: none.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StVenantKirchhoff {
     /// Lame's constants.
     pub lame: Lame,
@@ -76,7 +74,7 @@ impl OfInvariants for StVenantKirchhoff {
 
 /// [`StVenantKirchhoff`] with J = 1: it adds the multiplier q (1 - J) and keeps lambda; the rest pressure is
 /// zero. The paper's "modified St. Venant". Source: Peterlik 2010, section 2.1. Deviation: none.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModifiedStVenantKirchhoff {
     /// Lame's constants.
     pub lame: Lame,

@@ -24,15 +24,15 @@ pub fn solve_body_force(body: Body) -> Result<Body, SolveFailure> {
         // Always new factors, so that the last correction is an exact Newton step.
         solver.newton.frozen_factor = false;
         let (mut done, mut step, mut halvings, mut spent) = (0.0, 1.0f64, 0, 0);
-        let mut settled = body.rest.state.clone();
+        let mut rest_state = body.rest.state.clone();
         while done < 1.0 {
-            solver.assembled.load = (done + step).min(1.0);
-            solver.state.copy_from_slice(&settled);
+            solver.assembled.load_factor = (done + step).min(1.0);
+            solver.state.copy_from_slice(&rest_state);
             match solver.equilibrate() {
                 Ok((residual_n, iterations)) => {
                     // The last correction brings the residual to its rounding floor.
                     solver.final_correction(residual_n);
-                    settled.copy_from_slice(&solver.state);
+                    rest_state.copy_from_slice(&solver.state);
                     spent += iterations;
                     done += step;
                     step = (2.0 * step).min(1.0 - done);
@@ -47,7 +47,7 @@ pub fn solve_body_force(body: Body) -> Result<Body, SolveFailure> {
                 }
             }
         }
-        Rest { state: settled, energy_j: solver.assembled.energy_j }
+        Rest { state: rest_state, energy_j: solver.assembled.energy_j }
     };
     let mut body = Arc::into_inner(body).expect("problem and solver were dropped above");
     body.rest = rest;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::factor::SENSITIVITY;
+use super::factor::SENSITIVITY_ACCURACY;
 use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::fem::assembly::third_derivatives;
 use crate::fem::boundary::Pose;
@@ -11,7 +11,7 @@ use crate::num::vector::inner;
 
 impl Solver {
     /// Prescribes the pose: in the state with elimination, otherwise as targets of the multipliers.
-    pub(super) fn hold(&mut self, pose: &Pose) {
+    pub(super) fn prescribe(&mut self, pose: &Pose) {
         let body = &self.problem.body;
         let displaced = |node: u32, centre: u32| -> [f64; 3] {
             let arm = Vector3::from(body.rest_position_m(node)) - Vector3::from(body.rest_position_m(centre));
@@ -59,14 +59,9 @@ impl Solver {
         let body = &problem.body;
         self.translation_columns();
         self.factorisations += 1;
-        let solved = self.factor.factorise_and_solve(
-            &problem.symbolic,
-            &problem.pattern,
-            &self.assembled.tangent,
-            &self.right,
-            &mut self.columns,
-            SENSITIVITY,
-        );
+        let matrix = problem.matrix(&self.assembled.tangent);
+        let solved =
+            self.factor.factorise_and_solve(matrix, &self.right, &mut self.columns, SENSITIVITY_ACCURACY);
         if solved.is_err() {
             return fail(FailureReason::SingularTangent, residual_n);
         }
@@ -125,12 +120,12 @@ impl Solver {
     pub(super) fn sensitivity_of_state(&self) -> [Vec<f64>; 3] {
         let (problem, body) = (&*self.problem, &self.problem.body);
         let n = problem.unknowns();
-        let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
+        let (displacement_len, pressure_scale) = (body.displacement_len(), body.pressure_scale());
         let mut sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
         for (axis, state_column) in sensitivity.iter_mut().enumerate() {
             let x = &self.columns[axis * n..(axis + 1) * n];
             for &(equation, position) in &problem.positions {
-                let unit = if position < forces { 1.0 } else { pressure_scale };
+                let unit = if position < displacement_len { 1.0 } else { pressure_scale };
                 state_column[position] = unit * x[equation];
             }
             for &node in problem.handle_nodes() {

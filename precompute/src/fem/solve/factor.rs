@@ -24,6 +24,7 @@ use faer::{Conj, Mat, MatMut, Par, Side};
 use symbolic::Route;
 pub(super) use symbolic::SymbolicFactor;
 
+use super::newton::norm;
 use crate::fem::assembly::Pattern;
 
 /// Regularisations delta in the order of the attempts, in units of V_i / mu.
@@ -38,10 +39,10 @@ pub(super) struct Accuracy {
 }
 
 /// For a Newton step; the error is below the linearisation error of the step.
-pub(super) const STEP: Accuracy = Accuracy { target: 1e-6, accepted: 1e-6 };
+pub(super) const STEP_ACCURACY: Accuracy = Accuracy { target: 1e-6, accepted: 1e-6 };
 /// For sensitivities: W_ijk needs seven digits, and unstable pressures cost some digits. (The condensed
 /// tangent would need less, because its error is the square of theirs.)
-pub(super) const SENSITIVITY: Accuracy = Accuracy { target: 1e-11, accepted: 1e-9 };
+pub(super) const SENSITIVITY_ACCURACY: Accuracy = Accuracy { target: 1e-11, accepted: 1e-9 };
 /// Largest relative residual of a solution that is accepted because it has reached the rounding floor, see
 /// [`FLOOR`].
 const ACCEPTED_AT_FLOOR: f64 = 1e-6;
@@ -51,6 +52,14 @@ const ACCEPTED_AT_FLOOR: f64 = 1e-6;
 const FLOOR: f64 = 1e-14;
 /// Maximum number of refinement steps; each gains at least four digits with a good factor.
 const REFINEMENTS: usize = 6;
+
+/// A symmetric matrix: the values of its lower triangle on a pattern, and the analysis of the pattern.
+#[derive(Clone, Copy)]
+pub(super) struct Matrix<'a> {
+    pub(super) symbolic: &'a SymbolicFactor,
+    pub(super) pattern: &'a Pattern,
+    pub(super) values: &'a [f64],
+}
 
 /// Error: no factorisation solved the matrix to the required accuracy.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,7 +73,6 @@ pub(super) struct Factor {
     values: Vec<f64>,
     scratch: MemBuffer,
     regularised: Vec<f64>,
-    right: Vec<f64>,
     residual: Vec<f64>,
     product: Vec<f64>,
     correction: Vec<f64>,
@@ -91,7 +99,6 @@ impl Factor {
             values: vec![0.0; analysis.len_val()],
             scratch: MemBuffer::new(scratch),
             regularised: vec![0.0; pattern.entries()],
-            right: vec![0.0; n],
             residual: vec![0.0; n],
             product: vec![0.0; pattern.unknowns()],
             correction: vec![0.0; n],
@@ -100,20 +107,16 @@ impl Factor {
         }
     }
 
-    /// Factorises `matrix` (lower triangle on `pattern`) by one kind of factorisation.
-    fn factorise(
-        &mut self,
-        symbolic: &SymbolicFactor,
-        pattern: &Pattern,
-        matrix: &[f64],
-        route: Route,
-    ) -> bool {
+    /// Factorises a matrix by one kind of factorisation. Non-finite values show in the residual, which every
+    /// solve checks.
+    fn factorise(&mut self, matrix: Matrix<'_>, route: Route) -> bool {
         self.route = route;
         self.pivoted = None;
         if route == Route::Pivoted {
-            return self.factorise_pivoted(pattern, matrix);
+            return self.factorise_pivoted(matrix);
         }
-        self.regularised.copy_from_slice(&matrix[..pattern.entries()]);
+        let Matrix { symbolic, pattern, values } = matrix;
+        self.regularised.copy_from_slice(&values[..pattern.entries()]);
         if let Route::Indefinite(level) = route {
             for &(place, size) in &symbolic.pressure_diagonal {
                 self.regularised[place] -= DELTAS[level] * size;
@@ -124,44 +127,41 @@ impl Factor {
             SymbolicSparseColMatRef::new_checked(n, n, &pattern.column_starts, None, &pattern.rows);
         let matrix = SparseColMatRef::new(structure, &self.regularised);
         let stack = MemStack::new(&mut self.scratch);
-        let values = &mut self.values;
-        let factorised = if route == Route::Positive {
-            symbolic
-                .symbolic
-                .factorize_numeric_llt(
-                    values,
-                    matrix,
-                    Side::Lower,
-                    LltRegularization::default(),
-                    Par::Seq,
-                    stack,
-                    Default::default(),
-                )
-                .is_ok()
+        let (analysis, factor) = (&symbolic.symbolic, &mut self.values);
+        let (side, parallel) = (Side::Lower, Par::Seq);
+        if route == Route::Positive {
+            let (regularisation, options) = (LltRegularization::default(), Default::default());
+            let done = analysis.factorize_numeric_llt(
+                factor,
+                matrix,
+                side,
+                regularisation,
+                parallel,
+                stack,
+                options,
+            );
+            done.is_ok()
         } else {
-            symbolic
-                .symbolic
-                .factorize_numeric_ldlt(
-                    values,
-                    matrix,
-                    Side::Lower,
-                    LdltRegularization::default(),
-                    Par::Seq,
-                    stack,
-                    Default::default(),
-                )
-                .is_ok()
-        };
-        // Non-finite values show in the residual, which every solve checks.
-        factorised
+            let (regularisation, options) = (LdltRegularization::default(), Default::default());
+            let done = analysis.factorize_numeric_ldlt(
+                factor,
+                matrix,
+                side,
+                regularisation,
+                parallel,
+                stack,
+                options,
+            );
+            done.is_ok()
+        }
     }
 
-    fn factorise_pivoted(&mut self, pattern: &Pattern, matrix: &[f64]) -> bool {
+    fn factorise_pivoted(&mut self, Matrix { pattern, values, .. }: Matrix<'_>) -> bool {
         let n = pattern.unknowns();
         let mut triplets = Vec::with_capacity(2 * pattern.entries());
         for column in 0..n {
             let span = pattern.column_starts[column]..pattern.column_starts[column + 1];
-            for (&row, &value) in pattern.rows[span.clone()].iter().zip(&matrix[span]) {
+            for (&row, &value) in pattern.rows[span.clone()].iter().zip(&values[span]) {
                 triplets.push(Triplet::new(row, column, value));
                 if row != column {
                     triplets.push(Triplet::new(column, row, value));
@@ -175,9 +175,11 @@ impl Factor {
         self.pivoted.is_some()
     }
 
-    /// Solves with the current factor, without refinement.
-    fn apply(&mut self, symbolic: &SymbolicFactor, n: usize, columns: usize) {
-        let rhs = &mut self.correction[..n * columns];
+    /// Solves for the first `length` numbers of `self.correction` (columns of `n`) with the current factor,
+    /// without refinement.
+    fn apply(&mut self, symbolic: &SymbolicFactor, n: usize, length: usize) {
+        let columns = length / n;
+        let rhs = &mut self.correction[..length];
         if let Some(lu) = &self.pivoted {
             let solved = lu.solve(Mat::from_fn(n, columns, |i, j| rhs[j * n + i]));
             for j in 0..columns {
@@ -198,17 +200,14 @@ impl Factor {
         }
     }
 
-    /// Computes the residuals b - K x of all columns; returns the largest one relative to its right-hand
-    /// side.
-    fn measure(&mut self, pattern: &Pattern, matrix: &[f64], x: &[f64], columns: usize) -> f64 {
-        let n = pattern.unknowns();
+    /// Computes the residuals b - K x of all columns of `right`; returns the largest one relative to its b.
+    fn measure(&mut self, matrix: Matrix<'_>, right: &[f64], x: &[f64]) -> f64 {
+        let n = matrix.pattern.unknowns();
         let mut worst = 0.0f64;
-        for span in (0..columns).map(|j| j * n..(j + 1) * n) {
-            pattern.multiply(matrix, &x[span.clone()], &mut self.product);
+        for ((b, x), residual) in right.chunks(n).zip(x.chunks(n)).zip(self.residual.chunks_mut(n)) {
+            matrix.pattern.multiply(matrix.values, x, &mut self.product);
             let (mut error, mut size) = (0.0, 0.0);
-            for ((r, b), p) in
-                self.residual[span.clone()].iter_mut().zip(&self.right[span]).zip(&self.product)
-            {
+            for ((r, b), p) in residual.iter_mut().zip(b).zip(&self.product) {
                 *r = b - p;
                 error += *r * *r;
                 size += b * b;
@@ -220,27 +219,25 @@ impl Factor {
         worst
     }
 
-    /// Refines `x` for the right-hand sides in `self.right`; returns the largest relative residual.
-    fn refine(
+    /// Solves for the columns of `right` with the current factor and refines; returns the largest relative
+    /// residual.
+    pub(super) fn solve(
         &mut self,
-        symbolic: &SymbolicFactor,
-        pattern: &Pattern,
-        matrix: &[f64],
+        matrix: Matrix<'_>,
+        right: &[f64],
         x: &mut [f64],
-        columns: usize,
         accuracy: Accuracy,
     ) -> f64 {
-        let n = pattern.unknowns();
         x.fill(0.0);
         let mut best = f64::INFINITY;
-        self.residual[..n * columns].copy_from_slice(&self.right[..n * columns]);
+        self.residual[..right.len()].copy_from_slice(right);
         for _ in 0..=REFINEMENTS {
-            self.correction[..n * columns].copy_from_slice(&self.residual[..n * columns]);
-            self.apply(symbolic, n, columns);
+            self.correction[..right.len()].copy_from_slice(&self.residual[..right.len()]);
+            self.apply(matrix.symbolic, matrix.pattern.unknowns(), right.len());
             for (x, c) in x.iter_mut().zip(&self.correction) {
                 *x += c;
             }
-            let worst = self.measure(pattern, matrix, x, columns);
+            let worst = self.measure(matrix, right, x);
             if worst.is_nan() {
                 return f64::INFINITY;
             }
@@ -249,7 +246,7 @@ impl Factor {
                 for (x, c) in x.iter_mut().zip(&self.correction) {
                     *x -= c;
                 }
-                self.measure(pattern, matrix, x, columns);
+                self.measure(matrix, right, x);
                 break;
             }
             // Refinement ends at the target, or if a step leaves more than 0.3 of the residual.
@@ -263,57 +260,36 @@ impl Factor {
     }
 
     /// Factorises `matrix` by the first factorisation that exists, without checking a solution.
-    pub(super) fn factorise_first(
-        &mut self,
-        symbolic: &SymbolicFactor,
-        pattern: &Pattern,
-        matrix: &[f64],
-    ) -> bool {
-        symbolic.routes().iter().any(|&route| self.factorise(symbolic, pattern, matrix, route))
+    pub(super) fn factorise_first(&mut self, matrix: Matrix<'_>) -> bool {
+        matrix.symbolic.routes().iter().any(|&route| self.factorise(matrix, route))
     }
 
     /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]),
-    /// refined to the required accuracy. [`Factor::correct`] can use the factor afterwards.
+    /// refined to the required accuracy. The factor remains for further solves.
     pub(super) fn factorise_and_solve(
         &mut self,
-        symbolic: &SymbolicFactor,
-        pattern: &Pattern,
-        matrix: &[f64],
+        matrix: Matrix<'_>,
         right: &[f64],
         x: &mut [f64],
         accuracy: Accuracy,
     ) -> Result<f64, SingularMatrix> {
         let mut best = f64::INFINITY;
-        if pattern.unknowns() == 0 {
+        if matrix.pattern.unknowns() == 0 {
             return Err(SingularMatrix { residual: best });
         }
-        for &route in symbolic.routes() {
-            if !self.factorise(symbolic, pattern, matrix, route) {
+        for &route in matrix.symbolic.routes() {
+            if !self.factorise(matrix, route) {
                 continue;
             }
-            let residual = self.solve(symbolic, pattern, matrix, right, x, accuracy);
+            let residual = self.solve(matrix, right, x, accuracy);
             best = best.min(residual);
             let accepted = residual <= accuracy.accepted
-                || residual <= ACCEPTED_AT_FLOOR && residual <= rounding(matrix, x, right);
+                || residual <= ACCEPTED_AT_FLOOR && residual <= rounding(matrix.values, x, right);
             if accepted {
                 return Ok(residual);
             }
         }
         Err(SingularMatrix { residual: best })
-    }
-
-    /// Solves for the columns of `right` with the current factor and refines; returns the relative residual.
-    pub(super) fn solve(
-        &mut self,
-        symbolic: &SymbolicFactor,
-        pattern: &Pattern,
-        matrix: &[f64],
-        right: &[f64],
-        x: &mut [f64],
-        accuracy: Accuracy,
-    ) -> f64 {
-        self.right[..right.len()].copy_from_slice(right);
-        self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns(), accuracy)
     }
 
     /// Residuals b - K x of the last checked solve, column after column.
@@ -343,9 +319,9 @@ impl Factor {
 
     /// x = factor^-1 right with the current factor, one column, without refinement and check. For steps that
     /// the residual of the equilibrium checks.
-    pub(super) fn correct(&mut self, symbolic: &SymbolicFactor, right: &[f64], x: &mut [f64]) {
+    pub(super) fn solve_unrefined(&mut self, symbolic: &SymbolicFactor, right: &[f64], x: &mut [f64]) {
         self.correction[..right.len()].copy_from_slice(right);
-        self.apply(symbolic, right.len(), 1);
+        self.apply(symbolic, right.len(), right.len());
         x.copy_from_slice(&self.correction[..right.len()]);
     }
 }
@@ -353,7 +329,6 @@ impl Factor {
 /// Largest relative residual that rounding alone can cause.
 fn rounding(matrix: &[f64], x: &[f64], right: &[f64]) -> f64 {
     let largest = matrix.iter().fold(0.0f64, |m, a| m.max(a.abs()));
-    let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     FLOOR * largest * norm(x) / norm(right)
 }
 

@@ -26,15 +26,6 @@ impl Default for LoadingOptions {
     }
 }
 
-/// Cost of a solve.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SolveCost {
-    /// Number of Newton and quasi-Newton steps.
-    pub iterations: u32,
-    /// Number of factorisations.
-    pub factorisations: u32,
-}
-
 /// Maximum number of full steps with a rising residual in a snap-through.
 const MAX_RISING_STEPS: u32 = 3;
 
@@ -67,7 +58,7 @@ impl Solver {
     /// predictor.
     pub fn advance_to(&mut self, from: &Seed, target: &Pose) -> Result<Configuration, SolveFailure> {
         let (mut done, mut step) = (0.0, 1.0);
-        let (mut halvings, mut perturbations_done) = (0, 0);
+        let (mut halvings, mut perturbations) = (0, 0);
         let mut may_snap = self.loading.snap_through;
         let mut spent = AccumulatedCost::default();
         let mut here: Option<Configuration> = None;
@@ -81,8 +72,8 @@ impl Solver {
             let seed = here.as_ref().map_or(from, |c| &c.seed);
             let pose = pose_at(done + step);
             predict(seed, &pose, &mut guess);
-            if perturbations_done > 0 {
-                self.perturb(&mut guess, perturbations_done);
+            if perturbations > 0 {
+                self.perturb(&mut guess, perturbations);
             }
             let configuration = match self.solve_at(&pose, &guess) {
                 Ok(configuration) => {
@@ -105,8 +96,8 @@ impl Solver {
                         step *= 0.5;
                         continue;
                     }
-                    if perturbations_done < self.loading.perturbations {
-                        perturbations_done += 1;
+                    if perturbations < self.loading.perturbations {
+                        perturbations += 1;
                         continue;
                     }
                     let left = 1.0 - done;
@@ -158,31 +149,29 @@ impl Solver {
         self.evaluate(false);
         let inverted = self.assembled.inverted;
         predict(seed, pose, guess);
-        let usual_rising_steps = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
+        let max_rising_steps = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
         let landed = self.solve_at(pose, guess);
-        self.newton.max_rising_steps = usual_rising_steps;
+        self.newton.max_rising_steps = max_rising_steps;
         match landed {
             Ok(c) if c.unstable_modes == Some(0) && c.inverted <= inverted => Some(c),
-            Ok(c) => {
-                spent.add(c.iterations, c.factorisations);
-                None
-            }
-            Err(failure) => {
-                spent.add(failure.iterations, self.factorisations);
+            refused => {
+                let iterations = refused.map_or_else(|failure| failure.iterations, |c| c.iterations);
+                spent.add(iterations, self.factorisations);
                 None
             }
         }
     }
 
-    /// Solves one whole step without computing the condensed quantities, for benchmarks.
-    pub fn reach(&mut self, from: &Seed, target: &Pose) -> Result<SolveCost, SolveFailure> {
+    /// Solves one whole step without the condensed quantities, for benchmarks. Returns the numbers of
+    /// iterations and of factorisations.
+    pub fn reach(&mut self, from: &Seed, target: &Pose) -> Result<(u32, u32), SolveFailure> {
         let mut guess = vec![0.0; from.state.len()];
         predict(from, target, &mut guess);
         self.state.copy_from_slice(&guess);
-        self.hold(target);
+        self.prescribe(target);
         self.factorisations = 0;
         let (_, iterations) = self.equilibrate()?;
-        Ok(SolveCost { iterations, factorisations: self.factorisations })
+        Ok((iterations, self.factorisations))
     }
 
     /// Adds a pseudo-random displacement to every node; `number` determines the sequence.

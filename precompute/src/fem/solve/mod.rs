@@ -12,6 +12,9 @@ mod newton;
 mod profile;
 mod quasi_newton;
 
+#[cfg(test)]
+mod tests;
+
 use std::sync::Arc;
 
 pub use body_force::solve_body_force;
@@ -24,7 +27,7 @@ use crate::fem::body::Body;
 use crate::fem::boundary::{Constraints, DofMap, Handle, Pose};
 use crate::fem::element::Order;
 use crate::num::jet::EnergyJet;
-use factor::{Factor, RIGHT_SIDES, SymbolicFactor};
+use factor::{Factor, Matrix, RIGHT_SIDES, SymbolicFactor};
 use quasi_newton::StepHistory;
 
 /// A body, the tool's handle on it, and all data that are constant for all solves.
@@ -78,6 +81,11 @@ impl Problem {
     /// Number of floating-point operations of one factorisation.
     pub fn factor_flops(&self) -> f64 {
         self.symbolic.flops().0
+    }
+
+    /// The matrix with these values.
+    fn matrix<'a>(&'a self, values: &'a [f64]) -> Matrix<'a> {
+        Matrix { symbolic: &self.symbolic, pattern: &self.pattern, values }
     }
 
     fn handle_nodes(&self) -> &[u32] {
@@ -171,9 +179,9 @@ pub struct Solver {
     coupling: HandleCoupling,
     factor: Factor,
     history: StepHistory,
-    /// The current state, and the trial state of the next step.
+    /// The current state, and the state before the last step.
     state: Vec<f64>,
-    trial: Vec<f64>,
+    previous: Vec<f64>,
     /// Multipliers of the prescribed components, divided by the stiffness scale, m; empty with elimination.
     multipliers: Vec<f64>,
     /// Prescribed displacement of each multiplier's component, m.
@@ -182,7 +190,7 @@ pub struct Solver {
     step: Vec<f64>,
     columns: Vec<f64>,
     right: Vec<f64>,
-    /// Share of `step` in the last update of the state.
+    /// Share of `step` in the last move of the state.
     moved_by: f64,
     factorisations: u32,
 }
@@ -200,7 +208,7 @@ impl Solver {
             factor: Factor::new(&problem.symbolic, &problem.pattern),
             history: StepHistory::new(n),
             state: vec![0.0; problem.body.state_len()],
-            trial: vec![0.0; problem.body.state_len()],
+            previous: vec![0.0; problem.body.state_len()],
             multipliers: vec![0.0; held],
             targets_m: vec![0.0; held],
             residual: vec![0.0; n],

@@ -1,7 +1,7 @@
 //! Newton-Raphson iteration with line search at one prescribed pose. Near the solution, frozen steps reuse
 //! the last factorisation with Broyden updates.
 
-use super::factor::STEP;
+use super::factor::STEP_ACCURACY;
 use super::{Configuration, Solver};
 use crate::fem::boundary::Pose;
 
@@ -102,6 +102,12 @@ const DIVERGENCE_FACTOR: f64 = 1e8;
 const FROZEN_FROM: f64 = 0.1;
 /// Frozen steps end if a step leaves at least this share of the residual.
 const MIN_GAIN: f64 = 0.3;
+/// Estimated costs, in units of a solve with the factor. An operation of the factorisation counts half of one
+/// of a solve. A Newton step has in addition the assembly of the tangent and the solve, a frozen step the
+/// residual and the solve.
+const FACTOR_OPERATION_COST: f64 = 0.5;
+const NEWTON_STEP_COST: f64 = 2.0;
+const FROZEN_STEP_COST: f64 = 2.0;
 
 /// A residual below this multiple of the tolerance is accepted if no step reduces it further: it has reached
 /// its rounding floor. Example: in a part a million times stiffer than the mean, internal forces are so large
@@ -119,7 +125,7 @@ impl Solver {
     /// Equilibrium with the prescribed nodes (the handle) at `pose`, from the guess `state`.
     pub fn solve_at(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
         self.state.copy_from_slice(state);
-        self.hold(pose);
+        self.prescribe(pose);
         self.factorisations = 0;
         let (residual_n, iterations) = self.equilibrate()?;
         self.condense(pose, residual_n, iterations)
@@ -132,7 +138,7 @@ impl Solver {
     /// residual decreases. Near the solution the steps use the current factor while this is estimated to be
     /// cheaper than a new factorisation.
     pub(super) fn equilibrate(&mut self) -> Result<(f64, u32), SolveFailure> {
-        let (mut iterations, mut uphill) = (0, 0);
+        let (mut iterations, mut rising_steps) = (0, 0);
         let mut residual_n = self.evaluate(true);
         let first = residual_n.max(self.scale_n());
         let mut next = Next::Newton;
@@ -166,22 +172,20 @@ impl Solver {
                 self.evaluate(true);
             }
             let floor_n = ROUNDING_FLOOR_FACTOR * self.newton.tolerance * self.scale_n();
-            if !self.newton_step() {
-                if residual_n <= floor_n {
-                    return Ok((residual_n, iterations));
+            let moved = if self.newton_step() {
+                let mut moved = self.line_search(residual_n, iterations == 1);
+                if moved.is_none() && residual_n > floor_n && rising_steps < self.newton.max_rising_steps {
+                    rising_steps += 1;
+                    moved = self.line_search(residual_n, true).map(|(reached, _)| (reached, false));
                 }
-                return Err(SolveFailure { reason: FailureReason::SingularTangent, iterations, residual_n });
-            }
-            let (mut reached, full) = self.line_search(residual_n, iterations > 1);
-            if reached.is_none() && residual_n > floor_n && uphill < self.newton.max_rising_steps {
-                uphill += 1;
-                reached = self.line_search(residual_n, false).0;
-            }
-            let Some(reached) = reached else {
-                if residual_n <= floor_n {
-                    return Ok((residual_n, iterations));
-                }
-                return Err(SolveFailure { reason: FailureReason::LineSearch, iterations, residual_n });
+                moved.ok_or(FailureReason::LineSearch)
+            } else {
+                Err(FailureReason::SingularTangent)
+            };
+            let (reached, full) = match moved {
+                Ok(moved) => moved,
+                Err(_) if residual_n <= floor_n => return Ok((residual_n, iterations)),
+                Err(reason) => return Err(SolveFailure { reason, iterations, residual_n }),
             };
             has_tangent = false;
             next = Next::Newton;
@@ -207,49 +211,47 @@ impl Solver {
         // same factor.
         let frozen_steps = (libm::log(tolerance / reached) / libm::log(gain)).ceil().max(1.0);
         let relative = reached / self.scale_n();
-        let fresh_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };
-        let fresh_cost = 0.5 * self.problem.symbolic.factor_over_solve() + 2.0;
-        if frozen_steps * 2.0 <= fresh_steps * fresh_cost { Next::Frozen } else { Next::Newton }
+        let newton_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };
+        let newton_cost =
+            FACTOR_OPERATION_COST * self.problem.symbolic.factor_over_solve() + NEWTON_STEP_COST;
+        if frozen_steps * FROZEN_STEP_COST <= newton_steps * newton_cost {
+            Next::Frozen
+        } else {
+            Next::Newton
+        }
     }
 
     /// One quasi-Newton step with the current factor. `None`, with an unchanged state, if it does not reduce
     /// the residual.
     fn frozen_step(&mut self, residual_n: f64) -> Option<f64> {
-        for (right, r) in self.right.iter_mut().zip(&self.residual) {
-            *right = -r;
-        }
-        let n = self.residual.len();
-        self.factor.correct(&self.problem.symbolic, &self.right[..n], &mut self.step);
-        if !self.history.accelerate(&mut self.step) {
+        self.solve_unrefined();
+        if !self.history.apply_broyden(&mut self.step) {
             return None;
         }
-        self.move_by(1.0);
-        self.swap_trial();
-        let reached = self.evaluate(false);
+        let reached = self.try_step(1.0);
         if reached.is_nan() || reached >= residual_n {
-            self.swap_trial_back();
+            self.undo_step();
             return None;
         }
         self.history.push(&self.step);
         Some(reached)
     }
 
-    /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual; without `must_fall` a finite
-    /// residual is enough. Returns the new residual and whether the step was the full one.
-    fn line_search(&mut self, residual_n: f64, must_fall: bool) -> (Option<f64>, bool) {
+    /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual; if it `may_rise`, a finite residual
+    /// is enough. Returns the new residual and whether the step was the full one; `None`, with an unchanged
+    /// state, without such a step.
+    fn line_search(&mut self, residual_n: f64, may_rise: bool) -> Option<(f64, bool)> {
         let mut omega = 1.0;
         for halvings in 0..=self.newton.max_halvings {
-            self.move_by(omega);
-            self.swap_trial();
-            let reached = self.evaluate(false);
+            let reached = self.try_step(omega);
             // A step to a non-finite residual is always halved, including the first step.
-            if reached < residual_n || (!must_fall && reached.is_finite()) {
-                return (Some(reached), halvings == 0);
+            if reached < residual_n || (may_rise && reached.is_finite()) {
+                return Some((reached, halvings == 0));
             }
-            self.swap_trial_back();
+            self.undo_step();
             omega *= 0.5;
         }
-        (None, false)
+        None
     }
 
     /// Assembles at the state and returns the residual norm, N.
@@ -277,72 +279,67 @@ impl Solver {
     pub(super) fn scale_n(&self) -> f64 {
         let body = &self.problem.body;
         let reaction_n = norm(&self.assembled.force_on(self.problem.handle_nodes()));
-        reaction_n + self.assembled.load * norm(&body.external_force_n) + 1e-6 * body.force_scale_n()
+        reaction_n + self.assembled.load_factor * norm(&body.external_force_n) + 1e-6 * body.force_scale_n()
     }
 
-    /// trial = state + omega step for the unknowns (pressures converted to Pa); updates the multipliers too.
-    pub(super) fn move_by(&mut self, omega: f64) {
+    /// Adds omega times the step to the state (pressures converted to Pa) and to the multipliers, and returns
+    /// the residual norm there, N.
+    pub(super) fn try_step(&mut self, omega: f64) -> f64 {
         let body = &self.problem.body;
-        let (displacements, pressure_scale) = (body.displacement_len(), body.pressure_scale());
-        self.trial.copy_from_slice(&self.state);
+        let (displacement_len, pressure_scale) = (body.displacement_len(), body.pressure_scale());
+        self.previous.copy_from_slice(&self.state);
         for &(equation, position) in &self.problem.positions {
-            let unit = if position < displacements { 1.0 } else { pressure_scale };
-            self.trial[position] += omega * unit * self.step[equation];
+            let unit = if position < displacement_len { 1.0 } else { pressure_scale };
+            self.state[position] += omega * unit * self.step[equation];
         }
         for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
             *value += omega * self.step[m.equation as usize];
         }
         self.moved_by = omega;
+        self.evaluate(false)
     }
 
-    /// Exchanges the state and the trial state.
-    pub(super) fn swap_trial(&mut self) {
-        std::mem::swap(&mut self.state, &mut self.trial);
-    }
-
-    /// Undoes the last exchange and the change of the multipliers.
-    fn swap_trial_back(&mut self) {
-        std::mem::swap(&mut self.state, &mut self.trial);
+    /// Restores the state and the multipliers before the last [`Solver::try_step`].
+    fn undo_step(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.previous);
         for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
             *value -= self.moved_by * self.step[m.equation as usize];
         }
     }
 
-    /// Solves K step = -residual with the last assembled tangent.
-    pub(super) fn newton_step(&mut self) -> bool {
-        let problem = &*self.problem;
+    /// right = -residual.
+    fn negate_residual(&mut self) {
         for (right, r) in self.right.iter_mut().zip(&self.residual) {
             *right = -r;
         }
+    }
+
+    /// Solves K step = -residual with the last assembled tangent.
+    pub(super) fn newton_step(&mut self) -> bool {
+        self.negate_residual();
         self.factorisations += 1;
-        self.factor
-            .factorise_and_solve(
-                &problem.symbolic,
-                &problem.pattern,
-                &self.assembled.tangent,
-                &self.right[..self.residual.len()],
-                &mut self.step,
-                STEP,
-            )
-            .is_ok()
+        let matrix = self.problem.matrix(&self.assembled.tangent);
+        let right = &self.right[..self.residual.len()];
+        self.factor.factorise_and_solve(matrix, right, &mut self.step, STEP_ACCURACY).is_ok()
+    }
+
+    /// Solves K step = -residual with the current factor, without refinement.
+    fn solve_unrefined(&mut self) {
+        self.negate_residual();
+        let right = &self.right[..self.residual.len()];
+        self.factor.solve_unrefined(&self.problem.symbolic, right, &mut self.step);
     }
 
     /// Last correction of a converged state: one step with the current factor, kept if it does not raise the
     /// residual.
     pub(super) fn final_correction(&mut self, residual_n: f64) -> f64 {
-        for (right, r) in self.right.iter_mut().zip(&self.residual) {
-            *right = -r;
-        }
-        let n = self.residual.len();
-        self.factor.correct(&self.problem.symbolic, &self.right[..n], &mut self.step);
-        self.move_by(1.0);
-        self.swap_trial();
-        let reached = self.evaluate(false);
+        self.solve_unrefined();
+        let reached = self.try_step(1.0);
         if reached <= residual_n {
             return reached;
         }
         // The residual was at its rounding floor before the step.
-        self.swap_trial_back();
+        self.undo_step();
         self.evaluate(false)
     }
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::factor::{SENSITIVITY, STEP};
+use super::factor::{SENSITIVITY_ACCURACY, STEP_ACCURACY};
 use super::{Seed, SolveFailure, Solver};
 use crate::fem::assembly::third_derivatives;
 
@@ -25,26 +25,6 @@ pub struct IterationProfile {
     pub derivatives_s: f64,
     /// The whole iteration: assembly, factorisation, solve, residual at the new state.
     pub iteration_s: f64,
-}
-
-impl IterationProfile {
-    /// Median of each part over the profiles, of which there is at least one.
-    pub fn median(profiles: &[Self]) -> Self {
-        let of = |part: fn(&Self) -> f64| {
-            let mut values: Vec<f64> = profiles.iter().map(part).collect();
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
-        Self {
-            assembly_s: of(|p| p.assembly_s),
-            residual_s: of(|p| p.residual_s),
-            factorisation_s: of(|p| p.factorisation_s),
-            solve_s: of(|p| p.solve_s),
-            bare_solve_s: of(|p| p.bare_solve_s),
-            derivatives_s: of(|p| p.derivatives_s),
-            iteration_s: of(|p| p.iteration_s),
-        }
-    }
 }
 
 impl Solver {
@@ -78,21 +58,17 @@ impl Solver {
             self.factorise_only();
         });
         profile.bare_solve_s = clock(&mut || {
-            self.right[..rough.len()].copy_from_slice(&rough);
-            self.factor.correct(&self.problem.symbolic, &rough, &mut self.step);
+            self.factor.solve_unrefined(&self.problem.symbolic, &rough, &mut self.step);
         });
         profile.solve_s = clock(&mut || {
-            let problem = &*self.problem;
-            let (symbolic, pattern) = (&problem.symbolic, &problem.pattern);
-            self.factor.solve(symbolic, pattern, &self.assembled.tangent, &rough, &mut self.step, STEP);
+            let matrix = self.problem.matrix(&self.assembled.tangent);
+            self.factor.solve(matrix, &rough, &mut self.step, STEP_ACCURACY);
         });
         profile.iteration_s = clock(&mut || {
             self.evaluate(true);
             self.residual.copy_from_slice(&rough);
             self.newton_step();
-            self.move_by(1e-9);
-            self.swap_trial();
-            self.evaluate(false);
+            self.try_step(1e-9);
         });
         self.state.copy_from_slice(&here.seed.state);
         self.evaluate(true);
@@ -101,9 +77,8 @@ impl Solver {
         profile.derivatives_s = clock(&mut || {
             self.translation_columns();
             let problem = self.problem.clone();
-            let (symbolic, pattern) = (&problem.symbolic, &problem.pattern);
-            let (tangent, right) = (&self.assembled.tangent, &self.right);
-            self.factor.solve(symbolic, pattern, tangent, right, &mut self.columns, SENSITIVITY);
+            let matrix = problem.matrix(&self.assembled.tangent);
+            self.factor.solve(matrix, &self.right, &mut self.columns, SENSITIVITY_ACCURACY);
             let stiffness = self.condensed_stiffness(&problem);
             let sensitivity = self.sensitivity_of_state();
             std::hint::black_box((stiffness, third_derivatives(&problem.body, &self.state, &sensitivity)));
@@ -112,7 +87,6 @@ impl Solver {
     }
 
     fn factorise_only(&mut self) {
-        let problem = &*self.problem;
-        self.factor.factorise_first(&problem.symbolic, &problem.pattern, &self.assembled.tangent);
+        self.factor.factorise_first(self.problem.matrix(&self.assembled.tangent));
     }
 }

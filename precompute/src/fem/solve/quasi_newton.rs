@@ -45,7 +45,7 @@ impl StepHistory {
     }
 
     /// Converts z = -K_0^-1 r to the next step. Returns false if the update is singular.
-    pub(super) fn accelerate(&self, z: &mut [f64]) -> bool {
+    pub(super) fn apply_broyden(&self, z: &mut [f64]) -> bool {
         let Some(last) = self.len.checked_sub(1) else { return true };
         for j in 0..last {
             let share = inner(&self.steps[j], z) / self.squares[j];
@@ -80,7 +80,7 @@ mod tests {
             for _ in 0..MAX_STORED_STEPS {
                 let r = residual(&x);
                 let mut z: [f64; 3] = std::array::from_fn(|i| -r[i] / a[i][i]);
-                if accelerated && !history.accelerate(&mut z) {
+                if accelerated && !history.apply_broyden(&mut z) {
                     break;
                 }
                 history.push(&z);

@@ -2,8 +2,9 @@
 
 /// Treatment of an element type by this reader.
 pub(super) enum Kind {
-    Tet,
-    TenNodeTet,
+    Tet {
+        nodes: usize,
+    },
     /// Points, lines and triangles: their vertices become members of groups. The vertices are the first
     /// nodes.
     Lower {
@@ -22,8 +23,8 @@ pub(super) fn kind_of(element_type: u32) -> Kind {
         8 => Kind::Lower { dimension: 1, vertices: 2, nodes: 3 },
         2 => Kind::Lower { dimension: 2, vertices: 3, nodes: 3 },
         9 => Kind::Lower { dimension: 2, vertices: 3, nodes: 6 },
-        4 => Kind::Tet,
-        11 => Kind::TenNodeTet,
+        4 => Kind::Tet { nodes: 4 },
+        11 => Kind::Tet { nodes: 10 },
         3 => Kind::Refused("quadrangle"),
         5 => Kind::Refused("hexahedron"),
         6 => Kind::Refused("prism"),

@@ -285,7 +285,7 @@ fn files_of_gmsh_itself_are_read() {
 #[test]
 fn a_curved_edge_is_refused_beyond_a_millionth_of_its_length() {
     for format in FORMATS {
-        for (a, b) in EDGES {
+        for [a, b] in EDGES {
             // Edges of the second tet, whose vertices are 1, 2, 3, 4.
             let (a, b) = (a + 1, b + 1);
             let sound = Body::new();

@@ -53,14 +53,7 @@ impl MeshReport {
             ));
         }
         let s = &self.surface;
-        if !s.manifold {
-            said.push(format!(
-                "the surface is not a closed manifold ({}, {}, {}): parts can rotate about shared edges, or overlap",
-                count(s.non_manifold_edges, "bad edge"),
-                count(s.non_manifold_nodes, "bad node"),
-                count(s.overlapping_faces, "overlapping face")
-            ));
-        }
+        said.extend(s.topology.warning());
         let hanging = self.tets_by_free_faces[3] + self.tets_by_free_faces[4];
         if hanging > 0 {
             said.push(format!(
@@ -106,10 +99,10 @@ impl fmt::Display for MeshReport {
             f,
             "surface         {} triangles, {area:.1} cm2, {}",
             s.triangles,
-            count(s.pieces, "piece")
+            count(s.topology.pieces, "piece")
         )?;
         let manifold = if s.manifold { "closed manifold" } else { "NOT a closed manifold" };
-        writeln!(f, "                {manifold}, Euler characteristic {}", s.euler_characteristic)?;
+        writeln!(f, "                {manifold}, Euler characteristic {}", s.topology.euler_characteristic)?;
         let [none, one, two, three, four] = self.tets_by_free_faces;
         writeln!(f, "free faces      0: {none}, 1: {one}, 2: {two}, 3: {three}, 4: {four} tets")?;
         let Range { min, median, max, .. } = self.edge_m;

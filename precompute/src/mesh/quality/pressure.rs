@@ -26,17 +26,15 @@ pub struct PressureDoubts {
 
 /// Counts these places for the given fixed nodes.
 pub fn doubtful_for_pressure(mesh: &TetMesh, fixed: &[u32]) -> PressureDoubts {
-    let mut on_surface = vec![false; mesh.nodes_m.len()];
-    for node in Surface::of(mesh).nodes {
-        on_surface[node as usize] = true;
-    }
+    let skin = Surface::of(mesh);
     let mut is_fixed = vec![false; mesh.nodes_m.len()];
     for &node in fixed {
         is_fixed[node as usize] = true;
     }
-    let all = |tet: &[u32; 4], of: &[bool]| tet.iter().all(|&node| of[node as usize]);
+    let on_surface = |tet: &&[u32; 4]| tet.iter().all(|&node| skin.contains(node));
+    let all_fixed = |tet: &&[u32; 4]| tet.iter().all(|&node| is_fixed[node as usize]);
     let mut determined = vec![false; mesh.nodes_m.len()];
-    for tet in mesh.tets.iter().filter(|tet| !all(tet, &is_fixed)) {
+    for tet in mesh.tets.iter().filter(|tet| !all_fixed(tet)) {
         for &node in tet {
             determined[node as usize] = true;
         }
@@ -44,9 +42,9 @@ pub fn doubtful_for_pressure(mesh: &TetMesh, fixed: &[u32]) -> PressureDoubts {
     let sliver = |tet: &usize| smallest_dihedral_deg(&mesh.vertices_m(*tet)) < SLIVER_DEG;
     PressureDoubts {
         tets: mesh.tets.len(),
-        without_interior_vertex: mesh.tets.iter().filter(|tet| all(tet, &on_surface)).count(),
+        without_interior_vertex: mesh.tets.iter().filter(on_surface).count(),
         slivers_below_5_deg: (0..mesh.tets.len()).filter(sliver).count(),
-        all_fixed: mesh.tets.iter().filter(|tet| all(tet, &is_fixed)).count(),
+        all_fixed: mesh.tets.iter().filter(all_fixed).count(),
         undetermined_pressures: determined.iter().filter(|&&determined| !determined).count(),
     }
 }

@@ -1,10 +1,7 @@
-//! Shape measures of a tet, and edge lengths.
+//! Shape measures of a tet.
 
-use std::collections::HashSet;
-
-use crate::mesh::TetMesh;
 use crate::mesh::surface::FACES;
-use crate::mesh::tetrahedral::{EDGES, six_volume, sorted};
+use crate::mesh::tetrahedral::{EDGES, six_volume};
 use crate::num::vector::{cross, difference, distance, dot, norm};
 
 /// The dihedral angles at the six edges, in the order of [`EDGES`], degrees.
@@ -15,26 +12,12 @@ use crate::num::vector::{cross, difference, distance, dot, norm};
 pub(super) fn dihedral_angles_deg(x: &[[f64; 3]; 4]) -> [f64; 6] {
     // EDGES[5 - e] is the edge opposite to EDGES[e].
     std::array::from_fn(|e| {
-        let ((a, b), (c, d)) = (EDGES[e], EDGES[5 - e]);
+        let ([a, b], [c, d]) = (EDGES[e], EDGES[5 - e]);
         let edge = difference(x[b], x[a]);
         let first = cross(edge, difference(x[c], x[a]));
         let second = cross(edge, difference(x[d], x[a]));
         libm::atan2(norm(cross(first, second)), dot(first, second)).to_degrees()
     })
-}
-
-/// Length of each edge, in order of first appearance.
-pub(super) fn edge_lengths(mesh: &TetMesh) -> Vec<f64> {
-    let mut seen = HashSet::with_capacity(2 * mesh.tets.len());
-    let mut lengths = Vec::new();
-    for tet in &mesh.tets {
-        for (a, b) in EDGES {
-            if seen.insert(sorted([tet[a], tet[b]])) {
-                lengths.push(distance(mesh.nodes_m[tet[a] as usize], mesh.nodes_m[tet[b] as usize]));
-            }
-        }
-    }
-    lengths
 }
 
 /// The smallest of a tet's dihedral angles.
@@ -46,7 +29,7 @@ pub(super) fn smallest_dihedral_deg(x: &[[f64; 3]; 4]) -> f64 {
 ///
 /// The inscribed sphere's radius is 3 V / A; in a regular tet of edge l it is l / (2 sqrt 6).
 pub(super) fn aspect(x: &[[f64; 3]; 4]) -> f64 {
-    let longest = EDGES.iter().map(|&(a, b)| distance(x[a], x[b])).fold(0.0, f64::max);
+    let longest = EDGES.iter().map(|&[a, b]| distance(x[a], x[b])).fold(0.0, f64::max);
     let area: f64 = FACES
         .iter()
         .map(|&[a, b, c]| 0.5 * norm(cross(difference(x[b], x[a]), difference(x[c], x[a]))))

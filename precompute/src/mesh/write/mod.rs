@@ -3,11 +3,11 @@
 //!
 //! Each file is written under a temporary name and renamed, so that a reader never sees a partial file.
 
-pub(crate) mod series;
-pub mod vtu;
+mod series;
+mod vtu;
 
 pub use series::Series;
-pub use vtu::{Cells, Field, Grid};
+pub use vtu::{Cell, Field, Grid};
 
 /// Escapes a text for an XML attribute.
 fn escaped(text: &str) -> String {

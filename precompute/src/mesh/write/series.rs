@@ -2,8 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::escaped;
-use super::vtu::{self, Grid, WriteError};
+use super::{Grid, escaped};
 use crate::files::write_atomically;
 
 /// A growing series: `NAME.pvd`, and `NAME/step_0000.vtu`, `NAME/step_0001.vtu`, ...
@@ -34,15 +33,15 @@ impl Series {
     }
 
     /// Folder of the steps.
-    pub(crate) fn folder(&self) -> PathBuf {
+    fn folder(&self) -> PathBuf {
         self.path.with_extension("")
     }
 
     /// Writes the next step, then the list that includes it.
-    pub fn add(&mut self, time: f64, grid: &Grid<'_>) -> Result<(), WriteError> {
+    pub fn add(&mut self, time: f64, grid: &Grid<'_>) -> std::io::Result<()> {
         let file = format!("step_{:04}.vtu", self.steps);
         let folder = self.folder();
-        vtu::write(&folder.join(&file), grid)?;
+        grid.write(&folder.join(&file))?;
         // Relative to the list, so that list and folder can be moved together.
         let folder = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
         self.entries.push_str(&format!(
@@ -50,7 +49,7 @@ impl Series {
             escaped(&folder)
         ));
         self.steps += 1;
-        Ok(self.write_list()?)
+        self.write_list()
     }
 
     fn write_list(&self) -> std::io::Result<()> {
@@ -70,7 +69,7 @@ mod tests {
     use super::*;
     use crate::mesh::LengthUnit;
     use crate::mesh::testing::cube;
-    use crate::mesh::write::{Cells, Field};
+    use crate::mesh::write::{Cell, Field};
 
     /// Times and files of the list, each file read as a mesh.
     fn list(path: &Path) -> Vec<(f64, String)> {
@@ -98,10 +97,10 @@ mod tests {
         for step in 0..3 {
             let u = vec![f64::from(step); 24];
             let point_data = [Field { name: "displacement_m", components: 3, values: &u }];
-            let cells = Cells::Tet4(&mesh.tets);
             let grid = Grid {
                 nodes_m: &mesh.nodes_m,
-                cells,
+                cell: Cell::Tet4,
+                connectivity: mesh.tets.as_flattened(),
                 point_data: &point_data,
                 cell_data: &[],
                 field_data: &[],

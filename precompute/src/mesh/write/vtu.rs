@@ -3,8 +3,7 @@
 //! Data are inline base64 with 64-bit headers: well-formed XML that any XML tool can read, a third larger
 //! than raw appended bytes. An inconsistent grid is refused before a file is written.
 
-use std::borrow::Cow;
-use std::fmt;
+use std::io;
 use std::path::Path;
 
 use base64::Engine;
@@ -13,40 +12,24 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use super::escaped;
 use crate::files::write_atomically;
 
-/// The cells of a grid: tets of one order, or isolated points.
-#[derive(Debug, Clone, Copy)]
-pub enum Cells<'a> {
+/// Kind of all cells of a grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cell {
+    /// One point (VTK type 1).
+    Vertex,
     /// Four vertices (VTK type 10).
-    Tet4(&'a [[u32; 4]]),
+    Tet4,
     /// Four vertices, then the midpoints of the edges 01, 12, 02, 03, 13, 23 (VTK type 24).
-    Tet10(&'a [[u32; 10]]),
-    /// This number of points, each a cell (VTK type 1).
-    Vertices(usize),
+    Tet10,
 }
 
-impl Cells<'_> {
-    fn len(&self) -> usize {
+impl Cell {
+    /// Number of nodes, and the VTK type.
+    fn shape(self) -> (usize, u8) {
         match self {
-            Self::Tet4(cells) => cells.len(),
-            Self::Tet10(cells) => cells.len(),
-            Self::Vertices(count) => *count,
-        }
-    }
-
-    fn nodes(&self) -> Cow<'_, [u32]> {
-        match self {
-            Self::Tet4(cells) => cells.as_flattened().into(),
-            Self::Tet10(cells) => cells.as_flattened().into(),
-            Self::Vertices(count) => (0..*count as u32).collect(),
-        }
-    }
-
-    /// Number of nodes per cell, and the VTK type.
-    fn shape(&self) -> (usize, u8) {
-        match self {
-            Self::Tet4(_) => (4, 10),
-            Self::Tet10(_) => (10, 24),
-            Self::Vertices(_) => (1, 1),
+            Self::Vertex => (1, 1),
+            Self::Tet4 => (4, 10),
+            Self::Tet10 => (10, 24),
         }
     }
 }
@@ -67,8 +50,10 @@ pub struct Field<'a> {
 pub struct Grid<'a> {
     /// Node positions at rest, m.
     pub nodes_m: &'a [[f64; 3]],
-    /// Cells.
-    pub cells: Cells<'a>,
+    /// Kind of the cells.
+    pub cell: Cell,
+    /// Nodes of the cells, cell by cell.
+    pub connectivity: &'a [u32],
     /// Data per node.
     pub point_data: &'a [Field<'a>],
     /// Data per cell.
@@ -77,97 +62,60 @@ pub struct Grid<'a> {
     pub field_data: &'a [Field<'a>],
 }
 
-/// Error of writing a grid.
-#[derive(Debug)]
-pub enum WriteError {
-    /// The file could not be written.
-    Io(std::io::Error),
-    /// A cell refers to a node that does not exist.
-    NoSuchNode {
-        /// Index of the cell.
-        cell: usize,
-        /// The node index.
-        node: u32,
-    },
-    /// The length of a field does not match the number of points or cells, or one tuple.
-    FieldLength {
-        /// Name of the field.
-        field: String,
-        /// Number of values.
-        found: usize,
-        /// Required number of values.
-        due: usize,
-    },
-}
+impl Grid<'_> {
+    /// Writes the grid atomically; an existing file is replaced.
+    pub(super) fn write(&self, path: &Path) -> io::Result<()> {
+        write_atomically(path, self.encode()?.as_bytes())
+    }
 
-impl fmt::Display for WriteError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Io(error) => write!(f, "{error}"),
-            Self::NoSuchNode { cell, node } => {
-                write!(f, "cell {cell} names node {node}, which does not exist")
-            }
-            Self::FieldLength { field, found, due } => {
-                write!(f, "field `{field}` has {found} values where {due} are due")
-            }
+    /// The text of a VTU file. An inconsistent grid is an error of the kind `InvalidInput`.
+    pub fn encode(&self) -> io::Result<String> {
+        let (per_cell, vtk_type) = self.cell.shape();
+        let (points, cells) = (self.nodes_m.len(), self.connectivity.len() / per_cell);
+        if let Some(at) = self.connectivity.iter().position(|&node| node as usize >= points) {
+            let (cell, node) = (at / per_cell, self.connectivity[at]);
+            return Err(inconsistent(format!("cell {cell} names node {node}, which does not exist")));
         }
+        let mut out = String::from(
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
+             header_type=\"UInt64\">\n<UnstructuredGrid>\n",
+        );
+        out.push_str("<FieldData>\n");
+        for field in self.field_data {
+            push_field(&mut out, field, 1, " NumberOfTuples=\"1\"")?;
+        }
+        out.push_str(&format!(
+            "</FieldData>\n<Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">\n<PointData>\n"
+        ));
+        for field in self.point_data {
+            push_field(&mut out, field, points, "")?;
+        }
+        out.push_str("</PointData>\n<CellData>\n");
+        for field in self.cell_data {
+            push_field(&mut out, field, cells, "")?;
+        }
+        out.push_str("</CellData>\n<Points>\n");
+        push_floats(&mut out, "Points", 3, "", self.nodes_m.as_flattened());
+        out.push_str("</Points>\n<Cells>\n");
+        let connectivity = self.connectivity.iter().flat_map(|&node| i64::from(node).to_le_bytes());
+        push_array(&mut out, "Int64", "connectivity", "", connectivity);
+        let ends = (1..=cells).flat_map(|cell| ((cell * per_cell) as i64).to_le_bytes());
+        push_array(&mut out, "Int64", "offsets", "", ends);
+        push_array(&mut out, "UInt8", "types", "", std::iter::repeat_n(vtk_type, cells));
+        out.push_str("</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n");
+        Ok(out)
     }
 }
 
-impl std::error::Error for WriteError {}
-
-impl From<std::io::Error> for WriteError {
-    fn from(error: std::io::Error) -> Self {
-        Self::Io(error)
-    }
+fn inconsistent(what: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, what)
 }
 
-/// Writes a grid atomically; an existing file is replaced.
-pub(super) fn write(path: &Path, grid: &Grid<'_>) -> Result<(), WriteError> {
-    Ok(write_atomically(path, encode(grid)?.as_bytes())?)
-}
-
-/// The text of a VTU file.
-pub fn encode(grid: &Grid<'_>) -> Result<String, WriteError> {
-    let (points, cells) = (grid.nodes_m.len(), grid.cells.len());
-    let (per_cell, vtk_type) = grid.cells.shape();
-    if let Some(at) = grid.cells.nodes().iter().position(|&node| node as usize >= points) {
-        return Err(WriteError::NoSuchNode { cell: at / per_cell, node: grid.cells.nodes()[at] });
-    }
-    let mut out = String::from(
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
-         header_type=\"UInt64\">\n<UnstructuredGrid>\n",
-    );
-    out.push_str("<FieldData>\n");
-    for field in grid.field_data {
-        push_field(&mut out, field, 1, " NumberOfTuples=\"1\"")?;
-    }
-    out.push_str(&format!(
-        "</FieldData>\n<Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">\n<PointData>\n"
-    ));
-    for field in grid.point_data {
-        push_field(&mut out, field, points, "")?;
-    }
-    out.push_str("</PointData>\n<CellData>\n");
-    for field in grid.cell_data {
-        push_field(&mut out, field, cells, "")?;
-    }
-    out.push_str("</CellData>\n<Points>\n");
-    push_floats(&mut out, "Points", 3, "", grid.nodes_m.as_flattened());
-    out.push_str("</Points>\n<Cells>\n");
-    let node = |node: &u32| i64::from(*node).to_le_bytes();
-    push_array(&mut out, "Int64", "connectivity", "", grid.cells.nodes().iter().flat_map(node));
-    let ends = (1..=cells).flat_map(|cell| ((cell * per_cell) as i64).to_le_bytes());
-    push_array(&mut out, "Int64", "offsets", "", ends);
-    push_array(&mut out, "UInt8", "types", "", std::iter::repeat_n(vtk_type, cells));
-    out.push_str("</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n");
-    Ok(out)
-}
-
-fn push_field(out: &mut String, field: &Field<'_>, tuples: usize, more: &str) -> Result<(), WriteError> {
+fn push_field(out: &mut String, field: &Field<'_>, tuples: usize, more: &str) -> io::Result<()> {
     let (found, due) = (field.values.len(), tuples * field.components);
     if found != due {
-        return Err(WriteError::FieldLength { field: field.name.into(), found, due });
+        let name = field.name;
+        return Err(inconsistent(format!("field `{name}` has {found} values where {due} are due")));
     }
     push_floats(out, field.name, field.components, more, field.values);
     Ok(())
@@ -203,7 +151,8 @@ mod tests {
     fn grid(mesh: &TetMesh) -> Grid<'_> {
         Grid {
             nodes_m: &mesh.nodes_m,
-            cells: Cells::Tet4(&mesh.tets),
+            cell: Cell::Tet4,
+            connectivity: mesh.tets.as_flattened(),
             point_data: &[],
             cell_data: &[],
             field_data: &[],
@@ -213,7 +162,7 @@ mod tests {
     fn read_back(grid: &Grid<'_>) -> (TetMesh, String) {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("state.vtu");
-        write(&path, grid).expect("written");
+        grid.write(&path).expect("written");
         assert_eq!(
             std::fs::read_dir(folder.path()).expect("it is there").count(),
             1,
@@ -270,7 +219,8 @@ mod tests {
         all.extend([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)].map(|(a, b)| middle(a, b)));
         let tets = [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9]];
         let none = TetMesh::default();
-        let grid = Grid { nodes_m: &all, cells: Cells::Tet10(&tets), ..grid(&none) };
+        let connectivity = &tets.as_flattened();
+        let grid = Grid { nodes_m: &all, cell: Cell::Tet10, connectivity, ..grid(&none) };
         // The reader checks that each mid-edge node is in the middle of its edge.
         let (back, text) = read_back(&grid);
         assert_eq!((back.nodes_m, back.tets), (nodes.to_vec(), vec![[0, 1, 2, 3]]));
@@ -284,7 +234,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("state.vtu");
         let refused = |grid: &Grid<'_>| {
-            let error = write(&path, grid).expect_err("planted fault").to_string();
+            let error = grid.write(&path).expect_err("planted fault").to_string();
             assert_eq!(std::fs::read_dir(folder.path()).expect("it is there").count(), 0);
             error
         };
@@ -295,6 +245,7 @@ mod tests {
         let error = refused(&Grid { nodes_m: &mesh.nodes_m[..7], ..grid(&mesh) });
         assert!(error.contains("cell 0 names node 7"), "{error}");
         let nowhere = folder.path().join("none/state.vtu");
-        assert!(matches!(write(&nowhere, &grid(&mesh)), Err(WriteError::Io(_))));
+        let error = grid(&mesh).write(&nowhere).expect_err("no such folder");
+        assert_eq!(error.kind(), io::ErrorKind::NotFound);
     }
 }

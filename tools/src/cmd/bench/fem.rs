@@ -156,8 +156,17 @@ fn measure(
         whole.push(start.elapsed().as_secs_f64());
         reached = Some((spent, configuration.residual_n));
     }
-    let (spent, residual_n) = reached.expect("at least one repetition");
-    let profile = IterationProfile::median(&profiles);
+    let ((iterations, factorisations), residual_n) = reached.expect("at least one repetition");
+    let part = |of: fn(&IterationProfile) -> f64| median(profiles.iter().map(of).collect());
+    let profile = IterationProfile {
+        assembly_s: part(|p| p.assembly_s),
+        residual_s: part(|p| p.residual_s),
+        factorisation_s: part(|p| p.factorisation_s),
+        solve_s: part(|p| p.solve_s),
+        bare_solve_s: part(|p| p.bare_solve_s),
+        derivatives_s: part(|p| p.derivatives_s),
+        iteration_s: part(|p| p.iteration_s),
+    };
     let (_, factor_entries) = problem.entries();
     let (configuration_s, configuration_with_derivatives_s) = (median(bare), median(whole));
     Ok(Row {
@@ -170,8 +179,8 @@ fn measure(
         derivatives_share: profile.derivatives_s / configuration_s,
         derivatives_share_of_whole: profile.derivatives_s / configuration_with_derivatives_s,
         configuration_s,
-        iterations: spent.iterations,
-        factorisations: spent.factorisations,
+        iterations,
+        factorisations,
         configuration_with_derivatives_s,
         residual_n,
         peer: None,

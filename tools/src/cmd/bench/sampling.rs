@@ -18,7 +18,7 @@ use palpate_precompute::fit::{Centre, Kernel, KernelFit, RbfFit, Sample, fit_rbf
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::num::parallel::in_parallel;
-use palpate_precompute::num::sequence::{on_sphere, r3};
+use palpate_precompute::num::sequence::in_ball;
 use palpate_precompute::num::vector::{distance, norm};
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::spec::{GridIndex, Lattice, Requirements, SpaceGrid, Tolerance};
@@ -194,7 +194,7 @@ impl Case<'_> {
         let mut places = Vec::new();
         // Sequence numbers that the candidates do not use.
         for n in 1_000_000..1_000_000 + 400 * count as u32 {
-            let at = in_ball(n, wanted.radius_m);
+            let at = in_ball(n, 0.5, wanted.radius_m);
             let said = reference.search.fit().force_n(at);
             if norm(said) > 1.1 * wanted.max_force_n || !is_inside(wanted, at) {
                 continue;
@@ -320,7 +320,7 @@ impl Baselines<'_> {
     /// Centres within reach, each the farthest from those before it, until their number is sufficient.
     fn by_centres(&self, way: &'static str, real: Real<'_>) -> Need {
         let candidates: Vec<[f64; 3]> = (0..CANDIDATES)
-            .map(|n| in_ball(n, self.wanted.radius_m))
+            .map(|n| in_ball(n, 0.5, self.wanted.radius_m))
             .filter(|&at| is_inside(&self.wanted, at) && is_reached(&self.wanted, self.reference.force_n(at)))
             .collect();
         let mut gaps = vec![f64::INFINITY; candidates.len()];
@@ -411,12 +411,6 @@ fn is_reached(wanted: &Requirements, force_n: [f64; 3]) -> bool {
     norm(force_n) <= wanted.max_force_n && wanted.push.is_none_or(|normal| along(normal) <= 0.0)
 }
 
-/// Point `n` of a uniform low-discrepancy sequence in a ball (R3 sequence: Roberts 2018).
-fn in_ball(n: u32, radius_m: f64) -> [f64; 3] {
-    let [r, z, turn] = r3(n, 0.5);
-    on_sphere(2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos()).map(|x| radius_m * r.cbrt() * x)
-}
-
 impl Row {
     fn in_words(&self) -> String {
         let (solves, wider, p99) = self.reference;
@@ -450,7 +444,7 @@ mod tests {
 
     #[test]
     fn positions_fill_the_ball_and_what_a_tool_meets_has_a_side() {
-        let inside = (0..4000).filter(|&n| norm(in_ball(n, 1.0)) < 0.5).count();
+        let inside = (0..4000).filter(|&n| norm(in_ball(n, 0.5, 1.0)) < 0.5).count();
         assert!((450..550).contains(&inside), "{inside}: an eighth is in the inner half");
         let tolerance = Tolerance::IMPERCEPTIBLE;
         let push = Some([0.0, 0.0, 1.0]);

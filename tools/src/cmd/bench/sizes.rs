@@ -7,7 +7,7 @@ use clap::Args as ClapArgs;
 use palpate_precompute::fem::body::{Body, Model};
 use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::{Material, MooneyRivlin, NeoHookean};
-use palpate_precompute::fem::solve::{IterationProfile, Problem, Solver};
+use palpate_precompute::fem::solve::{Problem, Solver};
 use palpate_precompute::mesh::TetMesh;
 
 use crate::failure::Failure;
@@ -60,7 +60,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             let failed = |error| Failure::work(format!("{name}, {n} cells: {error}"));
             let rest = solver.rest().map_err(failed)?;
             let one = solver.advance(&rest.seed, [0.0, 0.0, 1e-3]).map_err(failed)?;
-            let profile = IterationProfile::median(&[solver.profile(&one.seed).map_err(failed)?]);
+            let profile = solver.profile(&one.seed).map_err(failed)?;
             output::line(format!(
                 "{name:20} {:>9} {:>18} {symbolic_s:>11.2} {:>11.4} {:>9.3} {:>12.3} {:>10}",
                 problem.unknowns(),

@@ -59,17 +59,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "PNG")]
     picture: Option<PathBuf>,
     /// Of a mesh: its unit of length, m, cm or mm (a scene states its own) [default: m]
-    #[arg(long, value_parser = unit)]
+    #[arg(long)]
     unit: Option<LengthUnit>,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     replace: Replace,
-}
-
-fn unit(text: &str) -> Result<LengthUnit, String> {
-    LengthUnit::from_name(text).ok_or_else(|| "use m, cm or mm".into())
 }
 
 /// Runs the command.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use palpate_precompute::fit::BranchJump;
 use palpate_precompute::held_out::Summary;
-use palpate_precompute::mesh::write::vtu::{self, Cells, Field, Grid};
+use palpate_precompute::mesh::write::{Cell, Field, Grid};
 use palpate_precompute::num::vector::norm;
 use palpate_precompute::space::{Equilibrium, FallbackLattice, Record, Store, branch_jumps, state};
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
@@ -262,7 +262,8 @@ impl Space {
         let field = |name, components, values| Field { name, components, values };
         let cloud = Grid {
             nodes_m: &points,
-            cells: Cells::Vertices(points.len()),
+            cell: Cell::Vertex,
+            connectivity: &(0..points.len() as u32).collect::<Vec<u32>>(),
             point_data: &[
                 field("tag", 1, &tag),
                 field("energy_j", 1, &energy),
@@ -279,7 +280,7 @@ impl Space {
             cell_data: &[],
             field_data: &[],
         };
-        file.put(vtu::encode(&cloud).map_err(Failure::work)?.as_bytes())
+        file.put(cloud.encode().map_err(Failure::work)?.as_bytes())
     }
 }
 

@@ -3,12 +3,19 @@
 use std::sync::Arc;
 
 use nalgebra::{Rotation3, Vector3};
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::boundary::{Constraints, Handle, Pose};
-use palpate_precompute::fem::element::{EDGES, Order};
-use palpate_precompute::fem::material::Material;
-use palpate_precompute::fem::solve::{Configuration, Problem, Solver, solve_body_force};
-use palpate_tests::{beam, mooney_rivlin, nearest_node, nodes_where};
+
+use crate::fem::body::{Body, Model};
+use crate::fem::boundary::{Constraints, Handle, Pose};
+use crate::fem::element::{EDGES, Order};
+use crate::fem::material::{Material, mooney_rivlin};
+use crate::fem::solve::{Configuration, Problem, Solver, solve_body_force};
+use crate::mesh::TetMesh;
+use crate::mesh::testing::{box_mesh, nodes_where};
+
+/// A beam of 80 x 40 x 40 mm.
+fn beam() -> TetMesh {
+    box_mesh([4, 2, 2], 0.02)
+}
 
 fn problem(model: &Model, handle: &Handle, constraints: Constraints) -> Arc<Problem> {
     let body = Arc::new(Body::new(&beam(), model).expect("every element has volume"));
@@ -20,7 +27,7 @@ fn fixed() -> Vec<u32> {
 }
 
 fn top() -> u32 {
-    nearest_node(&beam(), [0.06, 0.02, 0.04])
+    nodes_where(&beam(), |x| (x[0] - 0.06).abs() < 0.01 && (x[1] - 0.02).abs() < 0.01 && x[2] == 0.04)[0]
 }
 
 /// A patch of the top face around its middle.
@@ -141,7 +148,7 @@ fn moment_of_a_patch(name: &str, model: &Model) {
     let again = reach(&mut solver, &pose);
     let body = &solver.problem().body;
     let mut sum = Vector3::zeros();
-    for node in 0..body.node_count() {
+    for node in 0..body.nodes_m.len() {
         let at = |v: &[f64]| Vector3::new(v[3 * node], v[3 * node + 1], v[3 * node + 2]);
         let place = Vector3::from(body.nodes_m[node]) + at(&again.seed.state);
         sum += place.cross(&at(solver.nodal_force_n()));
@@ -192,7 +199,7 @@ fn a_body_force_does_exact_work_on_every_field_of_the_element() {
             Model { order, body_force_n_m3: [0.0, 0.0, force], ..Model::uniform(mooney_rivlin(), &fixed()) };
         let body = Body::new(&mesh, &model).expect("every element has volume");
         for power in powers {
-            let work: f64 = (0..body.node_count())
+            let work: f64 = (0..body.nodes_m.len())
                 .map(|n| body.external_force_n[3 * n + 2] * body.nodes_m[n][0].powi(power))
                 .sum();
             let exact = force * moment(power);

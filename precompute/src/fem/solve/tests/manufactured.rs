@@ -7,15 +7,17 @@
 //! L2. The meshes are irregular and not nested, so the observed orders scatter by about 0.2.
 
 use nalgebra::{Matrix3, Vector3};
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::element::{EDGES, Order, QUADRATIC};
-use palpate_precompute::fem::kinematics::Kinematics;
-use palpate_precompute::fem::material::{Lame, LinearElastic, Material, NeoHookean, StVenantKirchhoff};
-use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::solve_body_force;
-use palpate_precompute::mesh::TetMesh;
-use palpate_tests::{box_mesh, mooney_rivlin, nodes_where};
 use std::f64::consts::PI;
+
+use crate::fem::body::{Body, Model};
+use crate::fem::element::{EDGES, Order, QUADRATIC, shape_gradients};
+use crate::fem::kinematics::Kinematics;
+use crate::fem::material::{Lame, LinearElastic, Material, NeoHookean, StVenantKirchhoff, mooney_rivlin};
+use crate::fem::pressure::PressurePair;
+use crate::fem::solve::solve_body_force;
+use crate::mesh::TetMesh;
+use crate::mesh::testing::{box_mesh, nodes_where};
+use crate::num::tensor::Vec3;
 
 /// The chosen fields on the unit cube.
 struct Solution {
@@ -182,13 +184,14 @@ fn errors(solution: &Solution, law: Material, order: Order, pair: PressurePair, 
             let x = place(index, &point.barycentric, &mesh);
             let weight = element.tet.volume_m3 * point.weight;
             let nodes = body.nodes_of(index);
+            let gradients = shape_gradients(&element.tet.gradients.map(Vec3::from), point);
             let (mut u, mut h) = (Vector3::zeros(), Matrix3::zeros());
             for (a, &node) in nodes.iter().enumerate() {
                 let base = 3 * node as usize;
                 let value = Vector3::new(state[base], state[base + 1], state[base + 2]);
                 let gradient: Vector3<f64> = match order {
                     Order::Linear => element.tet.gradients[a],
-                    Order::Quadratic => element.tet.shape_gradients(point)[a],
+                    Order::Quadratic => Vector3::from(gradients[a].0),
                 };
                 u += value * shape(order, &point.barycentric, a);
                 h += value * gradient.transpose();

@@ -1,12 +1,14 @@
 //! Homogeneous deformations: patch test, rigid motions, closed forms of simple states, small strains.
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
-use palpate_precompute::fem::assembly::{Assembled, Pattern};
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::boundary::{Constraints, DofMap};
-use palpate_precompute::fem::element::Order;
-use palpate_precompute::fem::material::Material;
-use palpate_tests::{box_mesh, mooney_rivlin};
+
+use super::{Assembled, Pattern};
+use crate::fem::body::{Body, Model};
+use crate::fem::boundary::{Constraints, DofMap};
+use crate::fem::element::Order;
+use crate::fem::kinematics::Kinematics;
+use crate::fem::material::{Material, mooney_rivlin};
+use crate::mesh::testing::box_mesh;
 
 const C10_PA: f64 = 1300.0;
 const C01_PA: f64 = 1280.0;
@@ -39,7 +41,7 @@ fn homogeneous(body: &Body, gradient: &Matrix3<f64>, pressure_pa: f64) -> (Assem
 /// Total nodal force on the face at the far end of `axis`.
 fn face_force(body: &Body, result: &Assembled, axis: usize) -> Vector3<f64> {
     let on_face =
-        (0..body.node_count() as u32).filter(|&n| body.nodes_m[n as usize][axis] > SIZE_M[axis] - 1e-9);
+        (0..body.nodes_m.len() as u32).filter(|&n| body.nodes_m[n as usize][axis] > SIZE_M[axis] - 1e-9);
     Vector3::from(result.force_on(&on_face.collect::<Vec<_>>()))
 }
 
@@ -58,7 +60,7 @@ fn the_patch_test_holds_for_inner_nodes_and_faces() {
             let largest = result.nodal_force_n.iter().fold(0.0f64, |m, f| m.max(f.abs()));
             let inside = |x: &[f64; 3]| (0..3).all(|a| x[a] > 1e-9 && x[a] < SIZE_M[a] - 1e-9);
             let mut inner = 0;
-            for node in (0..body.node_count()).filter(|&n| inside(&body.nodes_m[n])) {
+            for node in (0..body.nodes_m.len()).filter(|&n| inside(&body.nodes_m[n])) {
                 inner += 1;
                 for axis in 0..3 {
                     worst = worst.max(result.nodal_force_n[3 * node + axis].abs() / largest);
@@ -71,7 +73,7 @@ fn the_patch_test_holds_for_inner_nodes_and_faces() {
                 let force = Vector3::from(result.force_on(&[node as u32]));
                 moment += force * Vector3::from(*x).transpose();
             }
-            let k = palpate_precompute::fem::kinematics::Kinematics::of(&(gradient - Matrix3::identity()));
+            let k = Kinematics::of(&(gradient - Matrix3::identity()));
             let rest_pa = law.rest_pressure_pa().unwrap_or(0.0);
             let q_pa = if body.has_pressure() { 5000.0 - rest_pa } else { 0.0 };
             let (_, stress) = law.stress(&k, q_pa);

@@ -1,0 +1,4 @@
+//! Verification of whole solves: constraints and reactions, and convergence to manufactured solutions.
+
+mod constraints;
+mod manufactured;
