@@ -6,7 +6,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use palpate_core::{AlignedBytes, Method, Organ, vec3};
-use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fem::Solver;
 use palpate_precompute::pipeline::{Analysis, Run, certified_blob};
 
 fn main() -> Result<(), Box<dyn Error>> {

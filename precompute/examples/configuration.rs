@@ -5,9 +5,8 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use palpate_precompute::fem::body::{Body, Model};
 use palpate_precompute::fem::material::{Lame, NeoHookean};
-use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::fem::{Body, Model, Problem, Solver};
 use palpate_precompute::mesh::TetMesh;
 
 fn main() -> Result<(), Box<dyn Error>> {

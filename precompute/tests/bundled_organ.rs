@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use palpate_precompute::adaptive::Search;
 use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::mesh::{MeshReport, Surface};
-use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::num::EnergyJet;
 use palpate_precompute::pipeline::{Analysis, Run};
 use palpate_precompute::scene::Scene;
 use palpate_precompute::space::{Store, state};

@@ -4,8 +4,6 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::invariants::{
     Derivatives, I1, I2, Invariants, J, OfInvariants, Third, no_third,
 };
@@ -13,7 +11,7 @@ use palpate_precompute::fem::material::{
     Describe, Kinematics, Lame, Law, LinearElastic, Mat3, Material, MooneyRivlin, NeoHookean, Real, Tangent,
     Value, check,
 };
-use palpate_precompute::fem::solve::{Configuration, Problem, Solver};
+use palpate_precompute::fem::{Body, Configuration, Model, Order, Problem, Solver};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::scene::Scene;

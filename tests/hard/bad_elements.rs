@@ -1,10 +1,7 @@
 //! Slivers and large ratios of element size, compared with exact solutions.
 
-use palpate_precompute::fem::body::Model;
-use palpate_precompute::fem::boundary::Handle;
-use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::{Lame, Material, NeoHookean, StVenantKirchhoff};
-use palpate_precompute::fem::solve::{Configuration, Solver};
+use palpate_precompute::fem::{Configuration, Handle, Model, Order, Solver};
 use palpate_precompute::mesh::{MeshReport, TetMesh};
 use palpate_tests::{mooney_rivlin, nearest_node, nodes_where};
 
@@ -32,7 +29,7 @@ fn confined(mesh: &TetMesh, material: Material, order: Order) -> (Configuration,
     });
     model.rollers = sides.collect();
     let lid = nodes_where(mesh, |x| on(x[2], high[2]));
-    let mut body = palpate_precompute::fem::body::Body::new(mesh, &model).expect("every element has volume");
+    let mut body = palpate_precompute::fem::Body::new(mesh, &model).expect("every element has volume");
     // The prescribed nodes include the mid-edge nodes of the lid.
     let plate: Vec<u32> =
         (0u32..).zip(&body.nodes_m).filter(|(_, x)| on(x[2], high[2])).map(|(n, _)| n).collect();

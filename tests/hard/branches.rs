@@ -3,10 +3,8 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::body::Model;
-use palpate_precompute::fem::boundary::{Handle, Pose};
 use palpate_precompute::fem::material::{Material, StVenantKirchhoff};
-use palpate_precompute::fem::solve::{Configuration, Problem, SolveFailure, Solver};
+use palpate_precompute::fem::{Configuration, Handle, Model, Pose, Problem, SolveFailure, Solver};
 use palpate_precompute::scene::Scene;
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, soft_beam, st_venant_kirchhoff};
 

@@ -1,9 +1,7 @@
 //! Compression until elements collapse.
 
-use palpate_precompute::fem::body::Model;
-use palpate_precompute::fem::boundary::Handle;
 use palpate_precompute::fem::material::{Lame, Material, NeoHookean};
-use palpate_precompute::fem::solve::{FailureReason, Solver};
+use palpate_precompute::fem::{FailureReason, Handle, Model, Solver};
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
 
 use crate::table::{Case, row};

@@ -1,9 +1,7 @@
 //! Stiffness contrast of one to a million.
 
-use palpate_precompute::fem::body::Model;
-use palpate_precompute::fem::boundary::Handle;
 use palpate_precompute::fem::material::{Lame, Material, MooneyRivlin, StVenantKirchhoff};
-use palpate_precompute::fem::solve::{Configuration, Solver};
+use palpate_precompute::fem::{Configuration, Handle, Model, Solver};
 use palpate_tests::{box_mesh, nearest_node, nodes_where};
 
 use crate::table::{Case, Cost, row};

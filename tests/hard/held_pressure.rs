@@ -1,10 +1,6 @@
 //! Incompressible bodies with boundary conditions that leave the pressure undetermined.
 
-use palpate_precompute::fem::body::{Model, Region};
-use palpate_precompute::fem::boundary::Handle;
-use palpate_precompute::fem::element::Order;
-use palpate_precompute::fem::solvability::PressureFault;
-use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fem::{Handle, Model, Order, PressureFault, Region, Solver};
 use palpate_precompute::mesh::Surface;
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where};
 

@@ -1,11 +1,7 @@
 //! nu towards 1/2 with and without a pressure: linear elements lock, quadratic ones do not.
 
-use palpate_precompute::fem::body::Model;
-use palpate_precompute::fem::boundary::Handle;
-use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::{Lame, Material, MooneyRivlin, NeoHookean, StVenantKirchhoff};
-use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fem::{Handle, Model, Order, PressurePair, Solver};
 use palpate_tests::{box_mesh, nearest_node, nodes_where};
 
 use crate::table::{Case, Cost, row};

@@ -1,8 +1,7 @@
 //! Pulls of 60 mm on the bundled organ: every law, both active nodes.
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::material::Material;
-use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fem::Solver;
 use palpate_precompute::mesh::Surface;
 
 use crate::table::{Case, Cost, row};
@@ -18,7 +17,7 @@ fn every_law_converges_over_a_pull_of_60_mm() {
     for active in &scene.active {
         let outward = skin.normal(active.node).expect("active nodes are on the surface");
         let end = Vector3::from(outward).normalize() * (STEP_M * f64::from(STEPS));
-        for law in Material::livers() {
+        for law in palpate_tests::livers() {
             let mut scene = scene.clone();
             scene.materials[0].material = law.clone();
             let body = body(&scene.mesh, &scene.model());

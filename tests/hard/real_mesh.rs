@@ -4,10 +4,7 @@
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::body::Model;
-use palpate_precompute::fem::boundary::Handle;
-use palpate_precompute::fem::element::Order;
-use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fem::{Handle, Model, Order, Solver};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, Surface, read};
 use palpate_tests::{mooney_rivlin, nodes_where, st_venant_kirchhoff};
 

@@ -9,9 +9,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use palpate_precompute::fem::boundary::Handle;
 use palpate_precompute::fem::material::Material;
-use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fem::{Handle, Solver};
 use palpate_tests::{mooney_rivlin, st_venant_kirchhoff};
 
 use crate::walk::{Walk, norm, organ, problem, walk};

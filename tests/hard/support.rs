@@ -3,10 +3,8 @@
 
 use std::path::Path;
 
-use palpate_precompute::fem::body::Model;
-use palpate_precompute::fem::boundary::Handle;
 use palpate_precompute::fem::material::Material;
-use palpate_precompute::fem::solve::{Configuration, SolveFailure, Solver};
+use palpate_precompute::fem::{Configuration, Handle, Model, SolveFailure, Solver};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::scene::Scene;
 use palpate_tests::{beam, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff, write_gmsh22};

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::sync::{Mutex, PoisonError};
 
-use palpate_precompute::fem::solve::Configuration;
+use palpate_precompute::fem::Configuration;
 
 /// The cases, in the order of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -9,9 +9,7 @@ use palpate_precompute::fit::{
     BranchJump, Centre, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_branch_jumps, hermite_nodes,
     lattice_values,
 };
-use palpate_precompute::num::jet::{EnergyJet, THIRD_INDICES};
-use palpate_precompute::num::sequence::{split_mix, unit_interval};
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::{EnergyJet, THIRD_INDICES, norm, split_mix, unit_interval};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 /// A stiffening potential with coupling and a saddle, and with known derivatives: a sum of c cosh(u . x).

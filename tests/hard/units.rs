@@ -1,12 +1,8 @@
 //! Scaled bodies: the solver must be independent of the units.
 
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::boundary::Handle;
-use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::{Material, Value};
-use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::Solver;
-use palpate_tests::{beam, nearest_node, nodes_where};
+use palpate_precompute::fem::{Body, Handle, Model, Order, PressurePair, Solver};
+use palpate_tests::{beam, livers, nearest_node, nodes_where};
 
 use crate::meshes::scaled;
 use crate::table::{Case, Cost, row};
@@ -26,7 +22,7 @@ fn stiffer(law: &Material, factor: f64) -> Material {
 fn forces_scale_with_size_and_stiffness_over_twelve_decades() {
     let plain = PressurePair::Plain;
     let mut cases: Vec<(Material, Order, PressurePair)> =
-        Material::livers().into_iter().map(|law| (law, Order::Linear, plain)).collect();
+        livers().into_iter().map(|law| (law, Order::Linear, plain)).collect();
     cases.push((palpate_tests::mooney_rivlin(), Order::Quadratic, plain));
     cases.push((palpate_tests::mooney_rivlin(), Order::Linear, PressurePair::Stabilised));
     for (law, order, pair) in cases {

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::boundary::{Constraints, Handle};
-use palpate_precompute::fem::solve::{Configuration, Problem, SolveFailure, Solver};
+use palpate_precompute::fem::{
+    Body, Configuration, Constraints, Handle, Model, Problem, SolveFailure, Solver,
+};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::scene::{ResolvedScene, Scene};
 

@@ -6,7 +6,7 @@ use std::thread::available_parallelism;
 
 use palpate_core::Method;
 use palpate_host::BlobFile;
-use palpate_precompute::fem::solve::Problem;
+use palpate_precompute::fem::Problem;
 use palpate_precompute::pack::{PackOptions, pack};
 use palpate_precompute::scene::ResolvedScene;
 use palpate_precompute::space::{Store, StoreIdentity, WorkerContext, expand, with_threads};

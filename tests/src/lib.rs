@@ -13,8 +13,8 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::fem::material::{LAWS, Material, MooneyRivlin, StVenantKirchhoff, Value};
+use palpate_precompute::fem::{Body, Model};
 use palpate_precompute::mesh::TetMesh;
 
 /// The paper's Mooney-Rivlin liver.
@@ -25,6 +25,30 @@ pub fn mooney_rivlin() -> Material {
 /// The paper's St. Venant-Kirchhoff liver.
 pub fn st_venant_kirchhoff() -> Material {
     Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49))
+}
+
+/// Every built-in law, with constants similar to those of a liver.
+pub fn livers() -> Vec<Material> {
+    let given = |law: &str| -> Vec<(&str, Value)> {
+        match law {
+            "mooney-rivlin" | "mooney-rivlin-reduced" => {
+                vec![("c10_pa", Value::Number(1300.0)), ("c01_pa", Value::Number(1280.0))]
+            }
+            "holzapfel-gasser-ogden" => vec![
+                ("c10_pa", Value::Number(2500.0)),
+                ("k1_pa", Value::Number(3000.0)),
+                ("k2", Value::Number(2.0)),
+                ("dispersion", Value::Number(0.1)),
+                ("fibre", Value::Vector([0.8, 0.0, 0.6])),
+            ],
+            "st-venant-kirchhoff" => {
+                vec![("young_pa", Value::Number(15480.0)), ("poisson", Value::Number(0.49))]
+            }
+            _ => vec![("young_pa", Value::Number(15480.0)), ("poisson", Value::Number(0.45))],
+        }
+    };
+    let liver = |law: &&str| Material::from_parameters(law, &given(law)).expect("constants of the law");
+    LAWS.iter().map(liver).collect()
 }
 
 /// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra around its main diagonal (Kuhn).

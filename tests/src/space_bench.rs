@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use palpate_precompute::fem::solve::Problem;
+use palpate_precompute::fem::Problem;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::space::{
     ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, WorkerContext, expand, state,

@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use palpate_core::ConfigTag;
-use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fem::Solver;
 use palpate_precompute::held_out::{
     Draw, HeldOut, HeldOutError, HeldOutProgress, Summary, is_on_training_lattice,
 };
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::norm;
 use palpate_precompute::space::{
     Executor, ExecutorError, Kind, Store, Truth, Walk, WalkJob, Work, with_threads,
 };

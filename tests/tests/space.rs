@@ -5,9 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use palpate_core::{AlignedBytes, BallLattice, ConfigTag, Coverage, Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::fem::solve::Solver;
-use palpate_precompute::num::jet::EnergyJet;
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::fem::Solver;
+use palpate_precompute::num::{EnergyJet, norm};
 use palpate_precompute::pack::{PackOptions, pack};
 use palpate_precompute::space::{ExpansionError, Record, Store};
 use palpate_precompute::spec::DisplacementBound;

@@ -3,14 +3,13 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::body::{Body, Model, Region};
-use palpate_precompute::fem::boundary::{Constraints, Handle};
-use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::Material;
-use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::{Configuration, Problem, Solver, solve_body_force};
-use palpate_precompute::num::jet::THIRD_INDICES;
-use palpate_tests::{beam, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
+use palpate_precompute::fem::{
+    Body, Configuration, Constraints, Handle, Model, Order, PressurePair, Problem, Region, Solver,
+    solve_body_force,
+};
+use palpate_precompute::num::THIRD_INDICES;
+use palpate_tests::{beam, livers, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
 
 /// A body and its name in the output.
 struct Case {
@@ -33,7 +32,7 @@ fn case(name: &str, change: impl FnOnce(&mut Model)) -> Case {
 
 /// Every law, every field pair, and every boundary condition and load of the beam.
 fn cases() -> Vec<Case> {
-    let mut all: Vec<Case> = Material::livers()
+    let mut all: Vec<Case> = livers()
         .into_iter()
         .map(|law| case(&format!("{} tet4", law.name()), |m| m.regions = vec![law.into()]))
         .collect();

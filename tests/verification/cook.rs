@@ -6,10 +6,8 @@
 //! tet10 converges slowly, and P2/P1 has neither problem.
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::body::{Body, Model, Region};
-use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::{Lame, LinearElastic, Material, MooneyRivlin};
-use palpate_precompute::fem::solve::solve_body_force;
+use palpate_precompute::fem::{Body, Model, Order, Region, solve_body_force};
 use palpate_precompute::mesh::TetMesh;
 
 /// Vertical displacement of the top right corner (48, 60) with `n` x `n` cells, one cell thick, under a shear

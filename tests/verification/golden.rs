@@ -5,9 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::body::Body;
 use palpate_precompute::fem::material::{Material, Value};
-use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::fem::{Body, Problem, Solver};
 use palpate_precompute::scene::Scene;
 
 /// One row: displacement, force and energy.

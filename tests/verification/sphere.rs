@@ -11,10 +11,7 @@
 //! radius a. It is an eighth of the sphere with symmetry conditions on its planes.
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::element::Order;
-use palpate_precompute::fem::pressure::PressurePair;
-use palpate_precompute::fem::solve::solve_body_force;
+use palpate_precompute::fem::{Body, Model, Order, PressurePair, solve_body_force};
 use palpate_precompute::mesh::TetMesh;
 use palpate_tests::mooney_rivlin;
 

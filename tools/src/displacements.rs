@@ -2,10 +2,7 @@
 
 use std::path::Path;
 
-use palpate_precompute::fem::assembly::volume_ratios;
-use palpate_precompute::fem::body::Body;
-use palpate_precompute::fem::element::Order;
-use palpate_precompute::fem::solve::Configuration;
+use palpate_precompute::fem::{Body, Configuration, Order, volume_ratios};
 use palpate_precompute::mesh::write::{Cell, Field, Grid, Series};
 
 use crate::failure::Failure;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use palpate_core::{ConfigTag, Coverage, Method, Organ};
-use palpate_precompute::fem::solve::{Problem, Solver};
-use palpate_precompute::num::parallel::Pool;
+use palpate_precompute::fem::{Problem, Solver};
+use palpate_precompute::num::Pool;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Record, Store};
 use serde::Serialize;

@@ -3,9 +3,7 @@
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
-use nalgebra::Vector3;
-
-use crate::fem::element::{EDGES, LINEAR, Order, QUADRATIC, Tetrahedron};
+use crate::fem::element::{EDGES, LINEAR, Order, Point, QUADRATIC, Tetrahedron};
 use crate::fem::material::Material;
 use crate::fem::ordering::nested_dissection;
 use crate::fem::pressure::{PressurePair, pressure_block};
@@ -126,7 +124,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve::solve_body_force`] must
+    /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve_body_force`] must
     /// then solve its rest state.
     pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, MeshFault> {
         let vertex_count = mesh.nodes_m.len();
@@ -144,7 +142,14 @@ impl Body {
             Order::Linear => mesh.tets.concat(),
             Order::Quadratic => add_mid_edge_nodes(mesh, &mut nodes_m, &mut fixed),
         };
-        let mut sites = PressureSites::default();
+        let mut pressure_sites = Vec::new();
+        let mut site_indices = HashMap::new();
+        let mut site = |vertex: u32, region: u16| {
+            *site_indices.entry((vertex, region)).or_insert_with(|| {
+                pressure_sites.push((vertex, region));
+                pressure_sites.len() as u32 - 1
+            })
+        };
         let mut elements = Vec::with_capacity(mesh.tets.len());
         let (mut volume, mut log_shear) = (0.0, 0.0);
         for (index, &vertices) in mesh.tets.iter().enumerate() {
@@ -152,55 +157,48 @@ impl Body {
                 Tetrahedron::new(mesh.vertices_m(index)).ok_or(MeshFault::Flat { tet: index as u32 })?;
             let region = model.region_of_tet.get(index).copied().unwrap_or(0);
             let Region { material, bulk_modulus_pa } = &model.regions[usize::from(region)];
+            let shear_pa = material.shear_modulus_pa();
             let mut element = Element { tet, region, pressures: [ABSENT; 4], pressure_block: [[0.0; 4]; 4] };
             if material.rest_pressure_pa().is_some() {
-                element.pressures = vertices.map(|vertex| sites.of(vertex, region));
-                let shear_pa = material.shear_modulus_pa();
-                if let Some(block) =
-                    pressure_block(tet.volume_m3, shear_pa, *bulk_modulus_pa, model.pressure_pair)
-                {
-                    element.pressure_block = block;
-                    sites.blocks = true;
-                }
+                element.pressures = vertices.map(|vertex| site(vertex, region));
+                element.pressure_block =
+                    pressure_block(tet.volume_m3, shear_pa, *bulk_modulus_pa, model.pressure_pair);
             }
             volume += tet.volume_m3;
-            log_shear += tet.volume_m3 * libm::log(material.shear_modulus_pa());
+            log_shear += tet.volume_m3 * libm::log(shear_pa);
             elements.push(element);
         }
         // A regular tetrahedron of edge l has the volume l^3 / (6 sqrt 2).
         let mean_volume = volume / elements.len().max(1) as f64;
         let mut body = Self {
             order: model.order,
+            has_pressure_blocks: elements.iter().any(|element| element.pressure_block[0][0] != 0.0),
             elements,
             connectivity,
             vertex_count,
             regions: model.regions.clone(),
-            pressure_sites: sites.list,
-            has_pressure_blocks: sites.blocks,
             fixed,
             external_force_n: vec![0.0; 3 * nodes_m.len()],
             edge_m: libm::cbrt(mean_volume * 6.0 * std::f64::consts::SQRT_2),
-            rest: Rest { state: Vec::new(), energy_j: 0.0 },
+            rest: Rest { state: vec![0.0; 3 * nodes_m.len() + pressure_sites.len()], energy_j: 0.0 },
             mean_shear_pa: libm::exp(log_shear / volume),
             elimination_order: OnceLock::new(),
             nodes_m,
+            pressure_sites,
         };
-        body.rest.state = vec![0.0; body.state_len()];
         if model.body_force_n_m3 != [0.0; 3] {
-            body.load(Vector3::from(model.body_force_n_m3));
+            match model.order {
+                Order::Linear => body.load(&LINEAR, model.body_force_n_m3),
+                Order::Quadratic => body.load(&QUADRATIC, model.body_force_n_m3),
+            }
         }
         Ok(body)
     }
 
     /// f_a = int N_a b dV.
-    fn load(&mut self, force_n_m3: Vector3<f64>) {
-        let shares: Vec<f64> = match self.order {
-            Order::Linear => LINEAR[0].values.to_vec(),
-            Order::Quadratic => {
-                (0..10).map(|a| QUADRATIC.iter().map(|p| p.weight * p.values[a]).sum()).collect()
-            }
-        };
-        for (element, nodes) in self.elements.iter().zip(self.connectivity.chunks(self.order.nodes())) {
+    fn load<const N: usize>(&mut self, rule: &[Point<N>], force_n_m3: [f64; 3]) {
+        let shares: [f64; N] = std::array::from_fn(|a| rule.iter().map(|p| p.weight * p.values[a]).sum());
+        for (element, nodes) in self.elements.iter().zip(self.connectivity.chunks(N)) {
             for (&node, share) in nodes.iter().zip(&shares) {
                 for axis in 0..3 {
                     self.external_force_n[3 * node as usize + axis] +=
@@ -283,24 +281,6 @@ impl Body {
         let mut names: Vec<&str> = self.regions.iter().map(|r| r.material.name()).collect();
         names.dedup();
         names.join(" + ")
-    }
-}
-
-/// Numbers the pressure unknowns in order of first use.
-#[derive(Default)]
-struct PressureSites {
-    list: Vec<(u32, u16)>,
-    index: HashMap<(u32, u16), u32>,
-    blocks: bool,
-}
-
-impl PressureSites {
-    fn of(&mut self, vertex: u32, region: u16) -> u32 {
-        let list = &mut self.list;
-        *self.index.entry((vertex, region)).or_insert_with(|| {
-            list.push((vertex, region));
-            list.len() as u32 - 1
-        })
     }
 }
 

@@ -120,15 +120,16 @@ pub(crate) struct Multiplier {
 ///
 /// Free nodes are ordered by nested dissection of the mesh graph. The displacement components and the
 /// pressures of a node have consecutive indices, which gives the factorisation dense blocks. With elimination
-/// the three prescribed components of the handle have the indices `unknowns() + axis`, shared by all its
+/// the three prescribed components of the handle have the indices `unknowns + axis`, shared by all its
 /// nodes: a translation moves all of them alike.
 #[derive(Debug)]
 pub(crate) struct DofMap {
     displacement: Vec<[u32; 3]>,
     pressure: Vec<u32>,
-    /// Empty with elimination.
-    multipliers: Vec<Multiplier>,
-    unknowns: usize,
+    /// Multipliers of the prescribed components; empty with elimination.
+    pub(crate) multipliers: Vec<Multiplier>,
+    /// Number of equations.
+    pub(crate) unknowns: usize,
 }
 
 impl DofMap {
@@ -192,12 +193,7 @@ impl DofMap {
         dofs
     }
 
-    /// Number of equations.
-    pub(crate) fn unknowns(&self) -> usize {
-        self.unknowns
-    }
-
-    /// Equation of each displacement component of `node`: `>= unknowns()` if the handle prescribes it,
+    /// Equation of each displacement component of `node`: `>= unknowns` if the handle prescribes it,
     /// [`ABSENT`] if it is fixed.
     #[inline]
     pub(crate) fn displacement(&self, node: u32) -> [u32; 3] {
@@ -208,11 +204,6 @@ impl DofMap {
     #[inline]
     pub(crate) fn pressure(&self, pressure: u32) -> u32 {
         if pressure == ABSENT { ABSENT } else { self.pressure[pressure as usize] }
-    }
-
-    /// Multipliers of the prescribed components; empty with elimination.
-    pub(crate) fn multipliers(&self) -> &[Multiplier] {
-        &self.multipliers
     }
 
     /// Pairs (equation, position in the state vector) of all unknowns of the state; see [`Body`] for the

@@ -1,14 +1,25 @@
 //! Nonlinear finite elements. Elements and laws define a body, boundary conditions define its unknowns, and
 //! the solver computes its equilibria.
 
-pub mod assembly;
-pub mod body;
-pub mod boundary;
-pub(crate) mod counterpart;
-pub mod element;
-pub mod kinematics;
+pub(crate) mod assembly;
+pub(crate) mod body;
+pub(crate) mod boundary;
+mod counterpart;
+pub(crate) mod element;
+pub(crate) mod kinematics;
 pub mod material;
 mod ordering;
-pub mod pressure;
-pub mod solvability;
-pub mod solve;
+pub(crate) mod pressure;
+pub(crate) mod solvability;
+pub(crate) mod solve;
+
+pub use assembly::volume_ratios;
+pub use body::{Body, Model, Region, Rest};
+pub use boundary::{Constraints, Handle, Pose};
+pub use element::Order;
+pub use pressure::PressurePair;
+pub use solvability::PressureFault;
+pub use solve::{
+    Configuration, FailureReason, IterationProfile, NewtonOptions, Problem, Seed, SolveFailure, Solver,
+    solve_body_force,
+};

@@ -32,27 +32,26 @@ pub enum PressurePair {
     Stabilised,
 }
 
-/// Matrix of the pressure's quadratic form in one element of volume `volume_m3`, m^3/Pa; `None` if it is
-/// zero.
+/// Matrix of the pressure's quadratic form in one element of volume `volume_m3`, m^3/Pa; zero for an
+/// unstabilised pair without a bulk modulus.
 #[inline]
 pub(crate) fn pressure_block(
     volume_m3: f64,
     shear_modulus_pa: f64,
     bulk_modulus_pa: Option<f64>,
     pair: PressurePair,
-) -> Option<[[f64; 4]; 4]> {
-    let stabilised = matches!(pair, PressurePair::Stabilised);
-    if bulk_modulus_pa.is_none() && !stabilised {
-        return None;
+) -> [[f64; 4]; 4] {
+    let mut block = [[0.0; 4]; 4];
+    if bulk_modulus_pa.is_none() && pair == PressurePair::Plain {
+        return block;
     }
     let bulk = bulk_modulus_pa.map_or(0.0, f64::recip);
-    let projection = if stabilised { 0.5 / shear_modulus_pa } else { 0.0 };
-    let mut block = [[0.0; 4]; 4];
+    let projection = if pair == PressurePair::Stabilised { 0.5 / shear_modulus_pa } else { 0.0 };
     for (u, row) in block.iter_mut().enumerate() {
         for (v, entry) in row.iter_mut().enumerate() {
             let mass = volume_m3 / 20.0 * if u == v { 2.0 } else { 1.0 };
             *entry = -bulk * mass - projection * (mass - volume_m3 / 16.0);
         }
     }
-    Some(block)
+    block
 }

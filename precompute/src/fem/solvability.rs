@@ -4,8 +4,7 @@
 //! pressures. Two kinds of boundary conditions prevent this. [`Body::check_pressures`] refuses both before
 //! the solver fails with a singular matrix.
 
-use std::collections::BTreeMap;
-use std::fmt;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
@@ -15,10 +14,14 @@ use crate::fem::element::{LINEAR, Order, Point, QUADRATIC};
 use crate::mesh::surface::UnionFind;
 
 /// Why the pressures of an incompressible part of the body are not unique.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PressureFault {
     /// No free displacement component changes the volume of the part. Any constant can then be added to its
     /// pressure, and a moving handle on its surface would prescribe an impossible change of volume.
+    #[error(
+        "the incompressible part around node {node} (material {region}, {law}) is held on its whole surface, so that its \
+         volume cannot change and its mean pressure is undetermined; fix fewer surface nodes, or give the material a `bulk_pa`"
+    )]
     Undetermined {
         /// Index of the region.
         region: u16,
@@ -29,6 +32,10 @@ pub enum PressureFault {
     },
     /// The part has more volume constraints than free displacement components: it locks, and its pressures
     /// are not unique.
+    #[error(
+        "the incompressible part around node {node} (material {region}, {law}) has {pressures} pressure unknowns against \
+         {free} free displacement components and locks; fix fewer nodes, use `order = 2`, or give the material a `bulk_pa`"
+    )]
     Locked {
         /// Index of the region.
         region: u16,
@@ -43,27 +50,6 @@ pub enum PressureFault {
     },
 }
 
-impl fmt::Display for PressureFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Undetermined { region, law, node } => write!(
-                f,
-                "the incompressible part around node {node} (material {region}, {law}) is held on its whole surface, \
-                 so that its volume cannot change and its mean pressure is undetermined; fix fewer surface nodes, or give the \
-                 material a `bulk_pa`"
-            ),
-            Self::Locked { region, law, node, pressures, free } => write!(
-                f,
-                "the incompressible part around node {node} (material {region}, {law}) has {pressures} pressure \
-                 unknowns against {free} free displacement components and locks; fix fewer nodes, use `order = 2`, or give the \
-                 material a `bulk_pa`"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for PressureFault {}
-
 /// A volume derivative below this share of its summands is rounding error.
 const ZERO_DERIVATIVE: f64 = 1e-10;
 
@@ -73,6 +59,8 @@ struct Part {
     region: u16,
     /// Whether the quadratic form determines the pressures up to their mean.
     stabilised: bool,
+    /// Its pressure unknowns.
+    pressures: BTreeSet<u32>,
     /// For each node, the derivative of the part's volume with respect to the node's displacement, and the
     /// magnitude of the summands.
     slopes: BTreeMap<u32, (Vector3<f64>, f64)>,
@@ -100,7 +88,7 @@ impl Body {
             Order::Quadratic => self.incompressible_parts::<10>(handle, &QUADRATIC),
         };
         let held = prescribed(self, handle);
-        for (Part { region, stabilised, slopes }, pressures) in parts {
+        for Part { region, stabilised, pressures, slopes } in parts {
             let free = || {
                 slopes.iter().flat_map(|(&node, (slope, size))| {
                     let held = held[node as usize];
@@ -113,7 +101,7 @@ impl Body {
             if free().all(|slope| slope <= ZERO_DERIVATIVE) {
                 return Err(PressureFault::Undetermined { region, law, node });
             }
-            let free = free().count();
+            let (pressures, free) = (pressures.len(), free().count());
             if pressures > free && !stabilised {
                 return Err(PressureFault::Locked { region, law, node, pressures, free });
             }
@@ -121,12 +109,8 @@ impl Body {
         Ok(())
     }
 
-    /// The parts without a bulk modulus, each with the number of its pressure unknowns.
-    fn incompressible_parts<const N: usize>(
-        &self,
-        handle: Option<&Handle>,
-        rule: &[Point<N>],
-    ) -> Vec<(Part, usize)> {
+    /// The parts without a bulk modulus.
+    fn incompressible_parts<const N: usize>(&self, handle: Option<&Handle>, rule: &[Point<N>]) -> Vec<Part> {
         let held = prescribed(self, handle);
         let moves = |index: usize| self.nodes_of(index).iter().any(|&n| held[n as usize] != [true; 3]);
         let moving: Vec<usize> = (0..self.elements.len())
@@ -149,17 +133,15 @@ impl Body {
             std::array::from_fn(|k| rule.iter().map(|p| p.weight * p.slopes[a][k]).sum())
         });
         let mut parts: BTreeMap<usize, Part> = BTreeMap::new();
-        let mut has_pressure = vec![false; self.pressure_sites.len()];
         for &index in &moving {
             let element = &self.elements[index];
-            for pressure in element.pressures {
-                has_pressure[pressure as usize] = true;
-            }
             let part = parts.entry(sets.root(element.pressures[0] as usize)).or_insert_with(|| Part {
                 region: element.region,
                 stabilised: element.pressure_block[0][0] != 0.0,
+                pressures: BTreeSet::new(),
                 slopes: BTreeMap::new(),
             });
+            part.pressures.extend(element.pressures);
             let gradients = &element.tet.gradients;
             let size = element.tet.volume_m3 * gradients.iter().map(Vector3::norm).fold(0.0, f64::max);
             for (&node, mean) in self.nodes_of(index).iter().zip(&mean) {
@@ -169,12 +151,7 @@ impl Body {
                 *sizes += size;
             }
         }
-        let mut pressures: BTreeMap<usize, usize> = BTreeMap::new();
-        for pressure in (0..has_pressure.len()).filter(|&p| has_pressure[p]) {
-            *pressures.entry(sets.root(pressure)).or_default() += 1;
-        }
-        // Both maps have the same keys, because every movable element of a part has pressures.
-        parts.into_values().zip(pressures.into_values()).collect()
+        parts.into_values().collect()
     }
 }
 
@@ -292,12 +269,12 @@ mod tests {
     #[test]
     fn a_constant_pressure_feels_the_bulk_modulus_and_not_the_projection() {
         let sum = |block: [[f64; 4]; 4]| block.iter().flatten().sum::<f64>();
-        let bulk = pressure_block(2.0, 100.0, Some(50.0), PressurePair::Plain).unwrap();
+        let bulk = pressure_block(2.0, 100.0, Some(50.0), PressurePair::Plain);
         assert!((sum(bulk) + 2.0 / 50.0).abs() < 1e-16);
-        let projected = pressure_block(2.0, 100.0, None, PressurePair::Stabilised).unwrap();
+        let projected = pressure_block(2.0, 100.0, None, PressurePair::Stabilised);
         assert!(sum(projected).abs() < 1e-16);
         // A linear pressure with the vertex values 1, 0, 0, 0 has the variance 1/10 - 1/16 over the tet.
         assert!((projected[0][0] + 0.5 / 100.0 * 2.0 * (0.1 - 1.0 / 16.0)).abs() < 1e-16);
-        assert!(pressure_block(2.0, 100.0, None, PressurePair::Plain).is_none());
+        assert_eq!(pressure_block(2.0, 100.0, None, PressurePair::Plain), [[0.0; 4]; 4]);
     }
 }

@@ -6,9 +6,8 @@
 //! nodes precede or separate vertices in the file, node 5 of a scene is the sixth vertex and not the sixth
 //! node. A group keeps its vertices; a group that has only mid-edge nodes is removed.
 
-use super::MeshFault;
 use super::raw::RawMesh;
-use super::tetrahedral::EDGES;
+use super::tetrahedral::{EDGES, check_nodes};
 use crate::error::InputError;
 use crate::num::vector::distance;
 
@@ -29,7 +28,9 @@ impl RawMesh {
         if self.mid_edges.is_empty() {
             return Ok(());
         }
-        self.check_indices()?;
+        check_nodes(&self.nodes, &self.tets)
+            .and_then(|()| check_nodes(&self.nodes, &self.mid_edges))
+            .map_err(|fault| self.explain(fault))?;
         let mut is_vertex = vec![false; self.nodes.len()];
         for &node in self.tets.iter().flatten() {
             is_vertex[node as usize] = true;
@@ -44,19 +45,6 @@ impl RawMesh {
         self.mid_edges.clear();
         self.keep_nodes(&dropped);
         Ok(())
-    }
-
-    fn check_indices(&self) -> Result<(), InputError> {
-        let n = self.nodes.len();
-        for (tet, (vertices, middles)) in (0u32..).zip(self.tets.iter().zip(&self.mid_edges)) {
-            if let Some(&node) = vertices.iter().chain(middles).find(|&&node| node as usize >= n) {
-                return Err(self.explain(MeshFault::NoSuchNode { tet, node }));
-            }
-        }
-        match self.nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
-            Some(node) => Err(self.explain(MeshFault::NotFinite { node: node as u32 })),
-            None => Ok(()),
-        }
     }
 
     fn check_edges(&self, tet: usize, is_vertex: &[bool]) -> Result<(), InputError> {
@@ -74,12 +62,14 @@ impl RawMesh {
                 );
                 return at(what, "the mesh is not conforming or damaged: mesh the body again");
             }
-            let off = self.off_middle(vertices, edge, middle);
-            if off <= self.allowed(vertices, edge, middle) {
+            let [off, allowed, length] = self.off_middle(vertices, edge, middle);
+            if off <= allowed {
                 continue;
             }
-            let elsewhere = (0..EDGES.len())
-                .find(|&e| self.off_middle(vertices, e, middle) <= self.allowed(vertices, e, middle));
+            let elsewhere = (0..EDGES.len()).find(|&edge| {
+                let [off, allowed, _] = self.off_middle(vertices, edge, middle);
+                off <= allowed
+            });
             if let Some(edge) = elsewhere {
                 let [a, b] = EDGES[edge].map(|v| tag(vertices[v]));
                 let what = format!(
@@ -91,7 +81,7 @@ impl RawMesh {
                     "the mid-edge nodes are in the order of another format: convert it again, or with order 1",
                 );
             }
-            let share = off / self.edge_length(vertices, edge);
+            let share = off / length;
             let what = format!(
                 "is not straight: edge {name} is curved, its node {} is {share:.1e} of its length off the middle",
                 tag(middle)
@@ -107,7 +97,7 @@ impl RawMesh {
         let mut middles = self.mid_edges[tet];
         if self.edge_order.is_none() {
             for edge in 0..middles.len() {
-                let off = |at: &usize| self.off_middle(self.tets[tet], edge, middles[*at]);
+                let off = |at: &usize| self.off_middle(self.tets[tet], edge, middles[*at])[0];
                 let nearest = (edge..middles.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
                 middles.swap(edge, nearest.expect("the range holds `edge`"));
             }
@@ -115,30 +105,18 @@ impl RawMesh {
         middles
     }
 
-    fn ends(&self, vertices: [u32; 4], edge: usize) -> [[f64; 3]; 2] {
-        EDGES[edge].map(|v| self.nodes[vertices[v] as usize])
-    }
-
-    fn edge_length(&self, vertices: [u32; 4], edge: usize) -> f64 {
-        let [a, b] = self.ends(vertices, edge);
-        distance(a, b)
-    }
-
-    fn off_middle(&self, vertices: [u32; 4], edge: usize, node: u32) -> f64 {
-        let [a, b] = self.ends(vertices, edge);
-        let middle: [f64; 3] = std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis]));
-        distance(self.nodes[node as usize], middle)
-    }
-
-    /// The tolerance: [`STRAIGHT_SHARE`] of the edge plus the rounding error of three stored points.
-    fn allowed(&self, vertices: [u32; 4], edge: usize, node: u32) -> f64 {
-        let [a, b] = self.ends(vertices, edge);
+    /// Distance of a node from the middle of an edge, the tolerance of this distance, and the length of the
+    /// edge.
+    ///
+    /// The tolerance is [`STRAIGHT_SHARE`] of the edge plus the rounding error of three stored points: per
+    /// axis, that of the node and of the mean of the two ends; a factor of sqrt(3) for the three axes.
+    fn off_middle(&self, vertices: [u32; 4], edge: usize, node: u32) -> [f64; 3] {
+        let [a, b] = EDGES[edge].map(|v| self.nodes[vertices[v] as usize]);
+        let at = self.nodes[node as usize];
+        let middle = std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis]));
         let length = distance(a, b);
-        let largest =
-            [a, b, self.nodes[node as usize]].into_iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
-        // Per axis, the rounding of the node and of the mean of the two ends; a factor of sqrt(3) for the
-        // three axes.
-        STRAIGHT_SHARE * length + 4.0 * self.rounding * largest
+        let largest = [a, b, at].into_iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
+        [distance(at, middle), STRAIGHT_SHARE * length + 4.0 * self.rounding * largest, length]
     }
 
     /// Removes nodes and renumbers all references to nodes.

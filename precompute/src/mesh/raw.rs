@@ -29,8 +29,8 @@ pub(crate) struct RawMesh {
     pub(crate) tet_origins: Vec<Origin>,
     /// Mid-edge nodes of ten-node tets in the order of `EDGES`, one row per tet; empty for four-node tets.
     pub(crate) mid_edges: Vec<[u32; 6]>,
-    /// Position of the mid-edge node of each of `EDGES` in a ten-node tet, counted from the fifth node; `None`
-    /// if the format defines no order.
+    /// Position of the mid-edge node of each of `EDGES` in a ten-node tet, counted from the fifth node.
+    /// `None` if the format defines no order.
     pub(crate) edge_order: Option<[usize; 6]>,
     /// Relative rounding error of the coordinates: that of f32 if the file stores f32, otherwise zero.
     pub(crate) rounding: f64,
@@ -44,8 +44,8 @@ impl RawMesh {
         Self { node_file: node_file.into(), tet_file: tet_file.into(), ..Self::default() }
     }
 
-    /// Adds a tet of four or ten nodes, and adds it and its vertices to each of its groups. All tets of a mesh
-    /// have the same number of nodes.
+    /// Adds a tet of four or ten nodes, and adds it and its vertices to each of its groups. All tets of a
+    /// mesh have the same number of nodes.
     pub(crate) fn push_tet(
         &mut self,
         nodes: &[u32],

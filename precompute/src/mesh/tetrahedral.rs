@@ -5,13 +5,11 @@
 //! relies on them: a node without a tet gives a zero row, and a repeated tet counts its stiffness twice.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fmt;
 
 use crate::num::vector::{cross, difference, distance, dot};
-use serde::{Deserialize, Serialize};
 
 /// A tetrahedral mesh in metres. Node i is the i-th node of the file, independent of its tag there.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct TetMesh {
     /// Node positions in metres, in file order.
     pub nodes_m: Vec<[f64; 3]>,
@@ -24,16 +22,19 @@ pub struct TetMesh {
 }
 
 /// A violated invariant of a mesh. Indices are 0-based, in file order.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum MeshFault {
     /// The mesh has no tet.
+    #[error("the mesh holds no tetrahedra")]
     Empty,
     /// A coordinate is NaN or infinite.
+    #[error("node {node} has a coordinate that is not finite")]
     NotFinite {
         /// The node.
         node: u32,
     },
     /// A tet refers to a node that does not exist.
+    #[error("tet {tet} names node {node}, which does not exist")]
     NoSuchNode {
         /// The tet.
         tet: u32,
@@ -41,11 +42,13 @@ pub enum MeshFault {
         node: u32,
     },
     /// A tet has zero volume: two vertices coincide, or all four lie in a plane.
+    #[error("tet {tet} has no positive volume")]
     Flat {
         /// The tet.
         tet: u32,
     },
     /// A tet has negative volume.
+    #[error("tet {tet} has negative volume ({volume:e})")]
     Negative {
         /// The tet.
         tet: u32,
@@ -55,6 +58,7 @@ pub enum MeshFault {
         of_all: u32,
     },
     /// Two tets have the same four vertices.
+    #[error("tet {tet} has the same vertices as tet {first}")]
     Repeated {
         /// The second one.
         tet: u32,
@@ -62,6 +66,7 @@ pub enum MeshFault {
         first: u32,
     },
     /// A node belongs to no tet.
+    #[error("node {node} belongs to no tet")]
     Isolated {
         /// The node.
         node: u32,
@@ -69,22 +74,6 @@ pub enum MeshFault {
         of_all: u32,
     },
 }
-
-impl fmt::Display for MeshFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Empty => write!(f, "the mesh holds no tetrahedra"),
-            Self::NotFinite { node } => write!(f, "node {node} has a coordinate that is not finite"),
-            Self::NoSuchNode { tet, node } => write!(f, "tet {tet} names node {node}, which does not exist"),
-            Self::Flat { tet } => write!(f, "tet {tet} has no positive volume"),
-            Self::Negative { tet, volume, .. } => write!(f, "tet {tet} has negative volume ({volume:e})"),
-            Self::Repeated { tet, first } => write!(f, "tet {tet} has the same vertices as tet {first}"),
-            Self::Isolated { node, .. } => write!(f, "node {node} belongs to no tet"),
-        }
-    }
-}
-
-impl std::error::Error for MeshFault {}
 
 /// Below this share of (longest edge)^3, six times the volume is rounding error.
 ///
@@ -143,7 +132,7 @@ impl TetMesh {
     }
 
     /// Positions of a tet's four vertices, m.
-    pub fn vertices_m(&self, tet: usize) -> [[f64; 3]; 4] {
+    pub(crate) fn vertices_m(&self, tet: usize) -> [[f64; 3]; 4] {
         self.tets[tet].map(|node| self.nodes_m[node as usize])
     }
 
@@ -186,15 +175,7 @@ impl TetMesh {
         if self.tets.is_empty() {
             return Err(MeshFault::Empty);
         }
-        if let Some(node) = self.nodes_m.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
-            return Err(MeshFault::NotFinite { node: node as u32 });
-        }
-        let count = self.nodes_m.len();
-        for (tet, nodes) in self.tets.iter().enumerate() {
-            if let Some(&node) = nodes.iter().find(|&&node| node as usize >= count) {
-                return Err(MeshFault::NoSuchNode { tet: tet as u32, node });
-            }
-        }
+        check_nodes(&self.nodes_m, &self.tets)?;
         self.check_volumes()?;
         self.check_repeats()?;
         self.check_isolated()
@@ -238,6 +219,22 @@ impl TetMesh {
             None => Ok(()),
         }
     }
+}
+
+/// Checks that all coordinates are finite and that the nodes of all elements exist.
+pub(super) fn check_nodes<const N: usize>(
+    nodes: &[[f64; 3]],
+    elements: &[[u32; N]],
+) -> Result<(), MeshFault> {
+    if let Some(node) = nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
+        return Err(MeshFault::NotFinite { node: node as u32 });
+    }
+    for (tet, members) in (0u32..).zip(elements) {
+        if let Some(&node) = members.iter().find(|&&node| node as usize >= nodes.len()) {
+            return Err(MeshFault::NoSuchNode { tet, node });
+        }
+    }
+    Ok(())
 }
 
 /// The node indices in ascending order: identifies an element independent of its orientation.

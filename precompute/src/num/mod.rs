@@ -1,10 +1,15 @@
-//! Numerical types that are independent of meshes and bodies: SIMD lanes of f64, tensors, symmetric third
-//! derivatives.
+//! Numerical types that are independent of meshes and bodies: the jet of the condensed energy, vectors and
+//! tensors, SIMD lanes of f64, deterministic sequences, and worker threads.
 
 pub(crate) mod branch;
-pub mod jet;
+pub(crate) mod jet;
 pub(crate) mod lanes;
-pub mod parallel;
-pub mod sequence;
+pub(crate) mod parallel;
+pub(crate) mod sequence;
 pub(crate) mod tensor;
-pub mod vector;
+pub(crate) mod vector;
+
+pub use jet::{EnergyJet, SECOND_INDICES, THIRD_INDICES};
+pub use parallel::{Pool, ThreadError, in_parallel};
+pub use sequence::{SPLIT_MIX_STEP, in_ball, split_mix, unit_interval};
+pub use vector::{distance, norm};

@@ -7,22 +7,14 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 
 /// A worker thread that the operating system does not start.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[error("{wanted} worker threads cannot be started ({why}); give fewer with --threads")]
 pub struct ThreadError {
     /// Number of requested threads.
     pub wanted: usize,
     /// Error of the operating system.
     pub why: String,
 }
-
-impl std::fmt::Display for ThreadError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { wanted, why } = self;
-        write!(f, "{wanted} worker threads cannot be started ({why}); give fewer with --threads")
-    }
-}
-
-impl std::error::Error for ThreadError {}
 
 /// Threads that serve several pieces of work.
 #[derive(Debug)]

@@ -139,7 +139,7 @@ impl Analysis {
         for region in &self.scene.materials {
             if let Material::Own(_) = region.material {
                 let what = format!("the law \"{}\" is user-defined", region.material.name());
-                let fix = "a .space file cannot hold it: solve it with fem::solve::Solver, or give the scene a built-in law";
+                let fix = "a .space file cannot hold it: solve it with fem::Solver, or give the scene a built-in law";
                 return Err(InputError::new(&self.path, what, fix).into());
             }
         }

@@ -8,9 +8,9 @@ use clap::Args as ClapArgs;
 use palpate_host::viewer::comparison::{Comparison, DeformedShape, draw};
 use palpate_host::viewer::frames::still;
 use palpate_precompute::fem::material::LAWS;
-use palpate_precompute::fem::solve::{Configuration, Solver};
+use palpate_precompute::fem::{Configuration, Solver};
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::norm;
 use palpate_precompute::pipeline::Analysis;
 use serde::Serialize;
 

@@ -4,8 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::fem::boundary::Pose;
-use palpate_precompute::fem::solve::{Configuration, SolveFailure, Solver};
+use palpate_precompute::fem::{Configuration, Pose, SolveFailure, Solver};
 
 use crate::analysis;
 use crate::displacements::Displacements;

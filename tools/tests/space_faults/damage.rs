@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::num::EnergyJet;
 use palpate_precompute::space::Store;
 use palpate_precompute::spec::GridIndex;
 

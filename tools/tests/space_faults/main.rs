@@ -13,7 +13,7 @@ mod signals;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use palpate_precompute::num::sequence::{SPLIT_MIX_STEP, split_mix, unit_interval};
+use palpate_precompute::num::{SPLIT_MIX_STEP, split_mix, unit_interval};
 use palpate_tests::write_beam_scene;
 
 const LAW: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";

@@ -43,7 +43,7 @@ fn local_pairs(nodes: usize, pressures: bool, blocks: bool) -> impl Iterator<Ite
 impl Pattern {
     /// Pattern of `body` with the unknowns of `dofs`.
     pub(crate) fn new(body: &Body, dofs: &DofMap) -> Self {
-        let n = dofs.unknowns();
+        let n = dofs.unknowns;
         let nodes = body.order.nodes();
         let pairs: Vec<(usize, usize)> =
             local_pairs(nodes, body.has_pressure(), body.has_pressure_blocks).collect();
@@ -56,9 +56,7 @@ impl Pattern {
         // Every diagonal entry exists, because the regularisation is added to pressures without a block.
         let mut columns: Vec<Vec<u32>> = (0..n).map(|i| vec![i as u32]).collect();
         let ties = || {
-            dofs.multipliers()
-                .iter()
-                .map(|m| (m.equation as usize, dofs.displacement(m.node)[m.axis] as usize))
+            dofs.multipliers.iter().map(|m| (m.equation as usize, dofs.displacement(m.node)[m.axis] as usize))
         };
         for local in element_dofs.chunks(stride) {
             for &(i, j) in &pairs {

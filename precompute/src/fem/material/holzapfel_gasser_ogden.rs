@@ -118,10 +118,6 @@ impl BuiltIn for HolzapfelGasserOgden {
         let fibre = given.direction("fibre", "[1.0, 0.0, 0.0]")?;
         Ok(Self { c10_pa, k1_pa, k2, dispersion, fibre })
     }
-
-    fn liver() -> Self {
-        Self { c10_pa: 2500.0, k1_pa: 3000.0, k2: 2.0, dispersion: 0.1, fibre: [0.8, 0.0, 0.6] }
-    }
 }
 
 impl OfInvariants for HolzapfelGasserOgden {

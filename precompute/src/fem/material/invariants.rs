@@ -3,7 +3,7 @@
 
 use super::{Describe, Law, Tangent};
 use crate::fem::kinematics::{Kinematics, mixed_cofactor};
-use crate::num::jet::THIRD_INDICES;
+use crate::num::jet::{SECOND_INDICES, THIRD_INDICES};
 use crate::num::lanes::Real;
 use crate::num::tensor::{Mat3, Vec3};
 
@@ -241,7 +241,7 @@ fn second_invariant_slope<R: Real>(k: &Kinematics<R>) -> Mat3<R> {
 struct InvariantsAlong<R> {
     /// By direction and invariant.
     linear: [[R; 4]; 3],
-    /// By pair of directions and invariant; the pairs are in the order 00 01 02 11 12 22.
+    /// By pair of directions, in the order of [`SECOND_INDICES`], and invariant.
     squares: [[R; 4]; 6],
     directions: [Mat3<R>; 3],
     /// Derivatives of cof F along one direction; those along two directions follow.
@@ -249,9 +249,7 @@ struct InvariantsAlong<R> {
     cofactor_curvatures: [Mat3<R>; 6],
 }
 
-const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-
-/// Position of a pair of directions in [`PAIRS`].
+/// Position of a pair of directions in [`SECOND_INDICES`].
 #[inline(always)]
 fn pair(i: usize, j: usize) -> usize {
     let (low, high) = if i <= j { (i, j) } else { (j, i) };
@@ -289,7 +287,7 @@ impl<R: Real> InvariantsAlong<R> {
                 linear[I4] = fibre_now.dot(direction * fibre) * 2.0;
             }
         }
-        for (p, (i, j)) in PAIRS.into_iter().enumerate() {
+        for (p, [i, j]) in SECOND_INDICES.into_iter().enumerate() {
             let (a, b) = (directions[i], directions[j]);
             let curvature = mixed_cofactor(a, b);
             along.cofactor_curvatures[p] = curvature;

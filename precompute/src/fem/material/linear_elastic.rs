@@ -1,7 +1,7 @@
 //! Linear elasticity: small strain, no rotation.
 
 use super::parameters::OfLame;
-use super::{Describe, Lame, Law, Tangent, Value};
+use super::{Lame, Law, Tangent};
 use crate::fem::kinematics::Kinematics;
 use crate::num::lanes::Real;
 use crate::num::tensor::Mat3;
@@ -21,16 +21,6 @@ use crate::num::tensor::Mat3;
 pub struct LinearElastic {
     /// Lame's constants.
     pub lame: Lame,
-}
-
-impl Describe for LinearElastic {
-    fn parameters(&self) -> Vec<(&'static str, Value)> {
-        self.lame.parameters()
-    }
-
-    fn shear_modulus_pa(&self) -> f64 {
-        self.lame.mu_pa
-    }
 }
 
 impl OfLame for LinearElastic {

@@ -34,13 +34,8 @@ macro_rules! laws {
             pub fn name(&self) -> &'static str {
                 match self {
                     $(Self::$law(_) => $name,)*
-                    Self::Own(law) => law.name(),
+                    Self::Own(law) => law.name,
                 }
-            }
-
-            /// Every law of [`LAWS`], in the same order, with constants similar to those of a liver.
-            pub fn livers() -> Vec<Self> {
-                vec![$(Self::$law(parameters::BuiltIn::liver())),*]
             }
 
             /// The law of [`LAWS`] called `name`, with parameters named by the keys of the scene file.

@@ -26,7 +26,8 @@
 //! I2'' = 4 F_iK F_jL + 2 I1 d_ij d_KL - 2 (d_ij C_KL + F_iL F_jK + (F F^T)_ij d_KL).
 //!
 //! An incompressible law has the multiplier term (p0 + q)(1 - J). The rest pressure p0, which makes the
-//! undeformed state free of stress, is part of f. The excess pressure q comes from [`crate::fem::pressure`].
+//! undeformed state free of stress, is part of f. The excess pressure q comes from
+//! [`crate::fem::PressurePair`].
 
 mod check;
 mod holzapfel_gasser_ogden;
@@ -45,7 +46,7 @@ mod tangent;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
-pub(crate) use tests::mooney_rivlin;
+pub(crate) use tests::{livers, mooney_rivlin};
 
 pub use crate::fem::kinematics::Kinematics;
 pub use crate::num::lanes::Real;
@@ -61,6 +62,8 @@ pub(crate) use own::OwnLaw;
 pub use parameters::ParameterError;
 pub use st_venant_kirchhoff::{ModifiedStVenantKirchhoff, StVenantKirchhoff};
 pub use tangent::Tangent;
+
+use std::sync::Arc;
 
 use list::laws;
 pub(crate) use parameters::{Key, SmallStrain};
@@ -85,10 +88,10 @@ laws! {
 impl Material {
     /// A user-defined law; `name` is used in messages and tables.
     ///
-    /// [`crate::fem::solve::Solver`] solves such a material like any other. It is code: a scene with it has no
+    /// [`crate::fem::Solver`] solves such a material like any other. It is code: a scene with it has no
     /// `.space` file, and no scene file can name it.
     pub fn own(name: &'static str, law: impl Law) -> Self {
-        Self::Own(OwnLaw::new(name, law))
+        Self::Own(OwnLaw { name, law: Arc::new(law) })
     }
 
     /// Every parameter of the law by name, in a fixed order, as input of [`Material::from_parameters`].

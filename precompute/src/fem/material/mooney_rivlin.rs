@@ -62,10 +62,6 @@ impl BuiltIn for MooneyRivlin {
         Ok(Self { c10_pa, c01_pa })
     }
 
-    fn liver() -> Self {
-        Self { c10_pa: 1300.0, c01_pa: 1280.0 }
-    }
-
     fn warnings(&self) -> Vec<String> {
         let negative =
             [("c10_pa", self.c10_pa), ("c01_pa", self.c01_pa)].into_iter().filter(|(_, c)| *c < 0.0);
@@ -146,10 +142,6 @@ impl BuiltIn for ReducedMooneyRivlin {
 
     fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
         MooneyRivlin::from_parameters(given).map(Self)
-    }
-
-    fn liver() -> Self {
-        Self(MooneyRivlin::liver())
     }
 
     fn warnings(&self) -> Vec<String> {

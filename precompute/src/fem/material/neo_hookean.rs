@@ -1,8 +1,8 @@
 //! Compressible neo-Hookean with a logarithmic barrier.
 
+use super::Lame;
 use super::invariants::{Derivatives, I1, Invariants, J, OfInvariants, Third, no_third};
 use super::parameters::OfLame;
-use super::{Describe, Lame, Value};
 use crate::num::lanes::Real;
 
 /// W = mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2
@@ -24,16 +24,6 @@ use crate::num::lanes::Real;
 pub struct NeoHookean {
     /// Lame's constants at rest.
     pub lame: Lame,
-}
-
-impl Describe for NeoHookean {
-    fn parameters(&self) -> Vec<(&'static str, Value)> {
-        self.lame.parameters()
-    }
-
-    fn shear_modulus_pa(&self) -> f64 {
-        self.lame.mu_pa
-    }
 }
 
 impl OfLame for NeoHookean {

@@ -13,12 +13,12 @@ use crate::num::tensor::Mat3;
 /// Two such laws are equal if their names and parameters are equal.
 #[derive(Debug, Clone)]
 pub struct OwnLaw {
-    name: &'static str,
-    law: Arc<dyn ErasedLaw>,
+    pub(super) name: &'static str,
+    pub(super) law: Arc<dyn ErasedLaw>,
 }
 
 /// [`Law`] for a single f64, as a dyn-compatible trait.
-trait ErasedLaw: Describe {
+pub(super) trait ErasedLaw: Describe {
     fn stress_at(&self, k: &Kinematics, q_pa: f64) -> (f64, Mat3<f64>);
     fn response_at(&self, k: &Kinematics, q_pa: f64) -> (f64, Mat3<f64>, Tangent);
     fn third_at(&self, k: &Kinematics, q_pa: f64, gradients: &[Mat3<f64>; 3], dq_pa: &[f64; 3]) -> [f64; 10];
@@ -35,16 +35,6 @@ impl<L: Law> ErasedLaw for L {
 
     fn third_at(&self, k: &Kinematics, q_pa: f64, gradients: &[Mat3<f64>; 3], dq_pa: &[f64; 3]) -> [f64; 10] {
         self.third_along(k, q_pa, gradients, dq_pa)
-    }
-}
-
-impl OwnLaw {
-    pub(super) fn new(name: &'static str, law: impl Law) -> Self {
-        Self { name, law: Arc::new(law) }
-    }
-
-    pub(super) fn name(&self) -> &'static str {
-        self.name
     }
 }
 

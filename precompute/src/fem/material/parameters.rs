@@ -1,7 +1,9 @@
 //! The parts of a law of the list besides its energy: input of its parameters, and comparison with other
 //! laws.
 
-use super::{Lame, Law, Value};
+use std::fmt::Debug;
+
+use super::{Describe, Lame, Law, Value};
 
 /// A parameter of a law in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,7 +22,8 @@ impl Key {
 }
 
 /// Why parameters are invalid.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{what}; {fix}")]
 pub struct ParameterError {
     /// The parameter at fault; `None` if the law itself is.
     pub key: Option<String>,
@@ -41,14 +44,6 @@ impl ParameterError {
     }
 }
 
-impl std::fmt::Display for ParameterError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}; {}", self.what, self.fix)
-    }
-}
-
-impl std::error::Error for ParameterError {}
-
 /// A law of the list [`super::LAWS`].
 pub(crate) trait BuiltIn: Law + Sized {
     /// Parameters that the law accepts.
@@ -58,9 +53,6 @@ pub(crate) trait BuiltIn: Law + Sized {
 
     /// The law with these parameters, from a scene or from [`super::Describe::parameters`].
     fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError>;
-
-    /// The law with constants similar to those of a liver.
-    fn liver() -> Self;
 
     /// Warnings about unusual but solvable parameters.
     fn warnings(&self) -> Vec<String> {
@@ -89,10 +81,6 @@ pub(crate) struct SmallStrain {
 }
 
 impl Lame {
-    pub(super) fn parameters(&self) -> Vec<(&'static str, Value)> {
-        vec![("lambda_pa", self.lambda_pa.into()), ("mu_pa", self.mu_pa.into())]
-    }
-
     /// Reads Lame's constants, or converts Young's modulus and Poisson's ratio.
     pub(super) fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
         if given.has("young_pa") || given.has("poisson") {
@@ -123,27 +111,36 @@ impl Lame {
 }
 
 /// A law with Lame's constants as its only parameters.
-pub(crate) trait OfLame: Law + Sized {
+pub(crate) trait OfLame: Debug + Send + Sync + Sized + 'static {
+    /// Pressure at rest, Pa; `None` for a compressible law.
+    const REST_PRESSURE_PA: Option<f64> = None;
+
     fn lame(&self) -> Lame;
     fn with_lame(lame: Lame) -> Self;
+}
 
-    /// Constants similar to those of a liver.
-    fn liver_lame() -> Lame {
-        Lame::from_young_poisson(15480.0, 0.45)
+impl<L: OfLame> Describe for L {
+    fn parameters(&self) -> Vec<(&'static str, Value)> {
+        let Lame { lambda_pa, mu_pa } = self.lame();
+        vec![("lambda_pa", lambda_pa.into()), ("mu_pa", mu_pa.into())]
+    }
+
+    fn shear_modulus_pa(&self) -> f64 {
+        self.lame().mu_pa
+    }
+
+    fn rest_pressure_pa(&self) -> Option<f64> {
+        L::REST_PRESSURE_PA
     }
 }
 
-impl<L: OfLame> BuiltIn for L {
+impl<L: OfLame + Law> BuiltIn for L {
     const KEYS: &'static [Key] =
         &[Key::Number("young_pa"), Key::Number("poisson"), Key::Number("lambda_pa"), Key::Number("mu_pa")];
     const WANTED: &'static str = "either `young_pa` and `poisson`, or `lambda_pa` and `mu_pa`";
 
     fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
         Ok(Self::with_lame(Lame::from_parameters(given)?))
-    }
-
-    fn liver() -> Self {
-        Self::with_lame(Self::liver_lame())
     }
 
     fn small_strain(&self, _: Option<f64>) -> Option<SmallStrain> {

@@ -1,8 +1,8 @@
 //! St. Venant-Kirchhoff: linear elasticity extended to large rotations (paper, Eq. 6).
 
+use super::Lame;
 use super::invariants::{Derivatives, I1, I2, Invariants, OfInvariants};
 use super::parameters::OfLame;
-use super::{Describe, Lame, Value};
 use crate::num::lanes::Real;
 
 /// W = lambda/2 (tr gamma)^2 + mu gamma:gamma
@@ -32,16 +32,6 @@ impl StVenantKirchhoff {
     }
 }
 
-impl Describe for StVenantKirchhoff {
-    fn parameters(&self) -> Vec<(&'static str, Value)> {
-        self.lame.parameters()
-    }
-
-    fn shear_modulus_pa(&self) -> f64 {
-        self.lame.mu_pa
-    }
-}
-
 impl OfLame for StVenantKirchhoff {
     fn lame(&self) -> Lame {
         self.lame
@@ -49,10 +39,6 @@ impl OfLame for StVenantKirchhoff {
 
     fn with_lame(lame: Lame) -> Self {
         Self { lame }
-    }
-
-    fn liver_lame() -> Lame {
-        Lame::from_young_poisson(15480.0, 0.49)
     }
 }
 
@@ -80,21 +66,9 @@ pub struct ModifiedStVenantKirchhoff {
     pub lame: Lame,
 }
 
-impl Describe for ModifiedStVenantKirchhoff {
-    fn parameters(&self) -> Vec<(&'static str, Value)> {
-        self.lame.parameters()
-    }
-
-    fn shear_modulus_pa(&self) -> f64 {
-        self.lame.mu_pa
-    }
-
-    fn rest_pressure_pa(&self) -> Option<f64> {
-        Some(0.0)
-    }
-}
-
 impl OfLame for ModifiedStVenantKirchhoff {
+    const REST_PRESSURE_PA: Option<f64> = Some(0.0);
+
     fn lame(&self) -> Lame {
         self.lame
     }

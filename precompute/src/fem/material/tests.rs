@@ -9,6 +9,30 @@ pub(crate) fn mooney_rivlin() -> Material {
     MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 }.into()
 }
 
+/// Every law of [`LAWS`], with constants similar to those of a liver.
+pub(crate) fn livers() -> Vec<Material> {
+    let given = |law: &str| -> Vec<(&str, Value)> {
+        match law {
+            "mooney-rivlin" | "mooney-rivlin-reduced" => {
+                vec![("c10_pa", Value::Number(1300.0)), ("c01_pa", Value::Number(1280.0))]
+            }
+            "holzapfel-gasser-ogden" => vec![
+                ("c10_pa", Value::Number(2500.0)),
+                ("k1_pa", Value::Number(3000.0)),
+                ("k2", Value::Number(2.0)),
+                ("dispersion", Value::Number(0.1)),
+                ("fibre", Value::Vector([0.8, 0.0, 0.6])),
+            ],
+            "st-venant-kirchhoff" => {
+                vec![("young_pa", Value::Number(15480.0)), ("poisson", Value::Number(0.49))]
+            }
+            _ => vec![("young_pa", Value::Number(15480.0)), ("poisson", Value::Number(0.45))],
+        }
+    };
+    let liver = |law: &&str| Material::from_parameters(law, &given(law)).expect("constants of the law");
+    LAWS.iter().map(liver).collect()
+}
+
 /// Evaluation at one point.
 impl Material {
     /// Energy density with the multiplier term of the excess pressure `q`, J/m^3, and first Piola stress, Pa.
@@ -25,7 +49,7 @@ impl Material {
 }
 
 fn laws() -> Vec<Material> {
-    let mut laws = Material::livers();
+    let mut laws = livers();
     laws.extend([hgo(0.0), hgo(0.2)]);
     laws
 }
@@ -65,7 +89,7 @@ fn parameters_make_the_same_law_again() {
     for law in laws() {
         assert_eq!(Material::from_parameters(law.name(), &law.parameters()), Ok(law.clone()));
     }
-    assert_eq!(Material::livers().iter().map(Material::name).collect::<Vec<_>>(), LAWS);
+    assert_eq!(livers().iter().map(Material::name).collect::<Vec<_>>(), LAWS);
     let unknown = Material::from_parameters("hooke", &[]).expect_err("no such law");
     assert_eq!((unknown.key, unknown.what.as_str()), (None, "unknown law \"hooke\""));
 }

@@ -19,7 +19,7 @@ impl Solver {
             std::array::from_fn(|axis| body.rest.state[3 * node as usize + axis] + moved[axis])
         };
         let Some(handle) = &self.problem.handle else { return };
-        let held = self.problem.dofs.multipliers();
+        let held = &self.problem.dofs.multipliers;
         if held.is_empty() {
             for &node in &handle.nodes {
                 let base = 3 * node as usize;
@@ -101,7 +101,7 @@ impl Solver {
     pub(super) fn translation_columns(&mut self) {
         let problem = &*self.problem;
         let n = problem.unknowns();
-        let held = problem.dofs.multipliers();
+        let held = &problem.dofs.multipliers;
         if held.is_empty() {
             self.coupling.assemble(&problem.body, &problem.pattern, &self.state);
             for (right, k) in self.right.iter_mut().zip(&self.coupling.free) {
@@ -145,7 +145,7 @@ impl Solver {
         let n = problem.unknowns();
         let column = |axis: usize| axis * n..(axis + 1) * n;
         let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());
-        let own = if problem.dofs.multipliers().is_empty() { self.coupling.own } else { Matrix3::zeros() };
+        let own = if problem.dofs.multipliers.is_empty() { self.coupling.own } else { Matrix3::zeros() };
         own - Matrix3::from_fn(|i, j| {
             inner(&right[column(i)], &x[column(j)]) + inner(&x[column(i)], &residuals[column(j)])
         })
@@ -160,7 +160,7 @@ impl Solver {
         let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
         for &node in &handle.nodes {
             let mut here = Vector3::from(self.assembled.force_on(&[node]));
-            for (m, value) in problem.dofs.multipliers().iter().zip(&self.multipliers) {
+            for (m, value) in problem.dofs.multipliers.iter().zip(&self.multipliers) {
                 if m.node == node {
                     here[m.axis] = value * scale;
                 }

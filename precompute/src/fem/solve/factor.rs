@@ -127,32 +127,17 @@ impl Factor {
             SymbolicSparseColMatRef::new_checked(n, n, &pattern.column_starts, None, &pattern.rows);
         let matrix = SparseColMatRef::new(structure, &self.regularised);
         let stack = MemStack::new(&mut self.scratch);
-        let (analysis, factor) = (&symbolic.symbolic, &mut self.values);
-        let (side, parallel) = (Side::Lower, Par::Seq);
+        let (analysis, factor, parallel) = (&symbolic.symbolic, &mut self.values, Par::Seq);
         if route == Route::Positive {
-            let (regularisation, options) = (LltRegularization::default(), Default::default());
-            let done = analysis.factorize_numeric_llt(
-                factor,
-                matrix,
-                side,
-                regularisation,
-                parallel,
-                stack,
-                options,
-            );
-            done.is_ok()
+            let (shift, options) = (LltRegularization::default(), Default::default());
+            analysis
+                .factorize_numeric_llt(factor, matrix, Side::Lower, shift, parallel, stack, options)
+                .is_ok()
         } else {
-            let (regularisation, options) = (LdltRegularization::default(), Default::default());
-            let done = analysis.factorize_numeric_ldlt(
-                factor,
-                matrix,
-                side,
-                regularisation,
-                parallel,
-                stack,
-                options,
-            );
-            done.is_ok()
+            let (shift, options) = (LdltRegularization::default(), Default::default());
+            analysis
+                .factorize_numeric_ldlt(factor, matrix, Side::Lower, shift, parallel, stack, options)
+                .is_ok()
         }
     }
 

@@ -7,7 +7,7 @@ use crate::num::branch::Excess;
 
 /// Options of the step control.
 #[derive(Debug, Clone, Copy)]
-pub struct LoadingOptions {
+pub(crate) struct LoadingOptions {
     /// Maximum number of halvings of the step in one transition.
     pub max_halvings: u32,
     /// Maximum number of attempts with a perturbed guess in one transition, when no halvings are left. A
@@ -48,19 +48,20 @@ impl Solver {
     /// pseudo-random displacements. From then on the guess of every step of this transition is perturbed,
     /// also after a success.
     ///
-    /// A solution on a different branch than the last one ([`Excess`]) counts as a failed step while halvings
-    /// are left. When none is left, it is accepted and flagged as a branch jump. If a step fails when neither
-    /// halvings nor perturbations are left, the first solution found on a different branch is accepted and
-    /// flagged, if it lies ahead. Without such a solution a snap-through is tried once per transition: over
-    /// the whole remaining transition, then over half of it.
+    /// A solution on a different branch than the last one (test of `num::branch`) counts as a failed step
+    /// while halvings are left. When none is left, it is accepted and flagged as a branch jump. If a step
+    /// fails when neither halvings nor perturbations are left, the first solution found on a different branch
+    /// is accepted and flagged, if it lies ahead. Without such a solution a snap-through is tried once per
+    /// transition: over the whole remaining transition, then over half of it.
     ///
     /// Deviation from the paper: the paper divides every transition into M equal increments without a
     /// predictor.
     pub fn advance_to(&mut self, from: &Seed, target: &Pose) -> Result<Configuration, SolveFailure> {
         let (mut done, mut step) = (0.0, 1.0);
-        let (mut halvings, mut perturbations) = (0, 0);
+        let (mut halvings, mut perturbations_done) = (0, 0);
         let mut may_snap = self.loading.snap_through;
-        let mut spent = AccumulatedCost::default();
+        let mut increments = 0;
+        (self.iterations, self.factorisations) = (0, 0);
         let mut here: Option<Configuration> = None;
         let mut switched = false;
         // The first step that jumped to a different branch: the part of the transition up to its end, and its
@@ -72,17 +73,15 @@ impl Solver {
             let seed = here.as_ref().map_or(from, |c| &c.seed);
             let pose = pose_at(done + step);
             predict(seed, &pose, &mut guess);
-            if perturbations > 0 {
-                self.perturb(&mut guess, perturbations);
+            if perturbations_done > 0 {
+                self.perturb(&mut guess, perturbations_done);
             }
-            let configuration = match self.solve_at(&pose, &guess) {
+            let configuration = match self.attempt(&pose, &guess) {
                 Ok(configuration) => {
                     let jumps = leaves_branch(seed, &configuration);
                     if jumps && halvings < self.loading.max_halvings {
-                        spent.add(configuration.iterations, configuration.factorisations);
                         halvings += 1;
-                        let counted = Configuration { iterations: 0, factorisations: 0, ..configuration };
-                        on_other_branch.get_or_insert((done + step, counted));
+                        on_other_branch.get_or_insert((done + step, configuration));
                         step *= 0.5;
                         continue;
                     }
@@ -90,19 +89,18 @@ impl Solver {
                     configuration
                 }
                 Err(failure) => {
-                    spent.add(failure.iterations, self.factorisations);
                     if halvings < self.loading.max_halvings {
                         halvings += 1;
                         step *= 0.5;
                         continue;
                     }
-                    if perturbations < self.loading.perturbations {
-                        perturbations += 1;
+                    if perturbations_done < self.loading.perturbations {
+                        perturbations_done += 1;
                         continue;
                     }
                     let left = 1.0 - done;
                     let mut snap = |step: f64| {
-                        self.snap_through(seed, &pose_at(done + step), &mut guess, &mut spent)
+                        self.snap_through(seed, &pose_at(done + step), &mut guess)
                             .map(|configuration| (step, configuration))
                     };
                     let landed = match on_other_branch.take().filter(|(reached, _)| *reached > done) {
@@ -111,18 +109,17 @@ impl Solver {
                         None => None,
                     };
                     let Some((landed_step, configuration)) = landed else {
-                        return Err(SolveFailure { iterations: spent.iterations, ..failure });
+                        return Err(SolveFailure { iterations: self.iterations, ..failure });
                     };
                     switched |= leaves_branch(seed, &configuration);
                     step = landed_step;
                     configuration
                 }
             };
-            spent.add(configuration.iterations, configuration.factorisations);
-            spent.increments += 1;
+            increments += 1;
             done += step;
             if done >= 1.0 {
-                let AccumulatedCost { iterations, factorisations, increments } = spent;
+                let (iterations, factorisations) = (self.iterations, self.factorisations);
                 return Ok(Configuration {
                     iterations,
                     factorisations,
@@ -138,28 +135,15 @@ impl Solver {
 
     /// Equilibrium at `pose`, found by Newton's method with full steps that may increase the residual.
     /// Accepted if it is stable and has no more inverted elements than the seed.
-    fn snap_through(
-        &mut self,
-        seed: &Seed,
-        pose: &Pose,
-        guess: &mut [f64],
-        spent: &mut AccumulatedCost,
-    ) -> Option<Configuration> {
+    fn snap_through(&mut self, seed: &Seed, pose: &Pose, guess: &mut [f64]) -> Option<Configuration> {
         self.state.copy_from_slice(&seed.state);
         self.evaluate(false);
         let inverted = self.assembled.inverted;
         predict(seed, pose, guess);
-        let max_rising_steps = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
-        let landed = self.solve_at(pose, guess);
-        self.newton.max_rising_steps = max_rising_steps;
-        match landed {
-            Ok(c) if c.unstable_modes == Some(0) && c.inverted <= inverted => Some(c),
-            refused => {
-                let iterations = refused.map_or_else(|failure| failure.iterations, |c| c.iterations);
-                spent.add(iterations, self.factorisations);
-                None
-            }
-        }
+        let usual_rising_steps = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
+        let landed = self.attempt(pose, guess);
+        self.newton.max_rising_steps = usual_rising_steps;
+        landed.ok().filter(|c| c.unstable_modes == Some(0) && c.inverted <= inverted)
     }
 
     /// Solves one whole step without the condensed quantities, for benchmarks. Returns the numbers of
@@ -197,21 +181,6 @@ fn leaves_branch(seed: &Seed, found: &Configuration) -> bool {
     let turned = seed.pose.rotation_rad != found.seed.pose.rotation_rad;
     let moved = seed.pose.displacement_m != found.seed.pose.displacement_m;
     moved && !turned && Excess::between(&seed.jet, found.jet()).is_jump()
-}
-
-/// Accumulated cost of a transition.
-#[derive(Debug, Clone, Copy, Default)]
-struct AccumulatedCost {
-    iterations: u32,
-    factorisations: u32,
-    increments: u32,
-}
-
-impl AccumulatedCost {
-    fn add(&mut self, iterations: u32, factorisations: u32) {
-        self.iterations += iterations;
-        self.factorisations += factorisations;
-    }
 }
 
 /// First-order prediction of the state at `pose`.

@@ -59,9 +59,9 @@ impl Problem {
         let pattern = Pattern::new(&body, &dofs);
         let regularised = regularised_diagonal(&body, &dofs);
         let pressures = (0..body.pressure_sites.len() as u32)
-            .filter(|&p| (dofs.pressure(p) as usize) < dofs.unknowns())
+            .filter(|&p| (dofs.pressure(p) as usize) < dofs.unknowns)
             .count();
-        let negative = pressures + dofs.multipliers().len();
+        let negative = pressures + dofs.multipliers.len();
         let symbolic = SymbolicFactor::new(&pattern, &regularised, negative);
         let positions = dofs.state_positions().collect();
         let newton = NewtonOptions::default();
@@ -70,7 +70,7 @@ impl Problem {
 
     /// Number of equations.
     pub fn unknowns(&self) -> usize {
-        self.dofs.unknowns()
+        self.dofs.unknowns
     }
 
     /// Numbers of entries of the matrix (lower triangle) and of its factor.
@@ -119,7 +119,7 @@ fn regularised_diagonal(body: &Body, dofs: &DofMap) -> Vec<(usize, f64)> {
             let (_, region) = body.pressure_sites[pressure];
             let shear_pa = body.regions[usize::from(region)].material.shear_modulus_pa();
             let size = scale * scale * volume_m3[pressure] / shear_pa;
-            (equation < dofs.unknowns() && !own_block[pressure]).then_some((equation, size))
+            (equation < dofs.unknowns && !own_block[pressure]).then_some((equation, size))
         })
         .collect()
 }
@@ -174,7 +174,7 @@ pub struct Solver {
     /// Convergence control.
     pub newton: NewtonOptions,
     /// Step control.
-    pub loading: LoadingOptions,
+    pub(crate) loading: LoadingOptions,
     assembled: Assembled,
     coupling: HandleCoupling,
     factor: Factor,
@@ -192,6 +192,8 @@ pub struct Solver {
     right: Vec<f64>,
     /// Share of `step` in the last move of the state.
     moved_by: f64,
+    /// Numbers of iterations and factorisations since the start of the transition.
+    iterations: u32,
     factorisations: u32,
 }
 
@@ -199,7 +201,7 @@ impl Solver {
     /// Solver of `problem` with default options.
     pub fn new(problem: Arc<Problem>) -> Self {
         let n = problem.unknowns();
-        let held = problem.dofs.multipliers().len();
+        let held = problem.dofs.multipliers.len();
         Self {
             newton: problem.newton,
             loading: LoadingOptions::default(),
@@ -216,6 +218,7 @@ impl Solver {
             columns: vec![0.0; RIGHT_SIDES * n],
             right: vec![0.0; RIGHT_SIDES * n],
             moved_by: 0.0,
+            iterations: 0,
             factorisations: 0,
             problem,
         }

@@ -71,7 +71,11 @@ impl FailureReason {
 }
 
 /// Error of a solve.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "no equilibrium found ({} after {iterations} iterations, residual {residual_n:.1e} N)",
+    .reason.name()
+)]
 pub struct SolveFailure {
     /// Why.
     pub reason: FailureReason,
@@ -80,20 +84,6 @@ pub struct SolveFailure {
     /// Last residual norm, N.
     pub residual_n: f64,
 }
-
-impl std::fmt::Display for SolveFailure {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "no equilibrium found ({} after {} iterations, residual {:.1e} N)",
-            self.reason.name(),
-            self.iterations,
-            self.residual_n
-        )
-    }
-}
-
-impl std::error::Error for SolveFailure {}
 
 /// Above this multiple of the larger of the initial residual and the force scale, the iteration counts as
 /// diverged.
@@ -114,21 +104,22 @@ const FROZEN_STEP_COST: f64 = 2.0;
 /// that their rounding error (1e-16 of them) exceeds the tolerance.
 const ROUNDING_FLOOR_FACTOR: f64 = 100.0;
 
-/// Kind of the next step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Next {
-    Newton,
-    Frozen,
-}
-
 impl Solver {
     /// Equilibrium with the prescribed nodes (the handle) at `pose`, from the guess `state`.
     pub fn solve_at(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
+        (self.iterations, self.factorisations) = (0, 0);
+        self.attempt(pose, state)
+    }
+
+    /// [`Solver::solve_at`], counted in addition to the earlier attempts of a transition.
+    pub(super) fn attempt(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
         self.state.copy_from_slice(state);
         self.prescribe(pose);
-        self.factorisations = 0;
-        let (residual_n, iterations) = self.equilibrate()?;
-        self.condense(pose, residual_n, iterations)
+        let reached = self.equilibrate();
+        let reached =
+            reached.and_then(|(residual_n, iterations)| self.condense(pose, residual_n, iterations));
+        self.iterations += reached.as_ref().map_or_else(|failure| failure.iterations, |c| c.iterations);
+        reached
     }
 
     /// Newton iteration from `self.state` until the residual is below the tolerance; returns the residual and
@@ -141,26 +132,26 @@ impl Solver {
         let (mut iterations, mut rising_steps) = (0, 0);
         let mut residual_n = self.evaluate(true);
         let first = residual_n.max(self.scale_n());
-        let mut next = Next::Newton;
-        let mut has_tangent = true;
+        let (mut is_frozen, mut has_tangent) = (false, true);
         loop {
+            let failed = |reason| Err(SolveFailure { reason, iterations, residual_n });
             if !residual_n.is_finite() {
-                return Err(SolveFailure { reason: FailureReason::NotFinite, iterations, residual_n });
+                return failed(FailureReason::NotFinite);
             }
             if residual_n > DIVERGENCE_FACTOR * first {
-                return Err(SolveFailure { reason: FailureReason::Diverged, iterations, residual_n });
+                return failed(FailureReason::Diverged);
             }
             if residual_n <= self.newton.tolerance * self.scale_n() {
                 return Ok((residual_n, iterations));
             }
             if iterations >= self.newton.max_iterations {
-                return Err(SolveFailure { reason: FailureReason::MaxIterations, iterations, residual_n });
+                return failed(FailureReason::MaxIterations);
             }
             iterations += 1;
-            if next == Next::Frozen {
+            if is_frozen {
                 if let Some(reached) = self.frozen_step(residual_n) {
                     has_tangent = false;
-                    next = self.after_frozen(residual_n, reached);
+                    is_frozen = self.stays_frozen(residual_n, reached);
                     residual_n = reached;
                     continue;
                 }
@@ -188,24 +179,22 @@ impl Solver {
                 Err(reason) => return Err(SolveFailure { reason, iterations, residual_n }),
             };
             has_tangent = false;
-            next = Next::Newton;
+            is_frozen = false;
             if full && self.newton.frozen_factor {
                 self.history.clear();
                 self.history.push(&self.step);
-                if reached <= FROZEN_FROM * self.scale_n() {
-                    next = Next::Frozen;
-                }
+                is_frozen = reached <= FROZEN_FROM * self.scale_n();
             }
             residual_n = reached;
         }
     }
 
     /// Whether to continue with the frozen factor after a step from residual `before` to `reached`.
-    fn after_frozen(&self, before: f64, reached: f64) -> Next {
+    fn stays_frozen(&self, before: f64, reached: f64) -> bool {
         let tolerance = self.newton.tolerance * self.scale_n();
         let gain = reached / before;
         if gain >= MIN_GAIN || self.history.is_full() {
-            return Next::Newton;
+            return false;
         }
         // Model: a new factor squares the relative residual; each frozen step reduces the residual by the
         // same factor.
@@ -214,11 +203,7 @@ impl Solver {
         let newton_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };
         let newton_cost =
             FACTOR_OPERATION_COST * self.problem.symbolic.factor_over_solve() + NEWTON_STEP_COST;
-        if frozen_steps * FROZEN_STEP_COST <= newton_steps * newton_cost {
-            Next::Frozen
-        } else {
-            Next::Newton
-        }
+        frozen_steps * FROZEN_STEP_COST <= newton_steps * newton_cost
     }
 
     /// One quasi-Newton step with the current factor. `None`, with an unchanged state, if it does not reduce
@@ -237,9 +222,9 @@ impl Solver {
         Some(reached)
     }
 
-    /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual; if it `may_rise`, a finite residual
-    /// is enough. Returns the new residual and whether the step was the full one; `None`, with an unchanged
-    /// state, without such a step.
+    /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual; if it `may_rise`, a finite
+    /// residual is enough. Returns the new residual and whether the step was the full one. `None`, with an
+    /// unchanged state, without such a step.
     fn line_search(&mut self, residual_n: f64, may_rise: bool) -> Option<(f64, bool)> {
         let mut omega = 1.0;
         for halvings in 0..=self.newton.max_halvings {
@@ -264,7 +249,7 @@ impl Solver {
         }
         self.assembled.residual_into(&problem.body, &problem.positions, &mut self.residual);
         let scale = problem.body.stiffness_scale_n_m();
-        let held = problem.dofs.multipliers().iter().zip(&self.multipliers).zip(&self.targets_m);
+        let held = problem.dofs.multipliers.iter().zip(&self.multipliers).zip(&self.targets_m);
         for ((m, multiplier), target) in held {
             let displacement = problem.dofs.displacement(m.node)[m.axis];
             let u = self.state[3 * m.node as usize + m.axis];
@@ -292,7 +277,7 @@ impl Solver {
             let unit = if position < displacement_len { 1.0 } else { pressure_scale };
             self.state[position] += omega * unit * self.step[equation];
         }
-        for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
+        for (value, m) in self.multipliers.iter_mut().zip(&self.problem.dofs.multipliers) {
             *value += omega * self.step[m.equation as usize];
         }
         self.moved_by = omega;
@@ -302,7 +287,7 @@ impl Solver {
     /// Restores the state and the multipliers before the last [`Solver::try_step`].
     fn undo_step(&mut self) {
         std::mem::swap(&mut self.state, &mut self.previous);
-        for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
+        for (value, m) in self.multipliers.iter_mut().zip(&self.problem.dofs.multipliers) {
             *value -= self.moved_by * self.step[m.equation as usize];
         }
     }

@@ -6,10 +6,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::fem::body::Body;
-use palpate_precompute::fem::boundary::Pose;
 use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
-use palpate_precompute::fem::solve::{IterationProfile, Problem, Solver};
+use palpate_precompute::fem::{Body, IterationProfile, Pose, Problem, Solver};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use serde::{Deserialize, Serialize};
 

@@ -4,10 +4,8 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
 use std::time::Duration;
 
-use palpate_precompute::fem::boundary::Pose;
-use palpate_precompute::fem::solve::Seed;
-use palpate_precompute::num::jet::EnergyJet;
-use palpate_precompute::num::sequence::split_mix;
+use palpate_precompute::fem::{Pose, Seed};
+use palpate_precompute::num::{EnergyJet, split_mix};
 use palpate_precompute::space::{
     Done, Executor, ExecutorError, Outcome, Record, Solution, StoredSeed, Task, Work,
 };

@@ -4,10 +4,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::material::{Material, MooneyRivlin, NeoHookean};
-use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::fem::{Body, Model, Order, Problem, Solver};
 use palpate_precompute::mesh::TetMesh;
 
 use crate::failure::Failure;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use palpate_precompute::fit::BranchJump;
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::mesh::write::{Cell, Field, Grid};
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::norm;
 use palpate_precompute::space::{Equilibrium, FallbackLattice, Record, Store, branch_jumps, state};
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
@@ -328,7 +328,7 @@ fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option
 
 #[cfg(test)]
 mod tests {
-    use palpate_precompute::num::jet::SECOND_INDICES;
+    use palpate_precompute::num::SECOND_INDICES;
 
     use super::super::held_out;
     use super::*;

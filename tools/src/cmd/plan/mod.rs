@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 use clap::Args as ClapArgs;
 use palpate_core::Method;
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::num::parallel::in_parallel;
+use palpate_precompute::num::in_parallel;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Sampling, Tolerance};

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use palpate_precompute::fem::pressure::PressurePair;
+use palpate_precompute::fem::PressurePair;
 use palpate_precompute::scene::{ResolvedScene, SolverOptions};
 
 use super::probe::{Probed, rest_of};

@@ -4,7 +4,7 @@
 use palpate_core::Method;
 use palpate_precompute::adaptive::{Resampled, resample};
 use palpate_precompute::fit::{ScatteredMotion, fit_displacement};
-use palpate_precompute::num::vector::{distance, norm};
+use palpate_precompute::num::{distance, norm};
 use palpate_precompute::space::FallbackLattice;
 use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid, Tolerance};
 

@@ -8,10 +8,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate_precompute::adaptive::{Search, SolveResult, Step, Verdict};
-use palpate_precompute::fem::solve::{Configuration, Problem, Seed, Solver};
+use palpate_precompute::fem::{Configuration, Problem, Seed, Solver};
 use palpate_precompute::fit::SurfaceMotionSample;
-use palpate_precompute::num::jet::EnergyJet;
-use palpate_precompute::num::vector::{distance, norm};
+use palpate_precompute::num::{EnergyJet, distance, norm};
 use palpate_precompute::spec::Requirements;
 
 use crate::cmd::inspect::scattered::too_stiff;

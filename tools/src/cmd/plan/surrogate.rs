@@ -8,8 +8,7 @@ use std::collections::BTreeMap;
 
 use palpate_precompute::adaptive::{AdaptiveFit, Search, SolveResult, Step};
 use palpate_precompute::fit::{KernelFit, Sample};
-use palpate_precompute::num::jet::EnergyJet;
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::{EnergyJet, norm};
 use palpate_precompute::space::expand_model;
 use palpate_precompute::spec::{GridIndex, Lattice, Requirements, Tolerance};
 
@@ -185,7 +184,7 @@ pub(super) mod tests {
         let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
         let e = c * (0..3).map(|i| g[i] * p[i]).sum::<f64>().exp();
         let third =
-            palpate_precompute::num::jet::THIRD_INDICES.map(|t| t.iter().map(|&i| g[i]).product::<f64>() * e);
+            palpate_precompute::num::THIRD_INDICES.map(|t| t.iter().map(|&i| g[i]).product::<f64>() * e);
         let mut jet = EnergyJet {
             control_m: p,
             energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i] - c * g[i] * p[i]).sum::<f64>() + e - c,

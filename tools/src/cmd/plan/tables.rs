@@ -11,7 +11,7 @@ use palpate_precompute::fit::{
     Centre, Derivatives, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes,
     hermite_nodes_known, lattice_values,
 };
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::norm;
 use palpate_precompute::spec::{GridIndex, SpaceGrid, Tolerance};
 
 /// With more centres than this a dense fit of weights would take too long for a plan.

@@ -6,9 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
-use palpate_precompute::fem::solve::{Problem, Solver};
-use palpate_precompute::num::parallel::Pool;
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::fem::{Problem, Solver};
+use palpate_precompute::num::{Pool, norm};
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};

@@ -1,10 +1,10 @@
 //! Force as a function of displacement by finite elements, for laws, fixed sets and active nodes (the paper's
 //! Fig. 6).
 
-use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fem::Solver;
 use palpate_precompute::held_out::positions::regular_directions;
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::num::vector::norm;
+use palpate_precompute::num::norm;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::scene::ActiveNode;
 use palpate_precompute::space::solver_version;

@@ -7,7 +7,7 @@ use nalgebra::{Rotation3, Vector3};
 use crate::fem::body::{Body, Model};
 use crate::fem::boundary::{Constraints, Handle, Pose};
 use crate::fem::element::{EDGES, Order};
-use crate::fem::material::{Material, mooney_rivlin};
+use crate::fem::material::{livers, mooney_rivlin};
 use crate::fem::solve::{Configuration, Problem, Solver, solve_body_force};
 use crate::mesh::TetMesh;
 use crate::mesh::testing::{box_mesh, nodes_where};
@@ -44,10 +44,8 @@ fn reach(solver: &mut Solver, pose: &Pose) -> Configuration {
 fn multipliers_and_elimination_agree() {
     let mut worst = 0.0f64;
     for handle in [Handle::node(top()), tip()] {
-        for (order, law) in Material::livers()
-            .into_iter()
-            .map(|law| (Order::Linear, law))
-            .chain([(Order::Quadratic, mooney_rivlin())])
+        for (order, law) in
+            livers().into_iter().map(|law| (Order::Linear, law)).chain([(Order::Quadratic, mooney_rivlin())])
         {
             let model = Model { order, ..Model::uniform(law.clone(), &fixed()) };
             let mut pose = Pose::translation([0.005, 0.006, -0.009]);
@@ -88,7 +86,7 @@ fn multipliers_and_elimination_agree() {
 #[test]
 fn reaction_is_minus_the_sum_of_the_fixed_reactions() {
     let mut worst = 0.0f64;
-    for law in Material::livers() {
+    for law in livers() {
         for handle in [Handle::node(top()), tip()] {
             let model = Model::uniform(law.clone(), &fixed());
             let mut solver = Solver::new(problem(&model, &handle, Constraints::Elimination));

@@ -4,7 +4,7 @@ use palpate_core::{ActiveNode, HermitePlanes, RBF_LANES, RbfPlanes, Space, Space
 use palpate_precompute::fit::{
     Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
 };
-use palpate_precompute::num::jet::{EnergyJet, SECOND_INDICES, THIRD_INDICES};
+use palpate_precompute::num::{EnergyJet, SECOND_INDICES, THIRD_INDICES};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 use crate::failure::Failure;
