@@ -119,14 +119,14 @@ fn a_search_looks_at_the_same_positions_on_every_platform() {
         max_force_n: 1.0,
         push: None,
         workspace_m: None,
-        most: 100,
+        max_configurations: 100,
     };
     let mut numbers = [0.0; 20];
     [numbers[4], numbers[7], numbers[9], numbers[10], numbers[15]] = [90.0, 110.0, 140.0, 1e3, -2e3];
     let search = Search::new(wanted, &EnergyJet::from_numbers([0.0; 3], &numbers));
     let mut bits = 0u64;
-    let places = search.fitted(None).places(600);
-    for number in places.iter().flat_map(|&at| [at, search.fit().force_n(at)]).flatten() {
+    let places = search.fitted.places(600);
+    for number in places.iter().flat_map(|&at| [at, search.fitted.fit.force_n(at)]).flatten() {
         bits = bits.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ number.to_bits();
     }
     assert_eq!((places.len(), bits), (768, 11_294_760_458_309_729_229));

@@ -2,12 +2,9 @@
 //! jumps. The interpolant must be continuous and bounded, and the loss of accuracy is measured.
 
 use nalgebra::Matrix3;
-use palpate_core::{
-    ActiveNode, Coverage, HermiteNode, HermitePlanes, Method, RBF_LANES, RbfPlanes, Space, SpacePlanes,
-};
+use palpate_core::{ActiveNode, Coverage, HermiteNode, HermitePlanes, Method, RbfPlanes, Space, SpacePlanes};
 use palpate_precompute::fit::{
-    BranchJump, Centre, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_branch_jumps, hermite_nodes,
-    lattice_values,
+    BranchJump, Centre, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
 };
 use palpate_precompute::num::{EnergyJet, THIRD_INDICES, norm, split_mix, unit_interval};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
@@ -51,6 +48,7 @@ fn sample_of(terms: &[([f64; 3], f64)], grid: &SpaceGrid, index: GridIndex) -> S
             stiffness_n_m: Matrix3::from_fn(|i, j| of(&[i, j])),
             third_n_m2: THIRD_INDICES.map(|triple| of(&triple)),
         },
+        derivatives: None,
         terminating: false,
         inverted: false,
     }
@@ -67,14 +65,10 @@ struct Tables {
 
 impl Tables {
     fn of(grid: SpaceGrid, samples: &[Sample], jumps: &[BranchJump]) -> Self {
-        let mut values = lattice_values(&grid, samples);
-        flag_branch_jumps(&grid, jumps, &mut values);
+        let values = lattice_values(&grid, samples, jumps);
         let table = hermite_nodes(&grid, samples, jumps);
         let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
-        let mut cubic = fit_rbf(Kernel::Cubic, &centres, 2).ok();
-        for plane in cubic.iter_mut().flat_map(|fit| fit.centres.iter_mut().chain(&mut fit.weights)) {
-            plane.resize(plane.len().next_multiple_of(RBF_LANES), 0.0);
-        }
+        let cubic = fit_rbf(Kernel::Cubic, &centres, 2).ok();
         Self { grid, values, row: table.row, nodes: table.nodes, cubic }
     }
 

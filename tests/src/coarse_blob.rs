@@ -49,7 +49,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
     for count in counts.expect("the run completes") {
         assert!(count.solved() >= 20, "{}: {count:?}", scene.name);
     }
-    let options = PackOptions { methods: &[method], intermediate: false, threads };
+    let options = PackOptions { methods: &[method], use_intermediate_states: false, threads };
     let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
     BlobFile::of(&bytes)
 }

@@ -6,7 +6,7 @@
 
 use palpate_core::{AlignedBytes, Method, Organ, Vec3};
 use palpate_host::{Instructions, Interpolator};
-use palpate_precompute::certificate::{Certificate, reference};
+use palpate_precompute::certificate::{Certificate, reference_force_n};
 
 /// Uniform positions in the ball, the same in every run.
 fn positions(radius_m: f32) -> impl Iterator<Item = Vec3> {
@@ -34,7 +34,7 @@ fn rounding_in_the_core_is_within_the_certified_bound() {
             let Some(interpolator) = Interpolator::with_instructions(instructions, method) else { continue };
             let mut largest_n = 0.0_f64;
             for d in positions(space.lattice().radius_m()).take(100_000) {
-                let exact_n = reference::force_n(space, method, d).expect("packed");
+                let exact_n = reference_force_n(space, method, d).expect("packed");
                 let found_n = interpolator.force(space, &d).expect("packed").force_n;
                 let apart = (0..3).map(|i| (exact_n[i] - f64::from(found_n[i])).powi(2)).sum::<f64>().sqrt();
                 largest_n = largest_n.max(apart);

@@ -27,7 +27,7 @@ fn blob(folder: &Path) -> (PathBuf, BlobFile) {
     let mut bench = SpaceBench::new(f64::INFINITY);
     bench.identity.displacement_bound = DisplacementBound { rms_m: 2e-5, max_m: 2e-4 };
     let (store, _) = bench.solve(&folder.join("a.space"), 2);
-    let options = PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads: 1 };
+    let options = PackOptions { methods: &Method::OF_LATTICE, use_intermediate_states: false, threads: 1 };
     let mut packed = pack(&store, &options).expect("the space packs");
     let plain = BlobFile::of(&packed.bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(plain.bytes()).expect("readable");
@@ -153,7 +153,11 @@ fn the_reader_gives_the_cores_forces_of_a_kernel() {
     bench.identity.sampling =
         Sampling::Scattered(Scattered { radius_m: 0.01, tolerance, only_push: false, workspace_m: None });
     let (store, _) = bench.solve(&folder.path().join("a.space"), 2);
-    let options = PackOptions { methods: &[Method::Energy, Method::Kernel], intermediate: false, threads: 1 };
+    let options = PackOptions {
+        methods: &[Method::Energy, Method::Kernel],
+        use_intermediate_states: false,
+        threads: 1,
+    };
     let bytes = pack(&store, &options).expect("it packs").bytes().expect("bytes");
     let file = BlobFile::of(&bytes);
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("readable");

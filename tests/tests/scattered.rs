@@ -63,7 +63,7 @@ fn small_displacements_are_stored_as_a_linear_body() {
     let solved =
         with_threads(&context, 2, |executor| held_out.run(&one, executor, &AtomicBool::new(false), |_| ()));
     solved.expect("the held-out truth is solved");
-    let options = PackOptions { methods: &[Method::Energy], intermediate: false, threads: 2 };
+    let options = PackOptions { methods: &[Method::Energy], use_intermediate_states: false, threads: 2 };
     let file = BlobFile::of(&pack(&one, &options).expect("the space packs").bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
     let space = &certify(&one, &organ).expect("measured").spaces[0];
@@ -115,7 +115,7 @@ fn nothing_is_solved_outside_the_workspace() {
     })
     .expect("truth");
     assert!(outside[0] > 0 && outside[1] == 0, "{outside:?}");
-    let options = PackOptions { methods: &[Method::Energy], intermediate: false, threads: 2 };
+    let options = PackOptions { methods: &[Method::Energy], use_intermediate_states: false, threads: 2 };
     let file = BlobFile::of(&pack(&one, &options).expect("the space packs").bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
     let answers = answers(&one, 0, &organ.spaces[0], Method::Energy).expect("answers");
@@ -172,9 +172,9 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
         with_threads(&context, 2, |executor| held_out.run(&one, executor, &AtomicBool::new(false), |_| ()));
     solved.expect("the held-out truth is solved");
     let methods = &[Method::Energy, Method::Kernel];
-    let options = PackOptions { methods, intermediate: false, threads: 2 };
+    let options = PackOptions { methods, use_intermediate_states: false, threads: 2 };
     let packed = pack(&one, &options).expect("the space packs");
-    assert!(packed.without_kernel.is_empty() && packed.expect_kernels().is_ok());
+    packed.expect_kernels().expect("the fit is packed");
     let file = BlobFile::of(&packed.bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
     let certificate = certify(&one, &organ).expect("measured");

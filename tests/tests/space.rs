@@ -104,7 +104,7 @@ fn every_method_reproduces_the_solved_forces() {
     let bench = SpaceBench::new(f64::INFINITY);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (store, _) = bench.solve(&folder.path().join("a.space"), 2);
-    let options = PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads: 2 };
+    let options = PackOptions { methods: &Method::OF_LATTICE, use_intermediate_states: false, threads: 2 };
     let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
     let blob = AlignedBytes::from(&bytes);
     let organ: Organ<'_> = Organ::read(&blob).expect("the blob is valid");
@@ -248,7 +248,8 @@ fn intermediate_states_are_kept_on_request() {
     }
     // Radial basis functions interpolate them if they are centres, and otherwise have an error there.
     let worst = |intermediate: bool| -> f64 {
-        let options = PackOptions { methods: &[Method::RbfCubic], intermediate, threads: 2 };
+        let options =
+            PackOptions { methods: &[Method::RbfCubic], use_intermediate_states: intermediate, threads: 2 };
         let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
         let file = BlobFile::of(&bytes);
         let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");

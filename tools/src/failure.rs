@@ -4,7 +4,6 @@ use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
-use palpate_precompute::certificate::LedgerError;
 use palpate_precompute::held_out::HeldOutError;
 use palpate_precompute::pack::PackError;
 use palpate_precompute::pipeline::PipelineError;
@@ -79,7 +78,6 @@ of_pipeline!(
     ExpansionError,
     HeldOutError,
     PipelineError,
-    LedgerError,
     PackError,
     StoreError,
     palpate_precompute::error::InputError,

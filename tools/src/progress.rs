@@ -184,7 +184,7 @@ impl WorkProgress {
     }
 
     /// Shows progress of held-out solutions.
-    pub(crate) fn walks(&mut self, progress: &HeldOutProgress) {
+    pub(crate) fn held_out(&mut self, progress: &HeldOutProgress) {
         let HeldOutProgress { walks, total, positions_now, steps: (done, all), stopping, .. } = *progress;
         if let Some(out) = stopping {
             return self.stopping(out, "paths in hand are given up");

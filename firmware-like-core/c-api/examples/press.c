@@ -105,7 +105,9 @@ int main(int argc, char **argv)
            info.certified ? ", certified" : "");
 
     palpate_config(method, &config);
-    config.max_force_n = info.max_force_n;
+    if (info.max_force_n < config.max_force_n) {
+        config.max_force_n = info.max_force_n;
+    }
     if (palpate_controller_open(controller_memory, palpate_controller_size(), organ, &config, &controller, &problem)
         != PALPATE_STATUS_OK) {
         return refused(&problem);

@@ -255,7 +255,7 @@ typedef struct PalpateOrganInfo {
   char scene[PALPATE_NAME_LEN];
   // Name of the material law, a C string.
   char law[PALPATE_NAME_LEN];
-  // Largest force of the device that the scene was made for, N.
+  // Largest force of the device that the scene was made for, N; infinite without a device.
   float max_force_n;
   // Number of spaces (active nodes).
   uint32_t spaces;

@@ -97,7 +97,7 @@ pub struct PalpateOrganInfo {
     pub scene: [c_char; PALPATE_NAME_LEN],
     /// Name of the material law, a C string.
     pub law: [c_char; PALPATE_NAME_LEN],
-    /// Largest force of the device that the scene was made for, N.
+    /// Largest force of the device that the scene was made for, N; infinite without a device.
     pub max_force_n: f32,
     /// Number of spaces (active nodes).
     pub spaces: u32,

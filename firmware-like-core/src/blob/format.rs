@@ -95,7 +95,7 @@ pub struct Preamble {
     pub scene: String<SCENE_NAME_LEN>,
     /// Name of the material law (the first, where regions differ).
     pub law: String<LAW_NAME_LEN>,
-    /// The largest force of the device that the scene was made for, newtons.
+    /// The largest force of the device that the scene was made for, newtons; infinite without a device.
     pub max_force_n: f32,
     /// Hash of the mesh.
     pub mesh_hash: [u8; 32],

@@ -33,7 +33,7 @@ pub struct Organ<'a, const MAX_SPACES: usize = { Limits::PC.spaces }> {
     pub scene: String<SCENE_NAME_LEN>,
     /// Name of the material law (the first, where regions differ).
     pub law: String<LAW_NAME_LEN>,
-    /// The largest force of the device that the scene was made for, newtons.
+    /// The largest force of the device that the scene was made for, newtons; infinite without a device.
     pub max_force_n: f32,
     /// Hash of the mesh, to match a blob with its scene.
     pub mesh_hash: [u8; 32],
@@ -112,7 +112,7 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         if need > limit {
             return Err(capacity);
         }
-        if !(preamble.max_force_n > 0.0 && preamble.max_force_n.is_finite()) {
+        if preamble.max_force_n.is_nan() || preamble.max_force_n <= 0.0 {
             return Err(BlobError::Value { what: "max_force_n", space: None });
         }
         let planes = Planes { area, limits: *limits, space: None };

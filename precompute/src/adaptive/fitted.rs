@@ -1,12 +1,11 @@
 //! The fit of an adaptive search, and the queries of it after the search.
 
 use super::linear::LinearModelErrors;
-use super::prediction::{Test, Verdict, passes};
-use super::reach::CurrentModel;
+use super::prediction::{Test, Verdict};
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
-use crate::num::vector::norm;
-use crate::spec::{Requirements, Workspace, is_within};
+use crate::num::vector::{distance, dot, norm};
+use crate::spec::{Requirements, is_within};
 
 /// A force predicted above this multiple of the limit counts as beyond the limit.
 const LIMIT_FACTOR: f64 = 1.3;
@@ -39,7 +38,8 @@ impl AdaptiveFit {
     /// Length of the validation streak: predictions within tolerance since the last failure, among those that
     /// count.
     pub fn passes(&self) -> usize {
-        passes(&self.tests)
+        let counted = self.tests.iter().rev().filter(|test| test.counts);
+        counted.take_while(|test| test.error_n <= test.tolerance_n).count()
     }
 
     /// Summary of the leave-one-out errors.
@@ -50,36 +50,28 @@ impl AdaptiveFit {
     /// Whether the fit is valid at a displacement, m: it lies within the kernel length of a configuration,
     /// and the predicted force is not far beyond the limit.
     pub(crate) fn is_valid_at(&self, at: [f64; 3]) -> bool {
-        self.known().is_near(at) && norm(self.fit.force_n(at)) <= LIMIT_FACTOR * self.wanted.max_force_n
+        let is_near = |jet: &EnergyJet| distance(at, jet.control_m) <= self.fit.length_m;
+        self.jets.iter().any(is_near) && norm(self.fit.force_n(at)) <= LIMIT_FACTOR * self.wanted.max_force_n
     }
 
-    /// About `count` displacements, m, distributed over the reachable set.
-    pub fn places(&self, count: u32) -> Vec<[f64; 3]> {
-        self.known().places(count)
-    }
-
-    /// The reachable set.
-    pub(crate) fn reachable_set(&self) -> ReachableSet {
+    /// Whether a displacement, m, is in the reachable set: in the workspace, with a force not far beyond the
+    /// limit, and without pull if the tool only pushes.
+    pub(crate) fn is_reachable(&self, at: [f64; 3]) -> bool {
         let Requirements { max_force_n, push, workspace_m, .. } = self.wanted;
-        ReachableSet { fit: self.fit.clone(), limit_n: LIMIT_FACTOR * max_force_n, push, workspace_m }
+        if !workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) {
+            return false;
+        }
+        let force = self.fit.force_n(at);
+        norm(force) <= LIMIT_FACTOR * max_force_n && push.is_none_or(|normal| dot(force, normal) <= 0.0)
     }
 
     /// Displacement of the node by the largest force in its softest direction, from the stiffness at rest, m;
     /// infinite if the stiffness is not positive definite.
-    pub fn softest_displacement_m(&self) -> f64 {
-        softest_displacement_m(&self.wanted, &self.jets)
+    pub fn displacement_in_softest_direction_m(&self) -> f64 {
+        let Some(rest) = self.jets.first() else { return f64::INFINITY };
+        let softest_n_m = rest.stiffness_n_m.symmetric_eigenvalues().min();
+        if softest_n_m > 0.0 { self.wanted.max_force_n / softest_n_m } else { f64::INFINITY }
     }
-
-    fn known(&self) -> CurrentModel<'_> {
-        CurrentModel { wanted: &self.wanted, fit: &self.fit, jets: &self.jets }
-    }
-}
-
-/// [`AdaptiveFit::softest_displacement_m`] of these configurations, rest first.
-pub(super) fn softest_displacement_m(wanted: &Requirements, jets: &[EnergyJet]) -> f64 {
-    let Some(rest) = jets.first() else { return f64::INFINITY };
-    let softest_n_m = rest.stiffness_n_m.symmetric_eigenvalues().min();
-    if softest_n_m > 0.0 { wanted.max_force_n / softest_n_m } else { f64::INFINITY }
 }
 
 /// Leave-one-out errors: every configuration except rest, predicted by the fit to all others.
@@ -95,33 +87,11 @@ pub struct LeaveOneOutErrors {
 
 impl LeaveOneOutErrors {
     /// Summary of errors given as shares of the tolerance.
-    pub(super) fn of(shares: &[f64]) -> Self {
+    fn of(shares: &[f64]) -> Self {
         Self {
             configurations: shares.len(),
             beyond: shares.iter().filter(|share| share.is_nan() || **share > 1.0).count(),
             worst: shares.iter().copied().fold(0.0, f64::max),
         }
-    }
-}
-
-/// The reachable set: displacements in the workspace with a force not far beyond the limit; without pull if
-/// the tool only pushes.
-#[derive(Debug, Clone)]
-pub(crate) struct ReachableSet {
-    fit: KernelFit,
-    limit_n: f64,
-    push: Option<[f64; 3]>,
-    workspace_m: Option<Workspace>,
-}
-
-impl ReachableSet {
-    /// Whether a displacement, m, is reachable.
-    pub(crate) fn has(&self, at: [f64; 3]) -> bool {
-        if !self.workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) {
-            return false;
-        }
-        let force = self.fit.force_n(at);
-        let along = |normal: [f64; 3]| force.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
-        norm(force) <= self.limit_n && self.push.is_none_or(|n| along(n) <= 0.0)
     }
 }

@@ -10,13 +10,13 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::prediction::STREAK;
-use crate::num::vector::{difference, norm};
+use crate::num::vector::distance;
 
 /// The linear model and its tests so far.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
     stiffness_n_m: Matrix3<f64>,
-    suits: LinearModelErrors,
+    pub(super) errors: LinearModelErrors,
     /// Whether a test failed, or a position was unsolved or on a different branch.
     excluded: bool,
 }
@@ -35,7 +35,7 @@ pub struct LinearModelErrors {
 
 impl Linear {
     pub(super) fn new(stiffness_n_m: Matrix3<f64>) -> Self {
-        Self { stiffness_n_m, suits: LinearModelErrors::default(), excluded: false }
+        Self { stiffness_n_m, errors: LinearModelErrors::default(), excluded: false }
     }
 
     /// h = S0 d, N.
@@ -45,9 +45,9 @@ impl Linear {
 
     /// Adds a test that counts.
     pub(super) fn score(&mut self, displacement_m: [f64; 3], truth_n: [f64; 3], tolerance_n: f64) {
-        let share = norm(difference(self.force_n(displacement_m), truth_n)) / tolerance_n;
-        let LinearModelErrors { tests, worst, .. } = self.suits;
-        self.suits = LinearModelErrors { tests: tests + 1, worst: worst.max(share), ..self.suits };
+        let share = distance(self.force_n(displacement_m), truth_n) / tolerance_n;
+        let LinearModelErrors { tests, worst, .. } = self.errors;
+        self.errors = LinearModelErrors { tests: tests + 1, worst: worst.max(share), ..self.errors };
         self.excluded |= share.is_nan() || share > 1.0;
     }
 
@@ -58,32 +58,28 @@ impl Linear {
     }
 
     /// Number of tests still to pass; `None` if the model is excluded.
-    pub(super) fn wants(&self) -> Option<usize> {
-        (!self.excluded).then(|| STREAK.saturating_sub(self.suits.tests))
+    pub(super) fn tests_missing(&self) -> Option<usize> {
+        (!self.excluded).then(|| STREAK.saturating_sub(self.errors.tests))
     }
 
     /// Whether the model agrees with the fit at these reachable positions, each given with the fit's force
     /// and its tolerance.
     pub(super) fn agrees_with_fit(&mut self, fit: impl Iterator<Item = ([f64; 3], [f64; 3], f64)>) -> bool {
-        let share = |(at, force_n, tolerance_n)| norm(difference(self.force_n(at), force_n)) / tolerance_n;
-        self.suits.from_fit = fit.map(share).fold(0.0, f64::max);
-        let agrees_with_fit = self.suits.from_fit <= 1.0;
+        let share = |(at, force_n, tolerance_n)| distance(self.force_n(at), force_n) / tolerance_n;
+        self.errors.from_fit = fit.map(share).fold(0.0, f64::max);
+        let agrees_with_fit = self.errors.from_fit <= 1.0;
         self.excluded |= !agrees_with_fit;
         agrees_with_fit
-    }
-
-    /// Number of tests and the largest error.
-    pub(super) fn suits(&self) -> LinearModelErrors {
-        self.suits
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{AdaptiveFit, Search, SolveResult, Step, Verdict, resample};
+    use super::super::{AdaptiveFit, Search, SolveResult, Verdict, resample};
     use super::*;
     use crate::fit::KernelFit;
     use crate::fit::synthetic::jet;
+    use crate::num::vector::norm;
     use crate::spec::{Requirements, Tolerance};
     use palpate_core::HermitePlanes;
 
@@ -91,21 +87,21 @@ mod tests {
 
     fn searched(radius_m: f64, found: impl Fn([f64; 3]) -> SolveResult) -> (AdaptiveFit, usize) {
         let tolerance = Tolerance::IMPERCEPTIBLE;
-        let wanted =
-            Requirements { tolerance, radius_m, max_force_n: 8.0, push: None, workspace_m: None, most: 100 };
+        let wanted = Requirements {
+            tolerance,
+            radius_m,
+            max_force_n: 8.0,
+            push: None,
+            workspace_m: None,
+            max_configurations: 100,
+        };
         let mut search = Search::new(wanted, &jet([0.0; 3]));
         let mut solves = 1;
-        loop {
-            match search.step() {
-                Step::Done(verdict) => return (search.fitted(Some(verdict)), solves),
-                Step::Solve(targets) => {
-                    solves += targets.len();
-                    let all: Vec<SolveResult> =
-                        targets.iter().map(|target| found(target.displacement_m())).collect();
-                    search.take(&all);
-                }
-            }
-        }
+        search.run(|_, target| {
+            solves += 1;
+            found(target.displacement_m())
+        });
+        (search.fitted, solves)
     }
 
     fn solved(at: [f64; 3]) -> SolveResult {
@@ -129,7 +125,7 @@ mod tests {
         // The eighth test has an error of twice the tolerance; all others agree with a linear body.
         let base = jet([0.0; 3]).stiffness_n_m;
         let exact = |at: [f64; 3]| {
-            let quadratic = KernelFit::new(1.0, base);
+            let quadratic = KernelFit::quadratic(1.0, base);
             quadratic.jet(at)
         };
         let planted = |spoil: &dyn Fn(crate::num::jet::EnergyJet) -> SolveResult| {
@@ -156,14 +152,14 @@ mod tests {
         let (search, _) = searched(RADIUS_M, solved);
         let on = resample(&search).expect("a lattice");
         assert_eq!((on.samples.len(), on.grid.spacing_m), (27, on.grid.radius_m));
-        let nodes = crate::fit::hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
+        let nodes = crate::fit::hermite_nodes(&on.grid, &on.samples, &[]);
         let lattice = &on.grid.lattice;
         let table = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
         for n in 0..200 {
             let at = crate::fit::synthetic::spread(n, 0.99 * on.grid.radius_m);
             let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));
             let exact: [f64; 3] = (jet([0.0; 3]).stiffness_n_m * Vector3::from(at)).into();
-            let apart = norm(difference(found.map(f64::from), exact));
+            let apart = distance(found.map(f64::from), exact);
             assert!(apart < 1e-6 * norm(exact) + 1e-7, "{apart} N of {}", norm(exact));
         }
     }

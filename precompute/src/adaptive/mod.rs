@@ -10,14 +10,10 @@ mod prediction;
 mod reach;
 mod resample;
 mod search;
-mod single_solver;
 mod stagnation;
 
-pub(crate) use fitted::ReachableSet;
 pub use fitted::{AdaptiveFit, LeaveOneOutErrors};
 pub use linear::LinearModelErrors;
 pub use prediction::{STREAK, Test, Verdict};
 pub use resample::{Resampled, resample};
-pub use search::Target;
-pub use search::{Search, SolveResult, Step};
-pub use single_solver::{SingleSolverSearch, search_alone};
+pub use search::{Search, SolveResult, Step, Target};

@@ -16,8 +16,8 @@ pub struct Test {
     pub error_n: f64,
     /// Tolerance of the force at this position, N.
     pub tolerance_n: f64,
-    /// Whether |h| is close enough to the limit for the fit; only such predictions count.
-    pub within: bool,
+    /// Whether the prediction counts: |h| is not far beyond the force limit.
+    pub counts: bool,
 }
 
 /// Result of a search.
@@ -48,10 +48,4 @@ impl Verdict {
             Self::TooStiff => "too stiff",
         }
     }
-}
-
-/// Length of the validation streak, among the predictions that count.
-pub(super) fn passes(tests: &[Test]) -> usize {
-    let counted = tests.iter().rev().filter(|test| test.within);
-    counted.take_while(|test| test.error_n <= test.tolerance_n).count()
 }

@@ -1,11 +1,10 @@
 //! The reachable set: displacements within radius, workspace and force limit; without pull if the tool only
 //! pushes.
 
-use crate::fit::KernelFit;
-use crate::num::jet::EnergyJet;
+use super::AdaptiveFit;
 use crate::num::sequence::{on_sphere, r2};
-use crate::num::vector::{difference, norm};
-use crate::spec::{Requirements, UNIT_M};
+use crate::num::vector::{distance, dot, norm};
+use crate::spec::UNIT_M;
 
 /// Number of ray directions.
 const RAYS: u32 = 256;
@@ -16,21 +15,9 @@ const LIMIT_FACTOR: f64 = 1.02;
 /// Positions on a ray, as shares of the reachable volume.
 const SHARES: [f64; 3] = [1.0, 0.6, 0.2];
 
-/// The current model of the force.
-pub(super) struct CurrentModel<'a> {
-    pub(super) wanted: &'a Requirements,
-    pub(super) fit: &'a KernelFit,
-    pub(super) jets: &'a [EnergyJet],
-}
-
-impl CurrentModel<'_> {
-    /// Whether a displacement is within the kernel's length of a configuration.
-    pub(super) fn is_near(&self, at: [f64; 3]) -> bool {
-        self.jets.iter().any(|jet| norm(difference(at, jet.control_m)) <= self.fit.length_m())
-    }
-
-    /// About `count` positions distributed over the reachable set, different from those of the search.
-    pub(super) fn places(&self, count: u32) -> Vec<[f64; 3]> {
+impl AdaptiveFit {
+    /// About `count` displacements, m, distributed over the reachable set, different from those of the search.
+    pub fn places(&self, count: u32) -> Vec<[f64; 3]> {
         let rounds = count.div_ceil(RAYS * SHARES.len() as u32);
         (0..rounds).flat_map(|round| self.candidates(1000 + round)).collect()
     }
@@ -92,20 +79,19 @@ impl CurrentModel<'_> {
 
     /// The larger of the two predictions of |h|, N.
     fn largest_n(&self, at: [f64; 3]) -> f64 {
-        let taylor = self.nearest(at).map_or(0.0, |jet| norm(jet.taylor_force_n(at)));
-        norm(self.fit.force_n(at)).max(taylor)
+        let taylor_n = self.jets[self.nearest(at)].taylor_force_n(at);
+        norm(self.fit.force_n(at)).max(norm(taylor_n))
     }
 
     /// Whether the tool presses at a position, if it only pushes.
     fn presses(&self, at: [f64; 3]) -> bool {
-        let Some(normal) = self.wanted.push else { return true };
-        let along: f64 = self.fit.force_n(at).iter().zip(normal).map(|(h, n)| h * n).sum();
-        along <= 0.0
+        self.wanted.push.is_none_or(|normal| dot(self.fit.force_n(at), normal) <= 0.0)
     }
 
-    fn nearest(&self, at: [f64; 3]) -> Option<&EnergyJet> {
-        let distance = |jet: &EnergyJet| norm(difference(at, jet.control_m));
-        self.jets.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    /// Index of the configuration nearest to a displacement.
+    pub(super) fn nearest(&self, at: [f64; 3]) -> usize {
+        let away = |n: usize| distance(at, self.jets[n].control_m);
+        (0..self.jets.len()).min_by(|&a, &b| away(a).total_cmp(&away(b))).unwrap_or(0)
     }
 }
 
@@ -119,8 +105,10 @@ fn direction(n: u32) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::adaptive::Search;
+    use crate::fit::KernelSystem;
     use crate::fit::synthetic::jet;
-    use crate::spec::Tolerance;
+    use crate::spec::{Requirements, Tolerance};
 
     /// A fit with a short kernel length approaches the model at rest far from its data. Without the Taylor
     /// series of the configurations it would choose positions far beyond the limit.
@@ -132,18 +120,19 @@ mod tests {
             max_force_n: 20.0,
             push: None,
             workspace_m: None,
-            most: 100,
+            max_configurations: 100,
         };
-        let jets = [[0.0; 3], [0.03, -0.02, 0.025]].map(jet);
-        let mut fit = KernelFit::new(0.004, jets[0].stiffness_n_m);
-        fit.add(&jets).expect("apart");
-        let known = CurrentModel { wanted: &wanted, fit: &fit, jets: &jets };
-        let candidates = known.candidates(0);
+        let jets = [[0.0; 3], [0.03, -0.02, 0.025]].map(jet).to_vec();
+        let mut system = KernelSystem::new(0.004, jets[0].stiffness_n_m);
+        system.add(&jets).expect("apart");
+        let search = Search::new(wanted, &jets[0]);
+        let model = AdaptiveFit { jets, fit: system.fit, ..search.fitted };
+        let (fit, candidates) = (&model.fit, model.candidates(0));
         assert!(candidates.len() > 500);
         let limit_n = 1.001 * LIMIT_FACTOR * wanted.max_force_n;
         for &at in &candidates {
             let [by_fit, by_taylor] =
-                [fit.force_n(at), known.nearest(at).expect("two").taylor_force_n(at)].map(norm);
+                [fit.force_n(at), model.jets[model.nearest(at)].taylor_force_n(at)].map(norm);
             assert!(by_fit <= limit_n && by_taylor <= limit_n, "{at:?}: {by_fit} N, {by_taylor} N");
         }
         // Farther out along a ray the force of the fit alone would be within the limit.

@@ -1,14 +1,14 @@
 //! Resampling of a scattered space on a lattice, for the core's tables.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 
 use palpate_core::{HermitePlanes, LatticeError};
 
 use super::fitted::AdaptiveFit;
 use super::prediction::Verdict;
-use crate::fit::{Derivatives, KernelFit, Sample, hermite_nodes_known};
-use crate::num::vector::{difference, norm};
-use crate::spec::{Domain, GridIndex, RADII_M, SpaceGrid, corners};
+use crate::fit::{KernelFit, Sample, hermite_nodes};
+use crate::num::vector::{distance, norm};
+use crate::spec::{Domain, GridIndex, MAX_RADIUS_M, MIN_RADIUS_M, SpaceGrid, corners};
 
 /// Numbers of cells along the radius, in the order of the attempts.
 const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
@@ -30,8 +30,6 @@ pub struct Resampled {
     pub grid: SpaceGrid,
     /// Lattice points at which the fit is valid, sorted by index; the force at rest is exactly zero.
     pub samples: Vec<Sample>,
-    /// The derivatives for the energy's table at these points.
-    pub derivatives: BTreeMap<GridIndex, Derivatives>,
     /// Error that the energy's table adds to the fit: the 99th percentile, as a share of the tolerance.
     pub added: f64,
 }
@@ -45,8 +43,7 @@ pub struct Resampled {
 /// If the smallest ball is not a valid lattice of the core.
 pub fn resample(search: &AdaptiveFit) -> Result<Resampled, LatticeError> {
     let farthest = search.jets.iter().map(|jet| norm(jet.control_m)).fold(0.0, f64::max);
-    let [smallest, largest] = RADII_M;
-    let radius_m = (MARGIN * farthest).min(search.wanted.radius_m).clamp(smallest, largest);
+    let radius_m = (MARGIN * farthest).min(search.wanted.radius_m).clamp(MIN_RADIUS_M, MAX_RADIUS_M);
     if let Some(linear) = linear_table(search, radius_m) {
         return Ok(linear);
     }
@@ -81,18 +78,17 @@ fn linear_table(search: &AdaptiveFit, radius_m: f64) -> Option<Resampled> {
         return None;
     }
     let grid = SpaceGrid::new(radius_m, radius_m).ok()?;
-    let quadratic = KernelFit::new(radius_m, search.jets.first()?.stiffness_n_m);
+    let quadratic = KernelFit::quadratic(radius_m, search.jets.first()?.stiffness_n_m);
     let mut points: Vec<_> = Domain::new(&grid, true).points().collect();
     points.sort_unstable();
     let sample = |&index: &_| {
-        let jet = quadratic.jet(grid.displacement_m(index));
+        let at = grid.displacement_m(index);
+        let jet = quadratic.jet(at);
         let terminating = norm(jet.force_n) > search.wanted.max_force_n;
-        Sample { index, attempt: 0, jet, terminating, inverted: false }
+        let derivatives = Some(quadratic.derivatives(at));
+        Sample { index, attempt: 0, jet, derivatives, terminating, inverted: false }
     };
-    let samples = points.iter().map(sample).collect();
-    let derivatives =
-        points.iter().map(|&index| (index, quadratic.derivatives(grid.displacement_m(index)))).collect();
-    Some(Resampled { grid, samples, derivatives, added: 0.0 })
+    Some(Resampled { grid, samples: points.iter().map(sample).collect(), added: 0.0 })
 }
 
 /// Two disjoint sets of reachable positions: one measures the table, the other selects its cells. A cell that
@@ -117,7 +113,7 @@ fn cell_corners(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
 fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
     let (fit, limit_n) = (&search.fit, search.wanted.max_force_n);
     let corners = cell_corners(&grid, reached);
-    let (mut samples, mut derivatives) = (Vec::new(), BTreeMap::new());
+    let mut samples = Vec::new();
     let mut points: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
     points.sort_unstable();
     for index in points {
@@ -125,28 +121,21 @@ fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Re
         if grid.lattice.slot(index).is_none() || !(corners.contains(&index) || search.is_valid_at(at)) {
             continue;
         }
-        let jet = fit.jet(at);
-        let is_rest = index == [0; 3];
-        samples.push(Sample {
-            index,
-            attempt: 0,
-            jet: if is_rest { jet.as_rest() } else { jet },
-            terminating: norm(jet.force_n) > limit_n,
-            inverted: false,
-        });
-        let mut all = fit.derivatives(at);
-        if is_rest {
+        let (mut jet, mut all) = (fit.jet(at), fit.derivatives(at));
+        let terminating = norm(jet.force_n) > limit_n;
+        if index == [0; 3] {
+            jet = jet.as_rest();
             (all[0][0][0], all[1][0][0], all[0][1][0], all[0][0][1]) = (0.0, 0.0, 0.0, 0.0);
         }
-        derivatives.insert(index, all);
+        samples.push(Sample { index, attempt: 0, jet, derivatives: Some(all), terminating, inverted: false });
     }
-    Resampled { grid, samples, derivatives, added: f64::INFINITY }
+    Resampled { grid, samples, added: f64::INFINITY }
 }
 
 /// 99th percentile of the difference between table and fit over these reachable positions, as a share of the
 /// tolerance.
 fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
-    let nodes = hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
+    let nodes = hermite_nodes(&on.grid, &on.samples, &[]);
     let lattice = &on.grid.lattice;
     let table = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
     if table.check(lattice).is_err() {
@@ -157,7 +146,7 @@ fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
         .map(|&at| {
             let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));
             let exact = search.fit.force_n(at);
-            norm(difference(found.map(f64::from), exact)) / search.wanted.tolerance.at(exact)
+            distance(found.map(f64::from), exact) / search.wanted.tolerance.at(exact)
         })
         .collect();
     shares.sort_by(f64::total_cmp);
@@ -167,7 +156,7 @@ fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adaptive::{Search, SolveResult, Step};
+    use crate::adaptive::{Search, SolveResult};
     use crate::fit::synthetic::jet;
     use crate::num::jet::EnergyJet;
     use crate::spec::{Requirements, Tolerance};
@@ -194,21 +183,11 @@ mod tests {
             max_force_n: 5.0,
             push: None,
             workspace_m: None,
-            most: 100,
+            max_configurations: 100,
         };
         let mut search = Search::new(wanted, &steep([0.0; 3]));
-        loop {
-            match search.step() {
-                Step::Done(verdict) => return search.fitted(Some(verdict)),
-                Step::Solve(targets) => {
-                    let found: Vec<SolveResult> = targets
-                        .iter()
-                        .map(|target| SolveResult::Solved(steep(target.displacement_m())))
-                        .collect();
-                    search.take(&found);
-                }
-            }
-        }
+        search.run(|_, target| SolveResult::Solved(steep(target.displacement_m())));
+        search.fitted
     }
 
     #[test]

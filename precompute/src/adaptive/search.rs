@@ -26,15 +26,14 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::fitted::{AdaptiveFit, LeaveOneOutErrors, softest_displacement_m};
-use super::linear::Linear;
-use super::prediction::{STREAK, Test, Verdict, passes};
-use super::reach::CurrentModel;
+use super::fitted::{AdaptiveFit, LeaveOneOutErrors};
+use super::linear::{Linear, LinearModelErrors};
+use super::prediction::{STREAK, Test, Verdict};
 use super::stagnation::is_stagnant;
-use crate::fit::KernelFit;
+use crate::fit::KernelSystem;
 use crate::num::jet::EnergyJet;
-use crate::num::vector::{difference, norm};
-use crate::spec::{GridIndex, RADII_M, Requirements, UNIT_M, displacement_m, nearest_index};
+use crate::num::vector::{difference, distance, norm};
+use crate::spec::{GridIndex, MIN_RADIUS_M, Requirements, UNIT_M, displacement_m, nearest_index};
 
 /// Maximum number of positions of a batch; also the length of the short validation streak.
 const BATCH: usize = 4;
@@ -47,6 +46,8 @@ const OUTLIER_DIVISOR: usize = 5;
 const MAX_DEVIATION: f64 = 0.5;
 /// Candidate kernel lengths, as shares of the initial estimate of the reachable distance.
 const LENGTH_SHARES: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
+/// Index of the length that predicts the first batch, before any leave-one-out error compares the lengths.
+const INITIAL_LENGTH: usize = 1;
 /// A configuration with a force above this multiple of the limit is neither added to the fit nor counted as a
 /// test, because the fit must be accurate below the limit. Positions on both sides of the limit are chosen on
 /// purpose; those just beyond it are the hardest tests.
@@ -97,34 +98,30 @@ pub enum Step {
 /// A search in progress.
 #[derive(Debug, Clone)]
 pub struct Search {
-    wanted: Requirements,
-    /// The configurations in the fit; the first is rest.
-    jets: Vec<EnergyJet>,
+    /// The fit so far with its error estimates.
+    pub fitted: AdaptiveFit,
     /// Positions outside the fit: force beyond the limit, other branch, failed, or singular matrix of the
     /// fit. New positions keep a distance from them.
-    others: Vec<[f64; 3]>,
+    excluded: Vec<[f64; 3]>,
     fits: Vec<Candidate>,
     /// Index of the fit that makes the predictions.
     chosen: usize,
     /// M of the distance |M (a - b)|: the fourth root of the normalised stiffness.
     metric: Matrix3<f64>,
-    tests: Vec<Test>,
-    /// Largest standard deviation of the fit's force over the reachable set, as a share of the tolerance;
-    /// `None` if the stopping criterion does not need it.
-    deviation: Option<f64>,
     /// The test of the linear model.
     linear: Linear,
     /// Replacements for positions that failed or exceed the limit: points between parent and target, with
     /// their parents.
     replacements: Vec<([f64; 3], usize)>,
-    out: Vec<Target>,
+    /// The batch whose results are missing.
+    batch: Vec<Target>,
     round: u32,
 }
 
 /// A fit with its leave-one-out errors.
 #[derive(Debug, Clone)]
 struct Candidate {
-    fit: KernelFit,
+    system: KernelSystem,
     /// Leave-one-out errors of all configurations except rest, as shares of the tolerance.
     leave_one_out: Vec<f64>,
 }
@@ -138,8 +135,9 @@ impl Candidate {
 }
 
 impl Search {
-    /// Starts a search with the configuration at rest.
+    /// Starts a search with the configuration at rest, where energy and force are zero by definition.
     pub fn new(wanted: Requirements, rest: &EnergyJet) -> Self {
+        let rest = rest.as_rest();
         let stiffness = rest.stiffness_n_m;
         let eigen = stiffness.symmetric_eigen();
         let mean = (stiffness.trace() / 3.0).max(f64::MIN_POSITIVE);
@@ -149,70 +147,45 @@ impl Search {
         let metric = eigen.eigenvectors * Matrix3::from_diagonal(&roots) * eigen.eigenvectors.transpose();
         // Mean distance that a linear body would allow the device to reach.
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m).max(UNIT_M);
-        let fits = LENGTH_SHARES
+        let fits: Vec<Candidate> = LENGTH_SHARES
             .iter()
             .filter_map(|share| {
-                let mut fit = KernelFit::new(share * reach, stiffness);
-                fit.add(&[*rest]).ok()?;
-                Some(Candidate { fit, leave_one_out: Vec::new() })
+                let mut system = KernelSystem::new(share * reach, stiffness);
+                system.add(&[rest]).ok()?;
+                Some(Candidate { system, leave_one_out: Vec::new() })
             })
             .collect();
-        Self {
+        let system = &fits[INITIAL_LENGTH].system;
+        let fitted = AdaptiveFit {
             wanted,
-            jets: vec![*rest],
-            others: Vec::new(),
-            fits,
-            chosen: 1,
-            metric,
+            verdict: None,
+            jets: vec![rest],
+            fit: system.fit.clone(),
             tests: Vec::new(),
+            leave_one_out: Vec::new(),
             deviation: None,
+            linear: LinearModelErrors::default(),
+            condition: system.condition(),
+        };
+        Self {
+            fitted,
+            excluded: Vec::new(),
+            fits,
+            chosen: INITIAL_LENGTH,
+            metric,
             linear: Linear::new(stiffness),
             replacements: Vec::new(),
-            out: Vec::new(),
+            batch: Vec::new(),
             round: 0,
         }
-    }
-
-    /// The configurations in the fit, rest first.
-    pub fn jets(&self) -> &[EnergyJet] {
-        &self.jets
-    }
-
-    /// The fit with its error estimates: after the search with its `verdict`, during the search with `None`.
-    pub fn fitted(&self, verdict: Option<Verdict>) -> AdaptiveFit {
-        let Candidate { fit, leave_one_out } = &self.fits[self.chosen];
-        AdaptiveFit {
-            wanted: self.wanted,
-            verdict,
-            jets: self.jets.clone(),
-            fit: fit.read_only(),
-            tests: self.tests.clone(),
-            leave_one_out: leave_one_out.clone(),
-            deviation: self.deviation,
-            linear: self.linear.suits(),
-            condition: fit.condition(),
-        }
-    }
-
-    fn known(&self) -> CurrentModel<'_> {
-        CurrentModel { wanted: &self.wanted, fit: self.fit(), jets: &self.jets }
-    }
-
-    /// Length of the validation streak, among the predictions that count.
-    pub(crate) fn passes(&self) -> usize {
-        passes(&self.tests)
-    }
-
-    fn leave_one_out(&self) -> LeaveOneOutErrors {
-        LeaveOneOutErrors::of(&self.fits[self.chosen].leave_one_out)
     }
 
     /// Number of predictions that would end the search if all were within tolerance.
     pub(crate) fn predictions_missing(&self) -> usize {
         let (passes, LeaveOneOutErrors { configurations, beyond, .. }) =
-            (self.passes(), self.leave_one_out());
+            (self.fitted.passes(), self.fitted.leave_one_out());
         let short = STREAK.saturating_sub(passes);
-        if beyond == 0 || self.deviation.is_some_and(|largest| largest <= MAX_DEVIATION) {
+        if beyond == 0 || self.fitted.deviation.is_some_and(|largest| largest <= MAX_DEVIATION) {
             short.min(STREAK.saturating_sub(configurations).max(BATCH.saturating_sub(passes)))
         } else if beyond * OUTLIER_DIVISOR <= configurations {
             short
@@ -225,54 +198,70 @@ impl Search {
     /// Expensive; computed only if the stopping criterion depends on it.
     fn largest_deviation(&self) -> Option<f64> {
         let (passes, LeaveOneOutErrors { configurations, beyond, .. }) =
-            (self.passes(), self.leave_one_out());
+            (self.fitted.passes(), self.fitted.leave_one_out());
         let is_between = (BATCH..STREAK).contains(&passes) && configurations >= STREAK;
         (is_between && (1..=configurations / OUTLIER_DIVISOR).contains(&beyond)).then(|| {
-            let places = self.known().places(POSITIONS);
-            let deviations = self.fit().deviation_n(&places).into_iter();
-            let by_tolerance =
-                |(n, &at): (f64, &[f64; 3])| n / self.wanted.tolerance.at(self.fit().force_n(at));
+            let AdaptiveFit { wanted, fit, .. } = &self.fitted;
+            let places = self.fitted.places(POSITIONS);
+            let deviations = self.fits[self.chosen].system.deviation_n(&places).into_iter();
+            let by_tolerance = |(n, &at): (f64, &[f64; 3])| n / wanted.tolerance.at(fit.force_n(at));
             deviations.zip(&places).map(by_tolerance).fold(0.0, f64::max)
         })
     }
 
-    /// The fit that makes the predictions.
-    pub fn fit(&self) -> &KernelFit {
-        &self.fits[self.chosen].fit
+    /// Runs the search to its end; `solve` returns the result of a target.
+    pub fn run(&mut self, mut solve: impl FnMut(&Self, &Target) -> SolveResult) -> Verdict {
+        loop {
+            let targets = match self.step() {
+                Step::Done(verdict) => return verdict,
+                Step::Solve(targets) => targets,
+            };
+            let found: Vec<SolveResult> = targets.iter().map(|target| solve(self, target)).collect();
+            self.take(&found);
+        }
     }
 
     /// The next step. While a batch is incomplete, it is this batch.
     pub fn step(&mut self) -> Step {
-        if !self.out.is_empty() {
-            return Step::Solve(self.out.clone());
+        if self.batch.is_empty() {
+            self.fitted.verdict = self.end();
         }
-        if softest_displacement_m(&self.wanted, &self.jets) < RADII_M[0] {
-            return Step::Done(Verdict::TooStiff);
+        match self.fitted.verdict {
+            Some(verdict) => Step::Done(verdict),
+            None => Step::Solve(self.batch.clone()),
         }
-        if self.linear.wants() == Some(0) && self.linear_agrees() {
-            return Step::Done(Verdict::Linear);
+    }
+
+    /// The result of the search, or the next batch and `None`.
+    fn end(&mut self) -> Option<Verdict> {
+        if self.fitted.displacement_in_softest_direction_m() < MIN_RADIUS_M {
+            return Some(Verdict::TooStiff);
         }
-        if self.linear.wants().is_none() && self.predictions_missing() == 0 {
-            return Step::Done(Verdict::Passed);
+        if self.linear.tests_missing() == Some(0) && self.linear_agrees() {
+            return Some(Verdict::Linear);
         }
-        if is_stagnant(&self.tests) {
-            return Step::Done(Verdict::Stagnated);
+        if self.linear.tests_missing().is_none() && self.predictions_missing() == 0 {
+            return Some(Verdict::Passed);
         }
-        if self.jets.len() + self.others.len() >= self.wanted.most {
-            return Step::Done(Verdict::NotReached);
+        if is_stagnant(&self.fitted.tests) {
+            return Some(Verdict::Stagnated);
+        }
+        if self.fitted.jets.len() + self.excluded.len() >= self.fitted.wanted.max_configurations {
+            return Some(Verdict::NotReached);
         }
         self.choose();
-        if self.out.is_empty() { Step::Done(Verdict::NotReached) } else { Step::Solve(self.out.clone()) }
+        self.batch.is_empty().then_some(Verdict::NotReached)
     }
 
     fn linear_agrees(&mut self) -> bool {
-        let places = self.known().places(POSITIONS);
-        let (fit, tolerance) = (&self.fits[self.chosen].fit, self.wanted.tolerance);
-        let said = places.into_iter().map(|at| {
+        let AdaptiveFit { wanted, fit, .. } = &self.fitted;
+        let fit_values = self.fitted.places(POSITIONS).into_iter().map(|at| {
             let force_n = fit.force_n(at);
-            (at, force_n, tolerance.at(force_n))
+            (at, force_n, wanted.tolerance.at(force_n))
         });
-        self.linear.agrees_with_fit(said)
+        let agrees = self.linear.agrees_with_fit(fit_values);
+        self.fitted.linear = self.linear.errors;
+        agrees
     }
 
     /// Chooses a batch: first the replacements for positions beyond the limit, then the farthest candidates.
@@ -280,28 +269,24 @@ impl Search {
         for (at, parent) in std::mem::take(&mut self.replacements) {
             self.aim(at, parent);
         }
-        let candidates = self.known().candidates(self.round);
+        let candidates = self.fitted.candidates(self.round);
         self.round += 1;
-        let distance =
-            |a: [f64; 3], b: [f64; 3]| (self.metric * Vector3::from(difference(a, b))).norm_squared();
-        let taken = self.jets.iter().map(|jet| jet.control_m).chain(self.others.iter().copied());
-        let taken: Vec<[f64; 3]> = taken.chain(self.out.iter().map(Target::displacement_m)).collect();
-        let gap = |at: [f64; 3]| taken.iter().map(|&t| distance(at, t)).fold(f64::INFINITY, f64::min);
+        let metric = self.metric;
+        let squared = |a: [f64; 3], b: [f64; 3]| (metric * Vector3::from(difference(a, b))).norm_squared();
+        let taken: Vec<[f64; 3]> = self.taken().collect();
+        let gap = |at: [f64; 3]| taken.iter().map(|&t| squared(at, t)).fold(f64::INFINITY, f64::min);
         let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
         // At most as many as could end the search or, while the linear model is not excluded, complete its
         // tests.
-        let most = self.linear.wants().unwrap_or_else(|| self.predictions_missing()).min(BATCH);
-        while self.out.len() < most {
+        let most = self.linear.tests_missing().unwrap_or_else(|| self.predictions_missing()).min(BATCH);
+        while self.batch.len() < most {
             let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b]).then(b.cmp(&a)));
             let Some(farthest) = farthest.filter(|&n| gaps[n] > 0.0) else { break };
             let at = candidates[farthest];
             for (gap, &other) in gaps.iter_mut().zip(&candidates) {
-                *gap = gap.min((self.metric * Vector3::from(difference(at, other))).norm_squared());
+                *gap = gap.min(squared(at, other));
             }
-            let near = |jet: &EnergyJet| norm(difference(at, jet.control_m));
-            let parent =
-                (0..self.jets.len()).min_by(|&a, &b| near(&self.jets[a]).total_cmp(&near(&self.jets[b])));
-            self.aim(at, parent.unwrap_or(0));
+            self.aim(at, self.fitted.nearest(at));
         }
     }
 
@@ -309,10 +294,15 @@ impl Search {
     fn aim(&mut self, at: [f64; 3], parent: usize) {
         let index = nearest_index(at);
         let at = displacement_m(index);
-        let known = self.jets.iter().map(|jet| jet.control_m).chain(self.others.iter().copied());
-        if known.chain(self.out.iter().map(Target::displacement_m)).all(|other| other != at) {
-            self.out.push(Target { index, parent, predicted_n: self.fit().force_n(at) });
+        if self.taken().all(|other| other != at) {
+            self.batch.push(Target { index, parent, predicted_n: self.fitted.fit.force_n(at) });
         }
+    }
+
+    /// Positions that are solved or in the batch, m.
+    fn taken(&self) -> impl Iterator<Item = [f64; 3]> {
+        let solved = self.fitted.jets.iter().map(|jet| jet.control_m).chain(self.excluded.iter().copied());
+        solved.chain(self.batch.iter().map(Target::displacement_m))
     }
 
     /// Adds the results of the whole batch, in the order of its targets.
@@ -321,7 +311,7 @@ impl Search {
     ///
     /// If the number of results differs from the number of targets.
     pub fn take(&mut self, found: &[SolveResult]) {
-        let batch = std::mem::take(&mut self.out);
+        let batch = std::mem::take(&mut self.batch);
         assert_eq!(batch.len(), found.len(), "one outcome for each target");
         let mut learned = Vec::new();
         for (target, found) in batch.iter().zip(found) {
@@ -329,52 +319,58 @@ impl Search {
             match found {
                 SolveResult::Solved(jet) => {
                     self.score(target, jet);
-                    if norm(jet.force_n) <= MAX_FORCE_FACTOR * self.wanted.max_force_n {
+                    if norm(jet.force_n) <= MAX_FORCE_FACTOR * self.fitted.wanted.max_force_n {
                         learned.push(*jet);
                     } else {
-                        self.others.push(at);
+                        self.excluded.push(at);
                         self.add_replacement(target, norm(jet.force_n));
                     }
                 }
                 SolveResult::OtherBranch(jet) => {
                     self.score(target, jet);
                     self.linear.exclude();
-                    self.others.push(at);
+                    self.excluded.push(at);
                 }
                 SolveResult::Failed => {
                     self.linear.exclude();
-                    self.others.push(at);
+                    self.excluded.push(at);
                     self.add_replacement(target, f64::INFINITY);
                 }
             }
         }
         let grown: Vec<bool> =
-            self.fits.iter_mut().map(|candidate| candidate.fit.add(&learned).is_ok()).collect();
+            self.fits.iter_mut().map(|candidate| candidate.system.add(&learned).is_ok()).collect();
         if grown.contains(&true) {
             let mut grown = grown.into_iter();
             self.fits.retain(|_| grown.next().unwrap_or(false));
-            self.jets.extend(learned);
+            self.fitted.jets.extend(learned);
         } else {
             // No kernel length makes the matrix regular, so the fits do not change.
-            self.others.extend(learned.iter().map(|jet| jet.control_m));
+            self.excluded.extend(learned.iter().map(|jet| jet.control_m));
         }
+        let tolerance = self.fitted.wanted.tolerance;
         for candidate in &mut self.fits {
-            let missed = candidate.fit.leave_one_out_n().zip(&self.jets).skip(1);
+            let missed = candidate.system.leave_one_out_n().zip(&self.fitted.jets).skip(1);
             candidate.leave_one_out =
-                missed.map(|(missed, jet)| norm(missed) / self.wanted.tolerance.at(jet.force_n)).collect();
+                missed.map(|(missed, jet)| norm(missed) / tolerance.at(jet.force_n)).collect();
         }
         let best = (0..self.fits.len())
             .min_by(|&a, &b| self.fits[a].mean_left_out().total_cmp(&self.fits[b].mean_left_out()));
         self.chosen = best.unwrap_or(0);
-        self.deviation = self.largest_deviation();
+        let Candidate { system, leave_one_out } = &self.fits[self.chosen];
+        self.fitted.fit = system.fit.clone();
+        self.fitted.leave_one_out.clone_from(leave_one_out);
+        self.fitted.condition = system.condition();
+        self.fitted.linear = self.linear.errors;
+        self.fitted.deviation = self.largest_deviation();
     }
 
     fn score(&mut self, target: &Target, jet: &EnergyJet) {
-        let tolerance_n = self.wanted.tolerance.at(jet.force_n);
-        let within = norm(jet.force_n) <= MAX_FORCE_FACTOR * self.wanted.max_force_n;
-        let error_n = norm(difference(target.predicted_n, jet.force_n));
-        self.tests.push(Test { index: target.index, error_n, tolerance_n, within });
-        if within {
+        let tolerance_n = self.fitted.wanted.tolerance.at(jet.force_n);
+        let counts = norm(jet.force_n) <= MAX_FORCE_FACTOR * self.fitted.wanted.max_force_n;
+        let error_n = distance(target.predicted_n, jet.force_n);
+        self.fitted.tests.push(Test { index: target.index, error_n, tolerance_n, counts });
+        if counts {
             self.linear.score(jet.control_m, jet.force_n, tolerance_n);
         }
     }
@@ -382,8 +378,8 @@ impl Search {
     /// Adds a point between parent and target: where the linearly interpolated force equals the limit, but at
     /// 0.2 to 0.8 of the way; at 0.2 after a failure (`came_out_n` infinite).
     fn add_replacement(&mut self, target: &Target, came_out_n: f64) {
-        let parent = &self.jets[target.parent];
-        let (low, limit) = (norm(parent.force_n), self.wanted.max_force_n);
+        let parent = &self.fitted.jets[target.parent];
+        let (low, limit) = (norm(parent.force_n), self.fitted.wanted.max_force_n);
         let share = ((limit - low) / (came_out_n - low)).clamp(0.2, 0.8);
         let at = std::array::from_fn(|i| {
             parent.control_m[i] + share * (target.displacement_m()[i] - parent.control_m[i])

@@ -19,7 +19,7 @@ const MAX_RATIO: f64 = 0.7;
 /// tolerance.
 pub(super) fn is_stagnant(tests: &[Test]) -> bool {
     let shares: Vec<f64> =
-        tests.iter().filter(|test| test.within).map(|test| test.error_n / test.tolerance_n).collect();
+        tests.iter().filter(|test| test.counts).map(|test| test.error_n / test.tolerance_n).collect();
     let Some(from) = shares.len().checked_sub(2 * WINDOW) else { return false };
     let (before, now) = shares[from..].split_at(WINDOW);
     let (before, now) = (large(before), large(now));
@@ -40,7 +40,7 @@ mod tests {
     /// Predictions with these errors, as shares of the tolerance.
     fn tests(shares: impl Iterator<Item = f64>) -> Vec<Test> {
         let test =
-            |share: f64| Test { index: [0; 3], error_n: 0.02 * share, tolerance_n: 0.02, within: true };
+            |share: f64| Test { index: [0; 3], error_n: 0.02 * share, tolerance_n: 0.02, counts: true };
         shares.map(test).collect()
     }
 
@@ -55,7 +55,7 @@ mod tests {
         // Errors within tolerance need not decrease; predictions beyond the force limit are ignored.
         assert!(!is_stagnant(&tests((0..200).map(|_| 0.9))));
         let mut beyond = tests((0..200).map(folded));
-        beyond.iter_mut().filter(|test| test.error_n > 0.1).for_each(|test| test.within = false);
+        beyond.iter_mut().filter(|test| test.error_n > 0.1).for_each(|test| test.counts = false);
         assert!(!is_stagnant(&beyond));
     }
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use palpate_core::{ConfigTag, DisplacementPlanes, DisplacementTable, Organ, Space};
 use serde::{Deserialize, Serialize};
 
-use super::has_branch_jump;
+use super::measure::has_branch_jump;
 use crate::fit::{FitError, Kernel, Misfit, PackedModes, Sample, SurfaceRbf};
 use crate::space::{Kind, Store, StoreError, SurfaceMotion};
 
@@ -131,7 +131,7 @@ pub(super) fn measure(
 /// Errors at independent positions away from branch jumps, without those of interpolation: the distance of
 /// the surfaces from their projection onto the modes (truncation), and the additional distance by rounding of
 /// the coefficients.
-pub(super) fn modes_and_digits(
+pub(crate) fn modes_and_digits(
     store: &Store,
     active: usize,
     (space, table): (&Space<'_>, &DisplacementTable<'_>),

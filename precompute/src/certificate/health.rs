@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{BranchDifference, Cost, MethodCertificate};
+use super::{BranchDifference, MethodCertificate, SpaceCertificate};
 use crate::adaptive::{AdaptiveFit, Verdict as LoopVerdict};
 use crate::space::{Equilibrium, Record};
 use crate::spec::Tolerance;
@@ -114,20 +114,9 @@ const ROUNDING_N: Limits =
 /// Condition number of the fit's matrix. The nuggets keep it below 1e12 unless data contradict each other.
 const CONDITION: Limits = Limits { yellow: 1e13, red: 1e16 };
 
-/// Other results of a space that its health depends on.
-pub(super) struct Findings<'f> {
-    pub(super) cost: &'f Cost,
-    pub(super) fold_pairs: usize,
-    pub(super) folded_volume: f64,
-    pub(super) two_solutions: BranchDifference,
-    pub(super) methods: &'f [MethodCertificate],
-    /// The fit of adaptive sampling, if any.
-    pub(super) fit: Option<&'f AdaptiveFit>,
-}
-
 impl Health {
-    /// Health of the records of a space.
-    pub(super) fn of(records: &[Record], found: &Findings<'_>) -> Self {
+    /// Health of the records of a space, of its other measurements and of its fit, if it was sampled adaptively.
+    pub(super) fn of(records: &[Record], found: &SpaceCertificate, fit: Option<&AdaptiveFit>) -> Self {
         let solved = records.iter().filter_map(|r| Some((r, r.equilibrium()?)));
         let reachable: Vec<(&Record, &Equilibrium)> = solved.filter(|(_, at)| !at.terminating).collect();
         let count = |is: &dyn Fn(&Equilibrium) -> bool| reachable.iter().filter(|(_, at)| is(at)).count();
@@ -142,31 +131,19 @@ impl Health {
                 .iter()
                 .filter_map(|(r, _)| r.residual_n)
                 .fold(0.0, |a, b| if b <= a { a } else { b }),
-            condition: found.fit.map(|fit| fit.condition),
-            loop_passed: found
-                .fit
+            condition: fit.map(|fit| fit.condition),
+            loop_passed: fit
                 .map(|fit| matches!(fit.verdict, Some(LoopVerdict::Passed | LoopVerdict::Linear))),
-            loop_stalled: found.fit.is_some_and(|fit| fit.verdict == Some(LoopVerdict::Stagnated)),
+            loop_stalled: fit.is_some_and(|fit| fit.verdict == Some(LoopVerdict::Stagnated)),
             ..Self::default()
         };
         health.reasons = health.judged(found);
-        health.reasons.extend(health.rounding_floor());
         health.reasons.sort_by_key(|reason| std::cmp::Reverse(reason.verdict));
         health.verdict = health.reasons.iter().map(|reason| reason.verdict).max().unwrap_or_default();
         health
     }
 
-    /// The reason of configurations at the rounding floor. Their residual is small, but above the tolerance.
-    fn rounding_floor(&self) -> Option<Reason> {
-        let what = format!(
-            "{} of {} reachable configurations have a residual above the tolerance of the solver, because rounding errors of very \
-             stiff parts limit it: reduce the ratio of the stiffnesses",
-            self.at_rounding_floor, self.reachable
-        );
-        (self.at_rounding_floor > 0).then_some(Reason { verdict: Verdict::Yellow, what })
-    }
-
-    fn judged(&self, found: &Findings<'_>) -> Vec<Reason> {
+    fn judged(&self, found: &SpaceCertificate) -> Vec<Reason> {
         let mut reasons = Vec::new();
         let mut say = |verdict: Verdict, what: String| {
             if verdict > Verdict::Green {
@@ -176,7 +153,18 @@ impl Health {
         self.judge_branches(found, &mut say);
         self.judge_solutions(found, &mut say);
         self.judge_fit(&mut say);
-        judge_errors(found.methods, &mut say);
+        judge_errors(&found.methods, &mut say);
+        // Small, but above the tolerance.
+        if self.at_rounding_floor > 0 {
+            say(
+                Verdict::Yellow,
+                format!(
+                    "{} of {} reachable configurations have a residual above the tolerance of the solver, because rounding errors of \
+                     very stiff parts limit it: reduce the ratio of the stiffnesses",
+                    self.at_rounding_floor, self.reachable
+                ),
+            );
+        }
         reasons
     }
 
@@ -190,7 +178,7 @@ impl Health {
     }
 
     /// Branch jumps and unstable equilibria.
-    fn judge_branches(&self, found: &Findings<'_>, say: &mut impl FnMut(Verdict, String)) {
+    fn judge_branches(&self, found: &SpaceCertificate, say: &mut impl FnMut(Verdict, String)) {
         let of_all = self.of_all();
         say(
             BRANCHES.of(found.folded_volume),
@@ -219,7 +207,7 @@ impl Health {
     }
 
     /// Inverted elements, failures and residuals.
-    fn judge_solutions(&self, found: &Findings<'_>, say: &mut impl FnMut(Verdict, String)) {
+    fn judge_solutions(&self, found: &SpaceCertificate, say: &mut impl FnMut(Verdict, String)) {
         let of_all = self.of_all();
         say(
             INVERTED.of(self.share(self.inverted)),
@@ -309,7 +297,7 @@ fn judge_errors(methods: &[MethodCertificate], say: &mut impl FnMut(Verdict, Str
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Errors, Probe, Within};
+    use super::super::{Cost, Errors, Within};
     use super::*;
     use crate::num::jet::EnergyJet;
     use crate::space::{Solution, Task};
@@ -326,19 +314,13 @@ mod tests {
     /// With `count` independent positions.
     fn method(count: usize, not_felt: usize, tolerated: Option<Within>) -> MethodCertificate {
         let uniform = Errors { count, not_felt, ..Errors::default() };
-        let none = Errors::default();
-        MethodCertificate {
-            method: "energy".into(),
-            uniform,
-            by_radius: [none; 3],
-            folded: none,
-            not_felt_certified: 0.0,
-            tolerated,
-            regular: none,
-            random: none,
-            paths_folded: none,
-            probe: Probe::default(),
-        }
+        MethodCertificate { method: "energy".into(), uniform, tolerated, ..MethodCertificate::default() }
+    }
+
+    /// A space of `configurations` without a branch jump.
+    fn space(configurations: usize, methods: &[MethodCertificate]) -> SpaceCertificate {
+        let cost = Cost { configurations, ..Cost::default() };
+        SpaceCertificate { cost, methods: methods.to_vec(), ..SpaceCertificate::default() }
     }
 
     #[test]
@@ -350,18 +332,11 @@ mod tests {
             let jet = EnergyJet::from_numbers([0.0; 3], &numbers);
             Record { residual_n: Some(residual_n), ..Record::new(&task, Ok(Solution::of_jet(&jet, false))) }
         };
-        let measured = [method(300, 300, None)];
-        let found = Findings {
-            cost: &Cost { configurations: 3, ..Cost::default() },
-            fold_pairs: 0,
-            folded_volume: 0.0,
-            two_solutions: BranchDifference::default(),
-            methods: &measured,
-            fit: None,
-        };
-        let health = Health::of(&[record(0.0, 1e-13), record(1.0, 9e-9), record(3.0, 2e-8)], &found);
+        let found = space(3, &[method(300, 300, None)]);
+        let of = |records: &[Record]| Health::of(records, &found, None);
+        let health = of(&[record(0.0, 1e-13), record(1.0, 9e-9), record(3.0, 2e-8)]);
         assert_eq!((health.at_rounding_floor, health.verdict), (0, Verdict::Green), "{:?}", health.reasons);
-        let health = Health::of(&[record(1.0, 9e-9), record(1.0, 2e-7), record(0.0, 1e-9)], &found);
+        let health = of(&[record(1.0, 9e-9), record(1.0, 2e-7), record(0.0, 1e-9)]);
         assert_eq!((health.at_rounding_floor, health.verdict), (2, Verdict::Yellow));
         assert!(health.reasons[0].what.starts_with("2 of 3 reachable configurations have a residual above"));
     }
@@ -370,24 +345,17 @@ mod tests {
     #[test]
     fn the_loudest_reason_is_the_verdict() {
         let sound = Health { reachable: 200, min_jacobian: 0.4, ..Health::default() };
-        let cost = Cost { configurations: 200, ..Cost::default() };
         let measured = [method(300, 300, None)];
-        let judge = |health: &Health, methods: &[MethodCertificate], change: &dyn Fn(&mut Findings<'_>)| {
-            let two_solutions = BranchDifference::default();
-            let mut found = Findings {
-                cost: &cost,
-                fold_pairs: 0,
-                folded_volume: 0.0,
-                two_solutions,
-                methods,
-                fit: None,
+        let judge =
+            |health: &Health, methods: &[MethodCertificate], change: &dyn Fn(&mut SpaceCertificate)| {
+                let mut found = space(200, methods);
+                change(&mut found);
+                let reasons = health.judged(&found);
+                (reasons.iter().map(|r| r.verdict).max().unwrap_or_default(), reasons.len())
             };
-            change(&mut found);
-            let reasons = health.judged(&found);
-            (reasons.iter().map(|r| r.verdict).max().unwrap_or_default(), reasons.len())
-        };
-        let judged = |health: &Health, change: &dyn Fn(&mut Findings<'_>)| judge(health, &measured, change);
-        let nothing = |_: &mut Findings<'_>| {};
+        let judged =
+            |health: &Health, change: &dyn Fn(&mut SpaceCertificate)| judge(health, &measured, change);
+        let nothing = |_: &mut SpaceCertificate| {};
         assert_eq!(judge(&sound, &[], &nothing), (Verdict::Yellow, 1));
         let tolerance = Tolerance { relative: 0.0, absolute_n: 0.5 };
         for (of, not_felt, tolerated, verdict) in [
@@ -417,10 +385,10 @@ mod tests {
         ] {
             assert_eq!(judged(&health, &nothing), (verdict, 1), "{health:?}");
         }
-        let folded = |found: &mut Findings<'_>| found.folded_volume = 0.2;
+        let folded = |found: &mut SpaceCertificate| found.folded_volume = 0.2;
         assert_eq!(judged(&sound, &folded), (Verdict::Red, 1));
         let buckled =
-            |found: &mut Findings<'_>| found.two_solutions = BranchDifference { points: 1, apart_n: 0.5 };
+            |found: &mut SpaceCertificate| found.two_solutions = BranchDifference { points: 1, apart_n: 0.5 };
         assert_eq!(judged(&sound, &buckled), (Verdict::Yellow, 1));
     }
 }

@@ -7,9 +7,10 @@ use std::time::Instant;
 use palpate_core::{Method, Space, vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{has_branch_jump, reference};
+use super::measure::has_branch_jump;
+use super::reference;
 use crate::num::sequence::{on_sphere, r3};
-use crate::num::vector::{dot, norm};
+use crate::num::vector::{cross, distance, dot, norm, unit};
 
 /// Results of the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -64,13 +65,8 @@ pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> 
     }
 }
 
-/// Share of the ball's volume where `is` holds.
-pub(super) fn share_of_ball(space: &Space<'_>, is: impl Fn([f32; 3]) -> bool) -> f64 {
-    share_of_part(space, |_| true, is)
-}
-
 /// Share of a part of the ball where `is` holds; zero for an empty part.
-pub(super) fn share_of_part(
+pub(crate) fn share_of_part(
     space: &Space<'_>,
     part: impl Fn([f32; 3]) -> bool,
     is: impl Fn([f32; 3]) -> bool,
@@ -108,13 +104,8 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
         let least = (0..3).min_by(|&a, &b| axis[a].abs().total_cmp(&axis[b].abs())).unwrap_or(0);
         let mut u: [f64; 3] =
             std::array::from_fn(|i| f64::from(u8::from(i == least)) - axis[least] * axis[i]);
-        let length = norm(u);
-        u = u.map(|x| x / length);
-        let v = [
-            axis[1] * u[2] - axis[2] * u[1],
-            axis[2] * u[0] - axis[0] * u[2],
-            axis[0] * u[1] - axis[1] * u[0],
-        ];
+        u = unit(u);
+        let v = cross(axis, u);
         let (mut net, mut exchanged, mut at_jump) = (0.0, 0.0, false);
         for step in 0..STEPS {
             let (s, c) = libm::sincos(std::f64::consts::TAU * f64::from(step) / f64::from(STEPS));
@@ -222,9 +213,7 @@ fn force_and_change_n(
 
 fn rounding_n(space: &Space<'_>, method: Method, at: [f32; 3]) -> f64 {
     let Some(exact) = reference::force_n(space, method, at) else { return 0.0 };
-    let found = force_n(space, method, at.map(f64::from));
-    let apart: [f64; 3] = std::array::from_fn(|i| exact[i] - found[i]);
-    norm(apart)
+    distance(exact, force_n(space, method, at.map(f64::from)))
 }
 
 /// Median time of a query, ns, at `visited`, or at points of the ball if those are fewer than a hundred.

@@ -5,8 +5,11 @@
 //! fit.
 
 use palpate_core::flags::{BRANCH_JUMP, INTERIOR, SMOOTH, SUPERCELL};
-use palpate_core::kernel::{Block, KernelPlanes, KernelTable, LANES, NUMBERS};
+use palpate_core::kernel::{Block, KernelPlanes, KernelTable, LANES};
 use palpate_core::{CORNERS, Method, Space, SpacePlanes};
+
+use crate::fit::DATA;
+use crate::num::vector::norm;
 
 /// h at a displacement inside the ball, N; `None` if the method is not packed.
 pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
@@ -47,7 +50,7 @@ fn kernel(
     displacement_m: [f32; 3],
 ) -> Option<[f64; 3]> {
     let d = displacement_m.map(f64::from);
-    let size = d.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let size = norm(d);
     let reach_m = f64::from(table.reach_m(displacement_m));
     if size <= reach_m {
         return Some(kernel_within(planes, d));
@@ -81,7 +84,7 @@ fn kernel_sum(blocks: &[Block], x: [f64; 3]) -> [f64; 3] {
     for (block, lane) in blocks.iter().flat_map(|block| (0..LANES).map(move |lane| (block, lane))) {
         let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - block[axis][lane]);
         let e = libm::exp(-0.5 * r.iter().map(|r| r * r).sum::<f64>());
-        for (orders, number) in MONOMIALS.iter().zip(&block[3..]) {
+        for (orders, number) in DATA.iter().zip(&block[3..]) {
             // r^n e and its derivative along one axis.
             let power = |axis: usize| r[axis].powi(orders[axis] as i32) / FACTORIALS[orders[axis]];
             let slope = |axis: usize| {
@@ -99,9 +102,6 @@ fn kernel_sum(blocks: &[Block], x: [f64; 3]) -> [f64; 3] {
     }
     sum
 }
-
-/// The powers of a kernel's polynomials, in the core's order.
-const MONOMIALS: [[usize; 3]; NUMBERS - 3] = crate::fit::DATA;
 
 /// a + share (b - a).
 fn mix(share: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

@@ -45,8 +45,8 @@ pub(crate) fn branch_jumps(solved: &[(GridIndex, EnergyJet)]) -> Vec<BranchJump>
     let by_index: std::collections::HashMap<GridIndex, EnergyJet> = solved.iter().copied().collect();
     let at = |index| by_index.get(&index).copied();
     let mut branch_jumps = flagged_pairs(solved.iter().copied(), at);
-    branch_jumps.retain(|fold| {
-        let (Some(a), Some(b)) = (at(fold.from), at(fold.to)) else { return true };
+    branch_jumps.retain(|jump| {
+        let (Some(a), Some(b)) = (at(jump.from), at(jump.to)) else { return true };
         Excess::with_thirds(&a, &b).is_jump()
     });
     branch_jumps

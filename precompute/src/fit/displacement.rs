@@ -20,8 +20,6 @@
 use std::collections::HashSet;
 
 use faer::{Mat, Side};
-#[cfg(test)]
-use palpate_core::DisplacementPlanes;
 
 use super::branch_jump::BranchJump;
 use super::ghosts::mean_of_nearest;
@@ -62,12 +60,6 @@ impl Misfit {
         }
         Self { rms_m: (sum / nodes.len().max(1) as f64).sqrt(), max_m: largest.sqrt() }
     }
-
-    /// The larger value of each norm.
-    #[must_use]
-    pub(crate) fn max(self, other: Self) -> Self {
-        Self { rms_m: self.rms_m.max(other.rms_m), max_m: self.max_m.max(other.max_m) }
-    }
 }
 
 /// A solved configuration: x, y, z of every surface node.
@@ -98,25 +90,6 @@ pub struct DisplacementFit {
     pub outlier_scale: Vec<f32>,
     /// Remainders of the outliers.
     pub outliers: Vec<i16>,
-    /// Largest misfits over all configurations.
-    pub misfit: Misfit,
-}
-
-impl DisplacementFit {
-    /// The planes as a view for the core's table.
-    #[cfg(test)]
-    fn planes(&self) -> DisplacementPlanes<'_> {
-        DisplacementPlanes {
-            slopes: self.slopes,
-            row: &self.row,
-            modes: &self.modes,
-            scale: &self.scale,
-            coefficients: &self.coefficients,
-            outlier_row: &self.outlier_row,
-            outlier_scale: &self.outlier_scale,
-            outliers: &self.outliers,
-        }
-    }
 }
 
 /// Why the fit failed.
@@ -176,7 +149,6 @@ pub fn fit_displacement<E>(
         if !bound.holds(misfit) {
             return Err(DisplacementFault::Bound { index, misfit });
         }
-        fit.misfit = fit.misfit.max(misfit);
         let slopes = slopes.map(|slope| modes.project(&slope, grid.spacing_m));
         rows.push(Row { values: values.iter().map(|&n| f64::from(n)).collect(), slopes });
     }
@@ -365,7 +337,7 @@ fn slopes_worth(
     bound: DisplacementBound,
 ) -> usize {
     let cuts: HashSet<(GridIndex, GridIndex)> =
-        branch_jumps.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
+        branch_jumps.iter().flat_map(|jump| [(jump.from, jump.to), (jump.to, jump.from)]).collect();
     let mut edges: Vec<(usize, usize, usize)> = Vec::new();
     for (at, index) in solved.iter().enumerate().filter(|(_, index)| grid.lattice.slot(**index).is_some()) {
         for axis in 0..3 {

@@ -5,9 +5,10 @@
 //! the first-order extrapolations h + S d of its nearest solved points. Flags mark the solved slots. The core
 //! reports a query that uses a ghost as extrapolated.
 
-use palpate_core::flags;
+use palpate_core::{CORNERS, flags};
 
 use super::Sample;
+use super::branch_jump::BranchJump;
 use crate::num::vector::norm;
 use crate::spec::{GridIndex, SpaceGrid};
 
@@ -24,8 +25,9 @@ pub struct LatticeValues {
 /// cells can diverge.
 pub(super) const GHOST_FORCE_LIMIT: f64 = 2.0;
 
-/// Table of `samples` (one per solved grid point, including the rest point).
-pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
+/// Table of `samples` (one per solved grid point, including the rest point), with the branch-jump flag in
+/// every cell that has a flagged pair among its corners.
+pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample], branch_jumps: &[BranchJump]) -> LatticeValues {
     let slots = grid.lattice.slots();
     let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
     let mut values = LatticeValues { force_n: vec![[0.0; 3]; slots], flags: vec![0; slots] };
@@ -49,8 +51,21 @@ pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
     for slot in (0..slots).filter(|&slot| !solved[slot]) {
         store(slot, ghost(grid, samples, grid.lattice.ijk(slot), GHOST_FORCE_LIMIT * largest), 0);
     }
+    for slot in branch_jumps.iter().flat_map(cells_with_jumps).filter_map(|cell| grid.lattice.slot(cell)) {
+        values.flags[slot] |= flags::BRANCH_JUMP;
+    }
     flags::derive(&grid.lattice, &mut values.flags);
     values
+}
+
+/// The cells with both ends of a flagged pair among their corners, including the lower cell on axes where the
+/// ends have the same index.
+pub(super) fn cells_with_jumps(jump: &BranchJump) -> impl Iterator<Item = GridIndex> {
+    let (from, to) = (jump.from, jump.to);
+    CORNERS
+        .into_iter()
+        .filter(move |shift| (0..3).all(|axis| shift[axis] == 0 || from[axis] == to[axis]))
+        .map(move |shift| std::array::from_fn(|axis| from[axis].min(to[axis]) - shift[axis]))
 }
 
 /// Mean of the linear extrapolations of the nearest solved points, limited to `limit`.
@@ -107,6 +122,7 @@ mod tests {
                 stiffness_n_m: Matrix3::from_fn(|i, j| s[i][j]),
                 third_n_m2: [0.0; 10],
             },
+            derivatives: None,
             terminating: false,
             inverted: false,
         }
@@ -123,7 +139,7 @@ mod tests {
             .filter(|p| !holes.contains(p))
             .map(|p| linear(p, grid.spacing_m))
             .collect();
-        let values = lattice_values(&grid, &samples);
+        let values = lattice_values(&grid, &samples, &[]);
         for hole in holes.into_iter().chain([[4, 0, 0], [-3, 2, 0]]) {
             let slot = grid.lattice.slot(hole).unwrap();
             assert_eq!(values.flags[slot] & flags::SOLVED, 0);

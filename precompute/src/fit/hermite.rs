@@ -15,21 +15,19 @@
 
 mod derivatives;
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
-use palpate_core::{CORNERS, HermiteNode, flags};
+use palpate_core::HermiteNode;
 
-use derivatives::{
-    Derivatives, factorial, limited_ghost, limited_slopes, orders, orders_up_to, orders_up_to_two, part,
-};
+use derivatives::{factorial, limited_ghost, limited_slopes, orders, orders_up_to, orders_up_to_two, part};
 
 use super::branch_jump::BranchJump;
-use super::ghosts::{GHOST_FORCE_LIMIT, mean_of_nearest};
-use super::{LatticeValues, Sample};
+use super::ghosts::{GHOST_FORCE_LIMIT, cells_with_jumps, mean_of_nearest};
+use super::{Derivatives, Sample};
 use crate::num::vector::norm;
-use crate::spec::{Domain, GridIndex, SpaceGrid, corners};
+use crate::spec::{Domain, GridIndex, SpaceGrid, corners, neighbours, plus};
 
 /// The table in the core's form.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,44 +38,8 @@ pub struct HermiteNodes {
     pub nodes: Vec<HermiteNode>,
 }
 
-/// Sets the branch-jump flag of every cell with a flagged pair among its corners.
-pub fn flag_branch_jumps(grid: &SpaceGrid, branch_jumps: &[BranchJump], values: &mut LatticeValues) {
-    for slot in branch_jumps.iter().flat_map(cells_with_jumps).filter_map(|cell| grid.lattice.slot(cell)) {
-        values.flags[slot] |= flags::BRANCH_JUMP;
-    }
-    flags::derive(&grid.lattice, &mut values.flags);
-}
-
-/// The cells with both ends of a flagged pair among their corners, including the lower cell on axes where the
-/// ends have the same index.
-fn cells_with_jumps(fold: &BranchJump) -> impl Iterator<Item = GridIndex> {
-    let (from, to) = (fold.from, fold.to);
-    CORNERS
-        .into_iter()
-        .filter(move |shift| (0..3).all(|axis| shift[axis] == 0 || from[axis] == to[axis]))
-        .map(move |shift| std::array::from_fn(|axis| from[axis].min(to[axis]) - shift[axis]))
-}
-
 /// The table of `samples`, sorted by index, including the rest point.
 pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], branch_jumps: &[BranchJump]) -> HermiteNodes {
-    nodes_with(grid, samples, branch_jumps, &BTreeMap::new())
-}
-
-/// The table of samples with known derivatives, J/m^n. Only ghosts need differences.
-pub fn hermite_nodes_known(
-    grid: &SpaceGrid,
-    samples: &[Sample],
-    known: &BTreeMap<GridIndex, super::Derivatives>,
-) -> HermiteNodes {
-    nodes_with(grid, samples, &[], known)
-}
-
-fn nodes_with(
-    grid: &SpaceGrid,
-    samples: &[Sample],
-    branch_jumps: &[BranchJump],
-    known: &BTreeMap<GridIndex, super::Derivatives>,
-) -> HermiteNodes {
     let slots = grid.lattice.slots();
     let mut solved = vec![None; slots];
     for sample in samples {
@@ -86,30 +48,20 @@ fn nodes_with(
         }
     }
     let mut cuts: Vec<(GridIndex, GridIndex)> =
-        branch_jumps.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
+        branch_jumps.iter().flat_map(|jump| [(jump.from, jump.to), (jump.to, jump.from)]).collect();
     cuts.sort_unstable();
     let mut field = Field { grid, solved, cuts };
-    // If all derivatives are known, no differences are needed.
-    if known.len() < samples.len() {
+    if samples.iter().any(|sample| sample.derivatives.is_none()) {
         field.differentiate();
     }
-    for (&index, derivatives) in known {
-        let solved = grid.lattice.slot(index).and_then(|slot| field.solved[slot].as_mut());
-        if let Some(solved) = solved {
-            solved.w = *derivatives;
-            for (a, b, c) in orders_up_to_two() {
-                solved.w[a][b][c] *= grid.spacing_m.powi((a + b + c) as i32 - 1);
-            }
-        }
-    }
     let mut table = HermiteNodes { row: vec![0; slots], nodes: Vec::new() };
-    let at_folds: HashSet<GridIndex> =
+    let at_jumps: HashSet<GridIndex> =
         branch_jumps.iter().flat_map(cells_with_jumps).flat_map(corners).collect();
     let largest_n = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
     for index in Domain::new(grid, true).points() {
         let Some(slot) = grid.lattice.slot(index) else { continue };
         let node = match field.solved[slot] {
-            Some(known) if at_folds.contains(&index) => {
+            Some(known) if at_jumps.contains(&index) => {
                 limited_slopes(known.w, MAX_SLOPE_RATIO * field.steepest(index))
             }
             Some(known) => known.w,
@@ -155,6 +107,12 @@ fn exact(sample: &Sample, spacing_m: f64) -> Known {
             *part(&mut w, &[i, j, k]) = value;
         }
     }
+    if let Some(all) = sample.derivatives {
+        w = all;
+        for (a, b, c) in orders_up_to_two() {
+            w[a][b][c] *= spacing_m.powi((a + b + c) as i32 - 1);
+        }
+    }
     Known { w, pure }
 }
 
@@ -182,9 +140,8 @@ impl Field<'_> {
             Some([w[1][0][0], w[0][1][0], w[0][0][1]])
         };
         let Some(here) = force(index) else { return 0.0 };
-        let neighbours = (0..27).map(|code| [code / 9 - 1, code / 3 % 3 - 1, code % 3 - 1]);
-        neighbours
-            .filter_map(|step| force(std::array::from_fn(|axis| index[axis] + step[axis])))
+        neighbours()
+            .filter_map(|step| force(plus(index, step)))
             .map(|there| norm(std::array::from_fn(|i| there[i] - here[i])))
             .fold(0.0, f64::max)
     }

@@ -14,26 +14,20 @@
 //!
 //! K = prod_i (-1)^a_i He_(a_i + b_i)(r_i) exp(-|r|^2 / 2),   on the diagonal prod_i (2 a_i - 1)!! .
 //!
-//! Rows and columns are scaled to a unit diagonal, and a nugget that depends on the order is added to it
-//! ([`NUGGET`]). The matrix of a smooth kernel is singular to working precision long before the data are
-//! exhausted. Without the nugget the fit would amplify rounding errors to oscillations.
-//!
-//! The error estimates in [`cross_validation`] need the diagonal blocks of K's inverse. With K = [A B; B' C],
-//! H = (L^-T L^-1 B) M^-T, A = L L', C - B' A^-1 B = M M', the blocks grow by H_m H_m'.
-//!
 //! The sums cancel (weights are thousands of times larger than the values), so the evaluation uses f64.
 
 mod cross_validation;
+mod system;
 
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Mat, MatRef, Par, Side};
+pub use system::KernelSystem;
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::num::jet::EnergyJet;
 
 /// Orders of the derivatives of a configuration along x, y and z.
 ///
-/// The third derivatives are in the order of [`THIRD_INDICES`].
+/// The third derivatives are in the order of [`crate::num::jet::THIRD_INDICES`].
 pub(crate) const DATA: [[usize; 3]; 20] = [
     [0, 0, 0],
     [1, 0, 0],
@@ -57,222 +51,33 @@ pub(crate) const DATA: [[usize; 3]; 20] = [
     [0, 0, 3],
 ];
 
-/// Nugget added to the unit diagonal, by order of the derivative.
+/// Nugget added to the unit diagonal of the scaled matrix, by order of the derivative.
 pub(super) const NUGGET: [f64; 4] = [1e-9, 1e-9, 1e-6, 1e-4];
 
 /// Highest order of the Hermite polynomials: 6 between two data, 5 between the table's second derivatives and
 /// the data.
 const POLYNOMIALS: usize = 7;
 
-/// W_abc as `[a][b][c]`, J/m^(a+b+c).
+/// W_abc as `[a][b][c]`, in J/m^(a+b+c) or, in tables, in cells.
 pub type Derivatives = [[[f64; 3]; 3]; 3];
 
-impl EnergyJet {
-    /// The data in the order of [`DATA`], minus those of the quadratic energy of `base`.
-    fn beside(&self, base: &Matrix3<f64>) -> [f64; 20] {
-        let p = Vector3::from(self.control_m);
-        let beside = Self {
-            energy_j: self.energy_j - 0.5 * p.dot(&(base * p)),
-            force_n: (Vector3::from(self.force_n) - base * p).into(),
-            stiffness_n_m: self.stiffness_n_m - base,
-            ..*self
-        };
-        beside.numbers()
-    }
-}
-
-/// Error: two configurations are too close for the kernel to distinguish them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct CoincidentData;
-
-impl std::fmt::Display for CoincidentData {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "two configurations are too close for the kernel; take a shorter length")
-    }
-}
-
-impl std::error::Error for CoincidentData {}
-
-/// A fit that can be extended by configurations.
+/// The fitted energy.
 #[derive(Debug, Clone)]
 pub struct KernelFit {
-    length_m: f64,
-    base: Matrix3<f64>,
-    /// Displacements in units of the kernel length.
-    centres: Vec<[f64; 3]>,
-    /// Lower Cholesky factor of the scaled matrix.
-    factor: Mat<f64>,
-    /// Forward substitution of the scaled data with the factor; extended with it.
-    forward: Mat<f64>,
-    /// The diagonal block of each configuration in the inverse of the scaled matrix.
-    inverse: Vec<Mat<f64>>,
-    /// Weights in the order of [`DATA`], J.
-    weights: Vec<[f64; 20]>,
+    /// Length l of the kernel, m.
+    pub length_m: f64,
+    /// S0, the stiffness at rest, N/m.
+    pub rest_stiffness_n_m: Matrix3<f64>,
+    /// Displacements of the configurations in units of l.
+    pub centres: Vec<[f64; 3]>,
+    /// Weights of each configuration in the order W, h, S and W_ijk, J.
+    pub weights: Vec<[f64; 20]>,
 }
 
 impl KernelFit {
-    /// An empty fit with the kernel length l, m, and the stiffness at rest, N/m.
-    pub fn new(length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
-        Self {
-            length_m,
-            base: rest_stiffness_n_m,
-            centres: Vec::new(),
-            factor: Mat::zeros(0, 0),
-            forward: Mat::zeros(0, 1),
-            inverse: Vec::new(),
-            weights: Vec::new(),
-        }
-    }
-
-    /// Restores a read-only fit from the kernel length l, m, the stiffness at rest, N/m, and for each
-    /// configuration its displacement, m, and its weights, J ([`Self::weights`]).
-    pub(crate) fn of_weights(
-        length_m: f64,
-        rest_stiffness_n_m: Matrix3<f64>,
-        configurations: impl IntoIterator<Item = ([f64; 3], [f64; 20])>,
-    ) -> Self {
-        let in_lengths = |(at, weights): ([f64; 3], _)| (at.map(|x| x / length_m), weights);
-        let (centres, weights) = configurations.into_iter().map(in_lengths).unzip();
-        Self { centres, weights, ..Self::new(length_m, rest_stiffness_n_m) }
-    }
-
-    /// The kernel's length l, m.
-    pub fn length_m(&self) -> f64 {
-        self.length_m
-    }
-
-    /// The stiffness at rest, N/m.
-    pub(crate) fn base_n_m(&self) -> &Matrix3<f64> {
-        &self.base
-    }
-
-    /// Displacements in kernel lengths, and the weights of the Gaussian's derivatives in the order of
-    /// [`DATA`], J.
-    pub(super) fn centres(&self) -> impl Iterator<Item = (&[f64; 3], &[f64; 20])> {
-        self.centres.iter().zip(&self.weights)
-    }
-
-    /// The weights of each configuration, in the order W, h, S and W_ijk, J.
-    pub(crate) fn weights(&self) -> &[[f64; 20]] {
-        &self.weights
-    }
-
-    /// Number of configurations.
-    pub fn len(&self) -> usize {
-        self.centres.len()
-    }
-
-    /// Whether the fit has no configuration.
-    pub fn is_empty(&self) -> bool {
-        self.centres.is_empty()
-    }
-
-    /// Lower bound of the condition number of the scaled matrix: the squared ratio of the factor's diagonal
-    /// entries.
-    pub(crate) fn condition(&self) -> f64 {
-        let diagonal = (0..self.factor.nrows()).map(|i| self.factor[(i, i)]);
-        let (low, high) = diagonal.fold((f64::INFINITY, 0.0f64), |(low, high), d| (low.min(d), high.max(d)));
-        (high / low).powi(2)
-    }
-
-    /// A read-only copy without the factor, which is most of the memory. It gives the same values and cannot
-    /// be extended.
-    #[must_use]
-    pub fn read_only(&self) -> Self {
-        let Self { length_m, base, ref centres, ref weights, .. } = *self;
-        let (centres, weights) = (centres.clone(), weights.clone());
-        let (factor, forward) = (Mat::zeros(0, 0), Mat::zeros(0, 1));
-        Self { length_m, base, centres, factor, forward, inverse: Vec::new(), weights }
-    }
-
-    /// Adds configurations. The fit is unchanged if one of them is too close to another.
-    ///
-    /// Each configuration extends the factor by 20 rows. N configurations cost (20 N)^3 / 3 operations in
-    /// total, for any number of calls.
-    ///
-    /// # Panics
-    ///
-    /// If the fit is [read-only](Self::read_only).
-    pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), CoincidentData> {
-        assert_eq!(self.factor.nrows(), DATA.len() * self.centres.len(), "the fit is read-only");
-        let (old, more) = (DATA.len() * self.centres.len(), DATA.len() * jets.len());
-        let added: Vec<[f64; 3]> = jets.iter().map(|jet| jet.control_m.map(|x| x / self.length_m)).collect();
-        let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());
-        // Columns of the new rows: against the old data, and among themselves.
-        let mut across = Mat::<f64>::zeros(old, more);
-        let mut own = Mat::<f64>::zeros(more, more);
-        for (m, &x) in added.iter().enumerate() {
-            for (n, &y) in self.centres.iter().chain(&added).enumerate() {
-                let (tables, e) = polynomials(x, y);
-                for a in 0..DATA.len() {
-                    for b in 0..DATA.len() {
-                        let value = scale[a] * scale[b] * e * entry(DATA[a], DATA[b], &tables);
-                        let (row, column) = (DATA.len() * m + a, DATA.len() * n + b);
-                        if column < old {
-                            across[(column, row)] = value;
-                        } else {
-                            own[(row, column - old)] = value;
-                        }
-                    }
-                }
-            }
-            for (a, orders) in DATA.iter().enumerate() {
-                own[(DATA.len() * m + a, DATA.len() * m + a)] += NUGGET[orders.iter().sum::<usize>()];
-            }
-        }
-        solve_lower_triangular_in_place(self.factor.as_ref(), across.as_mut(), Par::Seq);
-        own -= across.transpose() * &across;
-        let corner = own.llt(Side::Lower).map_err(|_| CoincidentData)?;
-        let corner = corner.L();
-        // The data in the same scale, as derivatives with respect to x = p / l.
-        let mut right = Mat::<f64>::zeros(more, 1);
-        for (m, jet) in jets.iter().enumerate() {
-            for ((a, orders), value) in DATA.iter().enumerate().zip(jet.beside(&self.base)) {
-                let order = orders.iter().sum::<usize>() as i32;
-                right[(DATA.len() * m + a, 0)] = scale[a] * value * self.length_m.powi(order);
-            }
-        }
-        right -= across.transpose() * &self.forward;
-        solve_lower_triangular_in_place(corner, right.as_mut(), Par::Seq);
-        self.extend_inverse(&across, corner);
-        let n = old + more;
-        self.factor.resize_with(n, n, |_, _| 0.0);
-        self.forward.resize_with(n, 1, |_, _| 0.0);
-        for row in 0..more {
-            for column in 0..old {
-                self.factor[(old + row, column)] = across[(column, row)];
-            }
-            for column in 0..=row {
-                self.factor[(old + row, old + column)] = corner[(row, column)];
-            }
-            self.forward[(old + row, 0)] = right[(row, 0)];
-        }
-        self.centres.extend(added);
-        let mut solved = self.forward.clone();
-        solve_upper_triangular_in_place(self.factor.transpose(), solved.as_mut(), Par::Seq);
-        self.weights = (0..self.centres.len())
-            .map(|m| std::array::from_fn(|a| scale[a] * solved[(DATA.len() * m + a, 0)]))
-            .collect();
-        Ok(())
-    }
-
-    /// Contribution of new rows to the blocks of the inverse: `across` is L^-1 B, `corner` the factor of the
-    /// Schur complement.
-    fn extend_inverse(&mut self, across: &Mat<f64>, corner: MatRef<'_, f64>) {
-        let mut back = across.clone();
-        solve_upper_triangular_in_place(self.factor.transpose(), back.as_mut(), Par::Seq);
-        let mut back = back.transpose().to_owned();
-        solve_lower_triangular_in_place(corner, back.as_mut(), Par::Seq);
-        let mut own = Mat::<f64>::identity(corner.nrows(), corner.nrows());
-        solve_lower_triangular_in_place(corner, own.as_mut(), Par::Seq);
-        let squared = |of: &Mat<f64>, m: usize| {
-            let columns = of.subcols(DATA.len() * m, DATA.len());
-            columns.transpose() * columns
-        };
-        for (m, block) in self.inverse.iter_mut().enumerate() {
-            *block += squared(&back, m);
-        }
-        self.inverse.extend((0..corner.nrows() / DATA.len()).map(|m| squared(&own, m)));
+    /// The quadratic energy of a stiffness S0, N/m: a fit without configurations.
+    pub(crate) fn quadratic(length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
+        Self { length_m, rest_stiffness_n_m, centres: Vec::new(), weights: Vec::new() }
     }
 
     /// h = dW/dp, N.
@@ -294,7 +99,7 @@ impl KernelFit {
             }
         }
         let p = Vector3::from(displacement_m);
-        (self.base * p + Vector3::from(sum) / self.length_m).into()
+        (self.rest_stiffness_n_m * p + Vector3::from(sum) / self.length_m).into()
     }
 
     /// W and its derivatives up to the third order.
@@ -311,11 +116,11 @@ impl KernelFit {
             *sum *= self.length_m.powi(-(orders.iter().sum::<usize>() as i32));
         }
         let p = Vector3::from(displacement_m);
-        let (slope, beside) = (self.base * p, EnergyJet::from_numbers(displacement_m, &sum));
+        let (slope, beside) = (self.rest_stiffness_n_m * p, EnergyJet::from_numbers(displacement_m, &sum));
         EnergyJet {
             energy_j: beside.energy_j + 0.5 * p.dot(&slope),
             force_n: (Vector3::from(beside.force_n) + slope).into(),
-            stiffness_n_m: beside.stiffness_n_m + self.base,
+            stiffness_n_m: beside.stiffness_n_m + self.rest_stiffness_n_m,
             ..beside
         }
     }
@@ -352,7 +157,7 @@ impl KernelFit {
             }
         }
         let p = Vector3::from(displacement_m);
-        let (s, slope) = (&self.base, self.base * p);
+        let (s, slope) = (&self.rest_stiffness_n_m, self.rest_stiffness_n_m * p);
         sum[0][0][0] += 0.5 * p.dot(&slope);
         sum[1][0][0] += slope.x;
         sum[0][1][0] += slope.y;

@@ -1,12 +1,11 @@
 //! A kernel fit in the core's form ([`palpate_core::kernel`]): a cubic polynomial at every
 //! configuration, and the range in which the fit is valid.
 
-use palpate_core::kernel::{
-    self, Block, KernelTable, LANES, MAX_CENTRES, MAX_DISTANCE, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS,
-};
+use palpate_core::kernel::{self, Block, KernelTable, LANES, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS};
 
 use super::KernelFit;
 use super::kernel::DATA;
+use crate::num::jet::SECOND_INDICES;
 
 /// Number of steps along a ray in the search for the range.
 const STEPS: u32 = 32;
@@ -31,22 +30,19 @@ pub(crate) struct KernelPlanes {
 
 impl KernelPlanes {
     /// The planes of a fit in a ball of `radius_m`; `is_valid_at` returns whether the fit is valid at a
-    /// displacement. `None` if the core does not accept the fit: more than [`MAX_CENTRES`] configurations, or
-    /// a configuration at more than [`MAX_DISTANCE`] kernel lengths from rest.
+    /// displacement. `None` if the core does not accept the fit: too many configurations, or one too many
+    /// kernel lengths from rest.
     pub(crate) fn new(
         fit: &KernelFit,
         radius_m: f64,
         is_valid_at: impl Fn([f64; 3]) -> bool,
     ) -> Option<Self> {
-        let far = |x: &[f64; 3]| x.iter().map(|x| x * x).sum::<f64>() > MAX_DISTANCE * MAX_DISTANCE;
-        if fit.is_empty() || fit.len() > MAX_CENTRES || fit.centres().any(|(x, _)| far(x)) {
-            return None;
-        }
-        let length_m = fit.length_m();
-        let base = |i: usize, j: usize| length_m * fit.base_n_m()[(i, j)];
-        let scalars = [length_m, base(0, 0), base(0, 1), base(0, 2), base(1, 1), base(1, 2), base(2, 2)];
-        let mut blocks = vec![[[0.0; LANES]; NUMBERS]; fit.len().div_ceil(LANES)];
-        for (n, (centre, weights)) in fit.centres().enumerate() {
+        let KernelFit { length_m, rest_stiffness_n_m, centres, weights } = fit;
+        let base = |[i, j]: [usize; 2]| length_m * rest_stiffness_n_m[(i, j)];
+        let [xx, xy, xz, yy, yz, zz] = SECOND_INDICES.map(base);
+        let scalars = [*length_m, xx, xy, xz, yy, yz, zz];
+        let mut blocks = vec![[[0.0; LANES]; NUMBERS]; centres.len().div_ceil(LANES)];
+        for (n, (centre, weights)) in centres.iter().zip(weights).enumerate() {
             let numbers = centre.iter().copied().chain(polynomial(weights).map(|c| c / length_m));
             for (lanes, number) in blocks[n / LANES].iter_mut().zip(numbers) {
                 lanes[n % LANES] = number;
@@ -106,18 +102,19 @@ fn along(towards: [i32; 3], radius_m: f64, is_valid_at: &impl Fn([f64; 3]) -> bo
 mod tests {
     use palpate_core::lanes::Baseline;
 
+    use super::super::KernelSystem;
     use super::super::synthetic::{jet, spread};
     use super::*;
 
     const RADIUS_M: f64 = 0.05;
 
     fn fit(configurations: u32, length_m: f64) -> KernelFit {
-        let mut fit = KernelFit::new(length_m, jet([0.0; 3]).stiffness_n_m);
-        fit.add(&[jet([0.0; 3])]).expect("the first");
+        let mut system = KernelSystem::new(length_m, jet([0.0; 3]).stiffness_n_m);
+        system.add(&[jet([0.0; 3])]).expect("the first");
         for n in 1..configurations {
-            fit.add(&[jet(spread(n, RADIUS_M))]).expect("apart");
+            system.add(&[jet(spread(n, RADIUS_M))]).expect("apart");
         }
-        fit
+        system.fit
     }
 
     fn table(planes: &KernelPlanes) -> KernelTable<'_> {

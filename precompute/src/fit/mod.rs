@@ -1,7 +1,6 @@
 //! Fits: from solved configurations to the tables that the core interpolates.
 
 mod branch_jump;
-mod centre;
 mod displacement;
 mod ghosts;
 mod hermite;
@@ -16,23 +15,22 @@ pub(crate) mod synthetic;
 
 pub use branch_jump::BranchJump;
 pub(crate) use branch_jump::{branch_jumps, flagged_pairs};
-pub use centre::Centre;
 pub(crate) use displacement::{DisplacementFault, DisplacementFit, Misfit};
 pub use displacement::{SurfaceMotionSample, fit_displacement};
 pub use ghosts::{LatticeValues, lattice_values};
-pub use hermite::{HermiteNodes, flag_branch_jumps, hermite_nodes, hermite_nodes_known};
+pub use hermite::{HermiteNodes, hermite_nodes};
 pub(crate) use kernel::DATA;
-pub use kernel::{Derivatives, KernelFit};
+pub use kernel::{Derivatives, KernelFit, KernelSystem};
 pub(crate) use kernel_planes::KernelPlanes;
 pub(crate) use modes::PackedModes;
 pub use motion::ScatteredMotion;
+pub use rbf_weights::{Centre, Kernel, RbfFit, fit_rbf};
 pub(crate) use rbf_weights::{FitError, SurfaceRbf};
-pub use rbf_weights::{Kernel, RbfFit, fit_rbf};
 
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
 
-/// A solved grid point, as input of the fits.
+/// A configuration at a grid point, solved or evaluated from a fit: the input of the tables.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Grid point.
@@ -41,6 +39,8 @@ pub struct Sample {
     pub attempt: u32,
     /// W, h, S and W_ijk at the point.
     pub jet: EnergyJet,
+    /// All derivatives of the table, J/m^n; `None` for a solution, whose higher derivatives are differences.
+    pub derivatives: Option<Derivatives>,
     /// Whether |h| exceeds the scene's force limit.
     pub terminating: bool,
     /// Whether an element is inverted.

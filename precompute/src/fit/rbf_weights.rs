@@ -2,8 +2,10 @@
 
 use faer::prelude::Solve;
 use faer::{Mat, Side};
+use palpate_core::RBF_LANES;
+use thiserror::Error;
 
-use super::centre::Centre;
+use super::Sample;
 use super::rbf_iterative::solve_iteratively;
 use crate::num::parallel::ThreadError;
 
@@ -34,13 +36,28 @@ impl Kernel {
 
     fn name(self) -> &'static str {
         match self {
-            Self::Linear => "linear",
-            Self::Cubic => "cubic",
+            Self::Linear => "rbf-linear",
+            Self::Cubic => "rbf-cubic",
         }
     }
 }
 
-/// Centres and weights of one space.
+/// A position and the force there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Centre {
+    /// Position in cells.
+    pub position: [f64; 3],
+    /// h, N.
+    pub force_n: [f64; 3],
+}
+
+impl From<&Sample> for Centre {
+    fn from(sample: &Sample) -> Self {
+        Self { position: sample.index.map(f64::from), force_n: sample.jet.force_n }
+    }
+}
+
+/// Centres and weights of one space, padded to the core's lane count with centres of zero weight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RbfFit {
     /// x, y, z of the centres, in cells.
@@ -52,9 +69,12 @@ pub struct RbfFit {
 }
 
 /// Why the weights could not be computed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Error)]
 pub enum FitError {
     /// The factorisation would exceed the memory limit.
+    #[error(
+        "{centres} centres are too many for {} (at most {}); pack without this method", .kernel.name(), MAX_CENTRES
+    )]
     TooMany {
         /// The kernel.
         kernel: Kernel,
@@ -62,6 +82,10 @@ pub enum FitError {
         centres: usize,
     },
     /// The matrix is singular: the weights do not reproduce the forces at the centres, or are not finite.
+    #[error(
+        "the {} system of {centres} centres is singular (misfit {misfit_n:.1e} N); pack without this method",
+        .kernel.name()
+    )]
     Singular {
         /// The kernel.
         kernel: Kernel,
@@ -71,28 +95,9 @@ pub enum FitError {
         misfit_n: f64,
     },
     /// The threads could not be started.
-    Threads(ThreadError),
+    #[error(transparent)]
+    Threads(#[from] ThreadError),
 }
-
-impl std::fmt::Display for FitError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::TooMany { kernel, centres } => write!(
-                f,
-                "{centres} centres are too many for rbf-{} (at most {MAX_CENTRES}); pack without this method",
-                kernel.name()
-            ),
-            Self::Singular { kernel, centres, misfit_n } => write!(
-                f,
-                "the rbf-{} system of {centres} centres is singular (misfit {misfit_n:.1e} N); pack without this method",
-                kernel.name()
-            ),
-            Self::Threads(error) => write!(f, "{error}"),
-        }
-    }
-}
-
-impl std::error::Error for FitError {}
 
 /// Maximum number of centres for linear weights by factorisation: 6.4 GB. With 6,204 centres the
 /// factorisation takes 5 s and the iteration 25 s.
@@ -112,9 +117,7 @@ const MISFIT: f64 = 1e-6;
 pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<RbfFit, FitError> {
     let n = centres.len();
     let (weights, misfit_n) = match kernel {
-        Kernel::Linear if n > MAX_DENSE_CENTRES => {
-            solve_iteratively(centres, threads).map_err(FitError::Threads)?
-        }
+        Kernel::Linear if n > MAX_DENSE_CENTRES => solve_iteratively(centres, threads)?,
         Kernel::Cubic if n > MAX_CENTRES => return Err(FitError::TooMany { kernel, centres: n }),
         _ => solve_densely(kernel, centres),
     };
@@ -122,9 +125,13 @@ pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<Rbf
     if misfit_n.is_nan() || misfit_n > MISFIT * largest.max(f64::MIN_POSITIVE) {
         return Err(FitError::Singular { kernel, centres: n, misfit_n });
     }
+    let padded = |mut plane: Vec<f64>| {
+        plane.resize(n.next_multiple_of(RBF_LANES), 0.0);
+        plane
+    };
     Ok(RbfFit {
-        centres: std::array::from_fn(|axis| centres.iter().map(|c| c.position[axis]).collect()),
-        weights,
+        centres: std::array::from_fn(|axis| padded(centres.iter().map(|c| c.position[axis]).collect())),
+        weights: weights.map(padded),
         misfit_n,
     })
 }

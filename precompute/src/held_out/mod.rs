@@ -6,10 +6,10 @@
 //! [`crate::space::WalkJob`] solves a path or a single position in one job. `run` sends the walks to an
 //! executor and stores the outcomes in the store of the space. `summary` counts them.
 
-pub mod positions;
-pub(crate) mod run;
-pub(crate) mod summary;
+mod positions;
+mod run;
+mod summary;
 
-pub use positions::{Draw, LongStep, is_on_training_lattice};
+pub use positions::{Draw, is_on_training_lattice, regular_directions};
 pub use run::{HeldOut, HeldOutError, HeldOutProgress};
 pub use summary::Summary;

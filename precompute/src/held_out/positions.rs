@@ -1,24 +1,30 @@
 //! Positions of the held-out solves: pure functions of a seed, the name of the active node and a number.
 
+use serde::{Deserialize, Serialize};
+
+use super::HeldOutError;
 use crate::num::vector::{dot, norm, unit};
 use crate::space::{Kind, Store, StoreError};
-use crate::spec::SpaceGrid;
+use crate::spec::{SpaceGrid, neighbours};
 
-/// Definition of a draw. The numbers of walks can grow later. The other fields cannot change, because a store
-/// keeps one draw.
-#[derive(Debug, Clone, PartialEq)]
+/// Definition of a draw. The numbers of walks can grow later. The serialised fields cannot change, because a
+/// store keeps one draw.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Draw {
+    /// Number of steps of a random path.
+    pub random_steps: u32,
     /// Seed of the random paths and uniform positions.
     pub seed: u64,
     /// Step length of a path, m.
     pub step_m: f64,
     /// Length of the 26 regular paths, m; `None` for no regular paths.
+    #[serde(skip)]
     pub regular_m: Option<f64>,
     /// Number of random paths per active node.
+    #[serde(skip)]
     pub random: u32,
-    /// Number of steps of a random path.
-    pub random_steps: u32,
     /// Number of reachable uniform positions per active node.
+    #[serde(skip)]
     pub uniform: u32,
 }
 
@@ -35,13 +41,13 @@ impl Draw {
     }
 
     /// Checks that the steps are short enough for the paths in a ball of this radius.
-    pub fn check(&self, radius_m: f64) -> Result<(), LongStep> {
+    pub fn check(&self, radius_m: f64) -> Result<(), HeldOutError> {
         let random = (self.random > 0).then_some((Kind::Random, radius_m, LONGEST_STEP * radius_m));
         let regular = self.regular_m.map(|length_m| (Kind::Regular, length_m, length_m));
         for (paths, of_m, limit_m) in random.into_iter().chain(regular) {
             // A limit in other units can differ in its last digit.
             if self.step_m > limit_m * (1.0 + 1e-9) {
-                return Err(LongStep { paths, step_m: self.step_m, of_m, limit_m });
+                return Err(HeldOutError::LongStep { paths, step_m: self.step_m, of_m, limit_m });
             }
         }
         Ok(())
@@ -49,68 +55,20 @@ impl Draw {
 
     /// The fields that must not change within one store, as JSON.
     pub fn identity(&self) -> String {
-        let Self { seed, step_m, random_steps, .. } = self;
-        serde_json::json!({ "seed": seed, "step_m": step_m, "random_steps": random_steps }).to_string()
+        serde_json::to_string(self).expect("numbers are valid JSON")
     }
 
     /// The draw of a store with all numbers of walks zero; `None` if nothing is drawn yet.
     pub(crate) fn of(store: &Store) -> Result<Option<Self>, StoreError> {
         let Some(stored) = store.draw_identity()? else { return Ok(None) };
-        let unreadable = || store.corrupt(format!("its draw of held-out truth is `{stored}`"));
-        Self::of_identity(&stored).map(Some).ok_or_else(unreadable)
-    }
-
-    /// The draw of this identity with all numbers of walks zero.
-    fn of_identity(identity: &str) -> Option<Self> {
-        let parts: serde_json::Value = serde_json::from_str(identity).ok()?;
-        Some(Self {
-            seed: parts["seed"].as_u64()?,
-            step_m: parts["step_m"].as_f64()?,
-            random_steps: parts["random_steps"].as_u64()? as u32,
-            regular_m: None,
-            random: 0,
-            uniform: 0,
-        })
+        let unreadable = |_| store.corrupt(format!("its draw of held-out truth is `{stored}`"));
+        serde_json::from_str(&stored).map(Some).map_err(unreadable)
     }
 }
-
-/// A draw whose steps are too long for its paths.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LongStep {
-    /// The paths, regular or random.
-    pub paths: Kind,
-    /// The step, m.
-    pub step_m: f64,
-    /// Length of the regular paths, or radius of the ball of the random ones, m.
-    pub of_m: f64,
-    /// Longest possible step, m.
-    pub limit_m: f64,
-}
-
-impl std::fmt::Display for LongStep {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [step_mm, of_mm, limit_mm] =
-            [self.step_m, self.of_m, self.limit_m].map(|m| (1e9 * m).round() / 1e6);
-        let (paths, none) = match self.paths {
-            Kind::Random => ("random paths in a ball of radius", "--random 0"),
-            _ => ("regular paths of", "--regular-mm 0"),
-        };
-        write!(
-            f,
-            "steps of {step_mm} mm are too long for {paths} {of_mm} mm; take --step-mm {limit_mm} or less, or no such \
-             paths with {none}"
-        )
-    }
-}
-
-impl std::error::Error for LongStep {}
 
 /// The 26 directions to the neighbours of a lattice point, in a fixed order.
 pub fn regular_directions() -> impl Iterator<Item = [f64; 3]> {
-    (0..27_i32)
-        .map(|code| [code / 9 - 1, code / 3 % 3 - 1, code % 3 - 1])
-        .filter(|d| *d != [0; 3])
-        .map(|d| unit(d.map(f64::from)))
+    neighbours().map(|offset| unit(offset.map(f64::from)))
 }
 
 /// Positions of a regular path, without rest.
@@ -242,7 +200,7 @@ mod tests {
         let radius_m = 8e-4;
         let draw = Draw { step_m: Draw::default_step_m(radius_m), random_steps: 1000, ..Draw::PAPER };
         assert_eq!(draw.step_m, 8e-5);
-        assert_eq!(draw.check(radius_m), Ok(()));
+        assert!(draw.check(radius_m).is_ok());
         for number in 0..1000 {
             for at in random_path(&draw, "A1", number, radius_m) {
                 assert!(norm(at) <= radius_m, "{at:?} of path {number}");

@@ -9,10 +9,11 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::AtomicBool;
 
 use palpate_core::ConfigTag;
+use thiserror::Error;
 
+use super::Draw;
 use super::positions::{random_path, regular_directions, regular_path, uniform_position};
-use super::{Draw, LongStep};
-use crate::adaptive::{AdaptiveFit, ReachableSet};
+use crate::adaptive::AdaptiveFit;
 use crate::space::executor::Dispatcher;
 use crate::space::{Done, Executor, ExecutorError, Kind, Store, StoreError, Walk, WalkJob, Work, state};
 use crate::spec::{GridIndex, Sampling, corners};
@@ -49,20 +50,53 @@ pub struct HeldOutProgress {
 }
 
 /// Why the run ended early.
-#[derive(Debug)]
+#[derive(Debug, Error)]
 pub enum HeldOutError {
     /// The store failed.
-    Store(StoreError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
     /// The workers failed.
-    Executor(ExecutorError),
+    #[error(transparent)]
+    Executor(#[from] ExecutorError),
     /// A stop was requested; every finished walk is committed.
+    #[error("interrupted; every finished path is kept, run the same command to continue")]
     Interrupted,
     /// The steps are too long for the paths. Nothing was solved.
-    LongStep(LongStep),
+    #[error(
+        "steps of {} mm are too long for {} {} mm; take --step-mm {} or less, or no such paths with {}",
+        in_mm(*.step_m),
+        if *.paths == Kind::Random { "random paths in a ball of radius" } else { "regular paths of" },
+        in_mm(*.of_m),
+        in_mm(*.limit_m),
+        if *.paths == Kind::Random { "--random 0" } else { "--regular-mm 0" }
+    )]
+    LongStep {
+        /// The paths, regular or random.
+        paths: Kind,
+        /// The step, m.
+        step_m: f64,
+        /// Length of the regular paths, or radius of the ball of the random ones, m.
+        of_m: f64,
+        /// Longest possible step, m.
+        limit_m: f64,
+    },
     /// Uniform positions need the complete space of this active node.
+    #[error(
+        "{0}: uniform positions start from the solved space, which is not complete; run `palpate precompute` first, \
+         or ask for none with --uniform 0"
+    )]
     NoSpace(String),
     /// Uniform positions need a reachable point besides rest in this active node's space.
+    #[error(
+        "{0}: nothing but the rest point is reachable, so there is no uniform position; raise the force limit or \
+         take a finer grid, or ask for none with --uniform 0"
+    )]
     NoReach(String),
+}
+
+/// A length in millimetres, rounded to a nanometre.
+fn in_mm(length_m: f64) -> f64 {
+    (1e9 * length_m).round() / 1e6
 }
 
 impl HeldOutError {
@@ -71,51 +105,8 @@ impl HeldOutError {
         match self {
             Self::Store(error) => !error.is_of_the_machine(),
             Self::Interrupted | Self::Executor(_) => false,
-            Self::LongStep(_) | Self::NoSpace(_) | Self::NoReach(_) => true,
+            Self::LongStep { .. } | Self::NoSpace(_) | Self::NoReach(_) => true,
         }
-    }
-}
-
-impl std::fmt::Display for HeldOutError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Store(error) => write!(f, "{error}"),
-            Self::Executor(error) => write!(f, "{error}"),
-            Self::Interrupted => {
-                write!(f, "interrupted; every finished path is kept, run the same command to continue")
-            }
-            Self::LongStep(error) => write!(f, "{error}"),
-            Self::NoSpace(name) => write!(
-                f,
-                "{name}: uniform positions start from the solved space, which is not complete; run `palpate precompute` first, or \
-                 ask for none with --uniform 0"
-            ),
-            Self::NoReach(name) => write!(
-                f,
-                "{name}: nothing but the rest point is reachable, so there is no uniform position; raise the force limit or \
-                 take a finer grid, or ask for none with --uniform 0"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for HeldOutError {}
-
-impl From<StoreError> for HeldOutError {
-    fn from(error: StoreError) -> Self {
-        Self::Store(error)
-    }
-}
-
-impl From<LongStep> for HeldOutError {
-    fn from(error: LongStep) -> Self {
-        Self::LongStep(error)
-    }
-}
-
-impl From<ExecutorError> for HeldOutError {
-    fn from(error: ExecutorError) -> Self {
-        Self::Executor(error)
     }
 }
 
@@ -168,8 +159,7 @@ impl HeldOut {
                 uniform.push(Uniform::of(store, *active, name)?);
             }
         }
-        let paths =
-            self.draw.regular_m.map_or(0, |_| regular_directions().count()) + self.draw.random as usize;
+        let paths = self.paths(0).count();
         run.state.total = self.actives.len() * (paths + self.draw.uniform as usize);
         run.state.walks = self.actives.len() * paths - queue.len();
         run.run_walks(&mut queue, executor, self.actives.len() * self.draw.uniform as usize)?;
@@ -249,15 +239,12 @@ struct Run<'a> {
 impl Run<'_> {
     /// Input of a worker for a walk. It is made just before it is sent, so that no states wait in memory.
     fn job(&self, walk: Walk, start: Option<Start>) -> Result<WalkJob, StoreError> {
-        let start = match start {
-            Some((point, attempt)) => {
-                Some((point, self.store.stored_seed(walk.active as usize, point, attempt)?))
-            }
-            None => None,
+        let seed = |(point, attempt)| {
+            Ok::<_, StoreError>((point, self.store.stored_seed(walk.active as usize, point, attempt)?))
         };
         Ok(WalkJob {
             walk,
-            start,
+            start: start.map(seed).transpose()?,
             positions_m: self.held_out.positions_m(&walk),
             keep_displacements: self.held_out.keep_displacements && walk.kind == Kind::Uniform,
         })
@@ -310,8 +297,8 @@ struct Uniform {
     name: String,
     /// Reachable points, possible starts of a position, each with the accepted attempt.
     reachable: BTreeMap<GridIndex, u32>,
-    /// The reachable set of adaptive sampling; `None` on a lattice.
-    within: Option<ReachableSet>,
+    /// The fit of adaptive sampling; `None` on a lattice.
+    fit: Option<AdaptiveFit>,
     /// The next number to draw.
     next: u32,
 }
@@ -321,7 +308,6 @@ impl Uniform {
     /// on its progress.
     fn of(store: &Store, active: usize, name: &str) -> Result<Self, HeldOutError> {
         let state = state(store, active)?;
-        let within = state.fit.as_ref().map(AdaptiveFit::reachable_set);
         let records = store.records(active)?;
         let reachable = records.iter().filter(|r| r.tag() == ConfigTag::Expandable);
         let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();
@@ -331,7 +317,7 @@ impl Uniform {
         if reachable.len() < 2 {
             return Err(HeldOutError::NoReach(name.into()));
         }
-        Ok(Self { active, name: name.into(), reachable, within, next: 0 })
+        Ok(Self { active, name: name.into(), reachable, fit: state.fit, next: 0 })
     }
 
     fn walk(&self, number: u32) -> Walk {
@@ -346,9 +332,9 @@ impl Uniform {
         let distance = |corner: &GridIndex| -> f64 {
             corner.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
         };
-        if let Some(within) = &self.within {
+        if let Some(fit) = &self.fit {
             let nearest = || self.reachable.iter().min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
-            return within.has(at).then(nearest)?.map(|(index, attempt)| (*index, *attempt));
+            return fit.is_reachable(at).then(nearest)?.map(|(index, attempt)| (*index, *attempt));
         }
         corners(cells.map(|x| x.floor() as i32))
             .into_iter()

@@ -1,6 +1,7 @@
 //! Why a space could not be packed.
 
 use palpate_core::{BlobError, LatticeError};
+use thiserror::Error;
 
 use crate::fit::{FitError, Misfit};
 use crate::num::parallel::ThreadError;
@@ -8,27 +9,48 @@ use crate::space::StoreError;
 use crate::spec::GridIndex;
 
 /// Why a space could not be packed.
-#[derive(Debug)]
+#[derive(Debug, Error)]
 pub enum PackError {
     /// The store could not be read.
-    Store(StoreError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
     /// A fit failed.
+    #[error("active node {active}: {error}")]
     Fit {
         /// Name of the active node.
         active: String,
         /// The error.
         error: FitError,
     },
-    /// The displacements could not be packed.
+    /// The displacements have no modes.
+    #[error(
+        "active node {0}: its displacements have no modes; look for damaged configurations with `palpate inspect`"
+    )]
+    Modes(String),
+    /// The displacements of a configuration exceed the bound.
+    #[error(
+        "active node {active}: the displacement at grid point {index:?} is not packed closer than {:.4} mm rms, \
+         {:.4} mm at a node; allow more with displacement_rms_mm and displacement_max_mm under [needs]",
+        1e3 * .misfit.rms_m,
+        1e3 * .misfit.max_m
+    )]
     Displacement {
         /// Name of the active node.
         active: String,
-        /// The configuration beyond the bound and its misfit; `None` if there are no modes.
-        beyond: Option<(GridIndex, Misfit)>,
+        /// The configuration.
+        index: GridIndex,
+        /// Its misfit.
+        misfit: Misfit,
     },
     /// The core refuses the blob: a force or a length is not finite or out of range.
+    #[error(
+        "the blob could not be read ({}) and is not written; check the units of the material, of the mesh and of \
+         `max_force_n`",
+        without_advice(.0)
+    )]
     Refused(BlobError),
     /// The lattice of an adaptive space is invalid for the core.
+    #[error("active node {active}: {error}; change `radius_m`")]
     Lattice {
         /// Name of the active node.
         active: String,
@@ -36,62 +58,27 @@ pub enum PackError {
         error: LatticeError,
     },
     /// A node has no kernel.
+    #[error(
+        "active node {active} has no kernel to pack: it was sampled on a lattice, or a lattice replaced its adaptive \
+         sampling at a branch jump; pack `energy`"
+    )]
     NoKernel {
         /// Its name.
         active: String,
     },
     /// The threads could not be started.
-    Threads(ThreadError),
+    #[error(transparent)]
+    Threads(#[from] ThreadError),
     /// No space contains a configuration yet.
+    #[error("the store has no solved configuration; run `palpate precompute` first")]
     Empty,
     /// A part exceeds the limits of the layout.
+    #[error("{0} is too large for a blob; shorten it or pack fewer methods")]
     TooLarge(&'static str),
 }
 
-impl std::fmt::Display for PackError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Store(error) => write!(f, "{error}"),
-            Self::Fit { active, error } => write!(f, "active node {active}: {error}"),
-            Self::Displacement { active, beyond: Some((index, misfit)) } => write!(
-                f,
-                "active node {active}: the displacement at grid point {index:?} is not packed closer than {:.4} mm rms, \
-                 {:.4} mm at a node; allow more with displacement_rms_mm and displacement_max_mm under [needs]",
-                1e3 * misfit.rms_m,
-                1e3 * misfit.max_m
-            ),
-            Self::Displacement { active, beyond: None } => write!(
-                f,
-                "active node {active}: its displacements have no modes; look for damaged configurations with `palpate inspect`"
-            ),
-            Self::Refused(error) => {
-                // The advice in the reader's message applies to files only.
-                let why = error.to_string();
-                let why = why.rsplit_once("; ").map_or(&why[..], |(why, _)| why);
-                write!(
-                    f,
-                    "the blob could not be read ({why}) and is not written; check the units of the material, of the mesh and of \
-                     `max_force_n`"
-                )
-            }
-            Self::Lattice { active, error } => write!(f, "active node {active}: {error}; change `radius_m`"),
-            Self::NoKernel { active } => write!(
-                f,
-                "active node {active} has no kernel to pack: it was sampled on a lattice, or a lattice replaced its adaptive sampling at a branch jump; pack `energy`"
-            ),
-            Self::Threads(error) => write!(f, "{error}"),
-            Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
-            Self::TooLarge(what) => {
-                write!(f, "{what} is too large for a blob; shorten it or pack fewer methods")
-            }
-        }
-    }
-}
-
-impl std::error::Error for PackError {}
-
-impl From<StoreError> for PackError {
-    fn from(error: StoreError) -> Self {
-        Self::Store(error)
-    }
+/// The reader's message without its advice, which applies to files only.
+fn without_advice(error: &BlobError) -> String {
+    let why = error.to_string();
+    why.rsplit_once("; ").map_or(why.clone(), |(why, _)| why.into())
 }

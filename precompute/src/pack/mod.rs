@@ -10,12 +10,9 @@ use palpate_core::format::{
     self, ALIGNMENT, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader,
     SpaceHeader, SurfaceHeader,
 };
-use palpate_core::{AlignedBytes, Limits, Method, Organ, RBF_LANES};
+use palpate_core::{AlignedBytes, Limits, Method, Organ};
 
-use crate::fit::{
-    Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, RbfFit, fit_rbf, flag_branch_jumps,
-    lattice_values,
-};
+use crate::fit::{Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, fit_rbf, lattice_values};
 use crate::mesh::{Surface, TetMesh};
 use crate::space::Store;
 use crate::spec::GridIndex;
@@ -52,11 +49,8 @@ pub struct Packed {
     preamble: Preamble,
     spaces: Vec<SpaceHeader>,
     planes: PlaneArea,
-    /// Active nodes without a kernel although [`Method::Kernel`] was requested: their space is a lattice, or
-    /// the fit has more centres than the core supports.
-    pub without_kernel: Vec<String>,
-    /// Active nodes without a solved configuration; the blob does not contain them.
-    pub left_out: Vec<String>,
+    /// Active nodes without a solved configuration besides rest; the blob does not contain them.
+    pub nodes_without_data: Vec<String>,
 }
 
 impl Packed {
@@ -65,11 +59,12 @@ impl Packed {
         assemble(&self.preamble, &self.spaces, &self.planes)
     }
 
-    /// Refuses a blob that was requested for the kernel method and in which a node has no kernel.
+    /// Refuses a blob in which a node has no kernel: its space is a lattice, or its fit exceeds the limits of
+    /// the core.
     pub fn expect_kernels(&self) -> Result<(), PackError> {
-        match self.without_kernel.first() {
+        match self.spaces.iter().find(|space| space.kernel.is_none()) {
             None => Ok(()),
-            Some(active) => Err(PackError::NoKernel { active: active.clone() }),
+            Some(space) => Err(PackError::NoKernel { active: space.name.as_str().into() }),
         }
     }
 
@@ -99,7 +94,7 @@ pub struct PackOptions<'m> {
     /// Methods whose tables are packed. An empty list packs flags alone, without surface displacements.
     pub methods: &'m [Method],
     /// Whether intermediate states of transitions, if stored, are also centres of the radial basis functions.
-    pub intermediate: bool,
+    pub use_intermediate_states: bool,
     /// Number of threads of the fits.
     pub threads: usize,
 }
@@ -128,7 +123,7 @@ pub fn pack_with(
     let visual = identity.visual && !options.methods.is_empty();
     let visual = visual.then_some(identity.displacement_bound);
     let mut selected = Vec::new();
-    let mut left_out = Vec::new();
+    let mut nodes_without_data = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let mut records = store.records(active)?;
         records.retain(|record| record.index == REST || keep(record.index));
@@ -136,7 +131,7 @@ pub fn pack_with(
         if records.iter().filter(|record| record.tag().is_solved()).count() > 1 {
             selected.push(SelectedSpace { active, name, node, records });
         } else {
-            left_out.push(name);
+            nodes_without_data.push(name);
         }
     }
     let fitter =
@@ -155,17 +150,13 @@ pub fn pack_with(
     let preamble = Preamble {
         scene: short_text(&identity.scene_name, "the scene's name")?,
         law: short_text(&identity.law, "the law's name")?,
-        // A scene without a device has no force limit; the blob holds finite numbers only.
-        max_force_n: (identity.max_force_n as f32).min(f32::MAX),
+        max_force_n: identity.max_force_n as f32,
         mesh_hash: identity.mesh_hash,
         surface: surface_header,
         certificate: None,
         space_count: spaces.len() as u32,
     };
-    let wanted = options.methods.contains(&Method::Kernel);
-    let without = selected.iter().zip(&spaces).filter(|(_, space)| wanted && space.kernel.is_none());
-    let without_kernel = without.map(|(selected, _)| selected.name.clone()).collect();
-    let packed = Packed { preamble, spaces, planes: packer.planes, without_kernel, left_out };
+    let packed = Packed { preamble, spaces, planes: packer.planes, nodes_without_data };
     packed.expect_readable()?;
     Ok(packed)
 }
@@ -206,24 +197,14 @@ impl Packer<'_> {
         let (active, node) = (*active, *node);
         let Fitted { known, hermite, kernel, displacement } = fitted;
         let TableInput { grid, samples, branch_jumps, .. } = known;
-        let mut values = lattice_values(grid, samples);
-        flag_branch_jumps(grid, branch_jumps, &mut values);
+        let values = lattice_values(grid, samples, branch_jumps);
         let flags = self.planes.push(&values.flags)?;
         let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
         let has_lattice = self.options.methods.iter().any(|m| on_lattice.contains(m));
         let force_n = has_lattice.then(|| self.planes.push(&values.force_n)).transpose()?;
         let centres = self.centres(active, known)?;
-        let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, &centres)? {
-            Some(fit) => {
-                let narrow = |plane: &[f64]| padded(plane).into_iter().map(|x| x as f32).collect();
-                Some(self.rbf_planes::<f32>(&fit, narrow)?)
-            }
-            None => None,
-        };
-        let rbf_cubic = match self.fit(Method::RbfCubic, Kernel::Cubic, name, &centres)? {
-            Some(fit) => Some(self.rbf_planes::<f64>(&fit, padded)?),
-            None => None,
-        };
+        let rbf_linear = self.rbf((Method::RbfLinear, Kernel::Linear), name, &centres, |x| x as f32)?;
+        let rbf_cubic = self.rbf((Method::RbfCubic, Kernel::Cubic), name, &centres, |x| x)?;
         let hermite = match hermite {
             Some(HermiteNodes { row, nodes }) => {
                 Some((row, HermiteHeader { row: self.planes.push(row)?, nodes: self.planes.push(nodes)? }))
@@ -268,7 +249,7 @@ impl Packer<'_> {
     fn centres(&self, active: usize, known: &TableInput) -> Result<Vec<Centre>, PackError> {
         let samples = &known.samples;
         let mut centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
-        if self.options.intermediate {
+        if self.options.use_intermediate_states {
             let cells = |d: [f64; 3]| d.map(|x| x / known.grid.spacing_m);
             for (index, attempt, state) in self.store.intermediate(active)? {
                 let counts = samples.binary_search_by_key(&index, |s| s.index);
@@ -283,27 +264,23 @@ impl Packer<'_> {
         Ok(centres)
     }
 
-    fn fit(
-        &self,
-        method: Method,
-        kernel: Kernel,
+    /// The planes of a kernel in the number format of the core; `None` if its method is not requested.
+    fn rbf<T: Pod>(
+        &mut self,
+        (method, kernel): (Method, Kernel),
         name: &str,
         centres: &[Centre],
-    ) -> Result<Option<RbfFit>, PackError> {
-        let wanted = self.options.methods.contains(&method);
-        let fitted = wanted.then(|| fit_rbf(kernel, centres, self.options.threads)).transpose();
-        fitted.map_err(|error| PackError::Fit { active: name.into(), error })
-    }
-
-    fn rbf_planes<T: Pod>(
-        &mut self,
-        fit: &RbfFit,
-        convert: impl Fn(&[f64]) -> Vec<T>,
-    ) -> Result<RbfHeader, PackError> {
-        Ok(RbfHeader {
-            centres: self.planes.push3(&fit.centres.each_ref().map(|plane| convert(plane)))?,
-            weights: self.planes.push3(&fit.weights.each_ref().map(|plane| convert(plane)))?,
-        })
+        convert: fn(f64) -> T,
+    ) -> Result<Option<RbfHeader>, PackError> {
+        if !self.options.methods.contains(&method) {
+            return Ok(None);
+        }
+        let fit = fit_rbf(kernel, centres, self.options.threads);
+        let fit = fit.map_err(|error| PackError::Fit { active: name.into(), error })?;
+        let mut push = |planes: [Vec<f64>; 3]| {
+            self.planes.push3(&planes.map(|plane| plane.into_iter().map(convert).collect()))
+        };
+        Ok(Some(RbfHeader { centres: push(fit.centres)?, weights: push(fit.weights)? }))
     }
 
     /// `row` is the row of the Hermite table and its plane.
@@ -325,13 +302,6 @@ impl Packer<'_> {
             outliers: planes.push(&fit.outliers)?,
         })
     }
-}
-
-/// Pads a plane with zeros to a multiple of the core's lane count.
-fn padded(plane: &[f64]) -> Vec<f64> {
-    let mut plane = plane.to_vec();
-    plane.resize(plane.len().next_multiple_of(RBF_LANES), 0.0);
-    plane
 }
 
 fn assemble(preamble: &Preamble, spaces: &[SpaceHeader], planes: &PlaneArea) -> Result<Vec<u8>, PackError> {

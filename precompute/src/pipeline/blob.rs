@@ -5,10 +5,9 @@ use std::sync::atomic::Ordering;
 
 use palpate_core::{AlignedBytes, Method, Organ};
 
+use super::ledger::ledger;
 use super::{Analysis, PipelineError, Run};
-use crate::certificate::{
-    AdditionalSolves, Certificate, MAX_SEPARATE_NODES, certify, clear_positions, ledger,
-};
+use crate::certificate::{Certificate, MAX_SEPARATE_NODES, certify, clear_positions};
 use crate::error::InputError;
 use crate::held_out::{Draw, HeldOutProgress, Summary};
 use crate::pack::{PackError, PackOptions, Packed, pack};
@@ -54,7 +53,7 @@ const MAX_ROUNDS: u32 = 4;
 ///
 /// Only nodes with branch jumps get more positions. If many nodes are certified together, no node gets more,
 /// because the positions of the other nodes suffice.
-pub fn solve_truth(
+pub fn solve_held_out_positions(
     space: &Path,
     uniform: Option<u32>,
     run: Run<'_>,
@@ -71,7 +70,7 @@ pub fn solve_truth(
             break;
         }
         let store = Store::open(space)?;
-        let flags_only = PackOptions { methods: &[], intermediate: false, threads: run.threads };
+        let flags_only = PackOptions { methods: &[], use_intermediate_states: false, threads: run.threads };
         let bytes = AlignedBytes::from(&pack(&store, &flags_only)?.bytes()?[..]);
         let organ = read(&bytes)?;
         let mut clear = clear_positions(&store, &organ)?;
@@ -158,7 +157,6 @@ pub fn add_ledgers(
     let bytes = AlignedBytes::from(&packed.bytes()?[..]);
     let organ = read(&bytes)?;
     let analysis = Analysis::of_store(store)?;
-    let effort = AdditionalSolves { positions, threads: run.threads, stop: run.stop };
     let wanted = if certificate.spaces.len() > MAX_SEPARATE_NODES { 1 } else { certificate.spaces.len() };
     let names: Vec<String> = store.active()?.into_iter().map(|(name, _)| name).collect();
     for space in &mut certificate.spaces[..wanted] {
@@ -166,7 +164,7 @@ pub fn add_ledgers(
         if positions > 0 {
             began(&space.active);
         }
-        space.ledger = ledger(store, active, (&organ, space), &analysis.scene, effort)?;
+        space.ledger = ledger(&analysis, store, active, (&organ, space), positions, run)?;
         if run.stop.load(Ordering::Relaxed) {
             return Err(PipelineError::Interrupted);
         }
@@ -175,7 +173,7 @@ pub fn add_ledgers(
     Ok(())
 }
 
-/// The certified blob of a finished space, in memory. `uniform` as in [`solve_truth`].
+/// The certified blob of a finished space, in memory. `uniform` as in [`solve_held_out_positions`].
 pub fn certified_blob(
     space: &Path,
     methods: &[Method],
@@ -185,7 +183,7 @@ pub fn certified_blob(
     if let Some(unfinished) = unfinished(&Store::open(space)?)?.into_iter().next() {
         return Err(unfinished.into());
     }
-    solve_truth(space, uniform, run, |_| {})?;
-    let options = PackOptions { methods, intermediate: true, threads: run.threads };
+    solve_held_out_positions(space, uniform, run, |_| {})?;
+    let options = PackOptions { methods, use_intermediate_states: true, threads: run.threads };
     Ok(certified(&Store::open(space)?, &options)?.0.bytes()?)
 }

@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use crate::certificate::LedgerError;
 use crate::error::InputError;
 use crate::held_out::HeldOutError;
 use crate::num::parallel::ThreadError;
@@ -60,14 +59,5 @@ impl PipelineError {
 impl From<ExecutorError> for PipelineError {
     fn from(error: ExecutorError) -> Self {
         Self::Expansion(error.into())
-    }
-}
-
-impl From<LedgerError> for PipelineError {
-    fn from(error: LedgerError) -> Self {
-        match error {
-            LedgerError::Store(error) => Self::Store(error),
-            LedgerError::Threads(error) => Self::Threads(error),
-        }
     }
 }

@@ -1,7 +1,7 @@
 //! From a scene to a certified blob: the workflow of an application, step by step.
 //!
 //! ```text
-//! Analysis::load -> Analysis::store -> Analysis::solve -> solve_truth -> certified -> Packed::bytes
+//! Analysis::load -> Analysis::store -> Analysis::solve -> solve_held_out_positions -> certified -> Packed::bytes
 //! scene, body       .space file        configurations     fresh solves   tables and their errors
 //! ```
 //!
@@ -10,9 +10,11 @@
 
 mod blob;
 mod error;
+mod ledger;
 
-pub use blob::{add_ledgers, certified, certified_blob, solve_truth, unfinished};
+pub use blob::{add_ledgers, certified, certified_blob, solve_held_out_positions, unfinished};
 pub use error::PipelineError;
+pub use ledger::ledger;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

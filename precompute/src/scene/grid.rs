@@ -7,7 +7,9 @@ use super::file::GridTable;
 use super::place::positive;
 use super::resolve::Lookup;
 use crate::error::InputError;
-use crate::spec::{Lattice, RADII_M, Sampling, Scattered, SpaceGrid, Tolerance, Workspace};
+use crate::spec::{
+    Lattice, MAX_RADIUS_M, MIN_RADIUS_M, Sampling, Scattered, SpaceGrid, Tolerance, Workspace,
+};
 
 /// Maximum number of cells along the radius: the limit of the core's tables, 8 million points.
 const MAX_CELLS: f64 = palpate_core::MAX_CELLS as f64;
@@ -22,7 +24,7 @@ impl Lookup<'_> {
     ) -> Result<Sampling, InputError> {
         let table = grid.get_ref();
         let radius_m = positive(self.place, "radius_m", &table.radius_m)?;
-        let [smallest, largest] = RADII_M;
+        let (smallest, largest) = (MIN_RADIUS_M, MAX_RADIUS_M);
         if !(smallest..=largest).contains(&radius_m) {
             let what = format!("`radius_m` = {radius_m} is not from {smallest} to {largest}");
             return Err(self.place.error(

@@ -15,6 +15,7 @@ pub(crate) fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
                 index: r.index,
                 attempt: r.attempt,
                 jet: r.jet_for_fit(grid.displacement_m(r.index))?,
+                derivatives: None,
                 terminating: at.terminating,
                 inverted: at.inverted > 0,
             })

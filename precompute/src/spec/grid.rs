@@ -31,9 +31,11 @@ impl SpaceGrid {
 /// Unit of the indices of scattered positions, m; far below the resolution of any device.
 pub(crate) const UNIT_M: f64 = 1e-6;
 
-/// Smallest and largest radius r_G of a space, m. A radius below ten units contains too few positions. The
-/// lattices of the core end at a kilometre.
-pub const RADII_M: [f64; 2] = [1e-5, 1e3];
+/// Smallest radius r_G of a space, m. A radius below ten units contains too few positions.
+pub const MIN_RADIUS_M: f64 = 1e-5;
+
+/// Largest radius r_G of a space, m: that of the core's lattices.
+pub(crate) const MAX_RADIUS_M: f64 = 1e3;
 
 /// Displacement of a scattered point, m.
 pub(crate) fn displacement_m(index: GridIndex) -> [f64; 3] {

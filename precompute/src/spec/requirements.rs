@@ -23,7 +23,7 @@ pub struct Requirements {
     /// The device's workspace as displacements, m; `None` if the ball lies within it.
     pub workspace_m: Option<Workspace>,
     /// Maximum number of configurations.
-    pub most: usize,
+    pub max_configurations: usize,
 }
 
 impl Requirements {

@@ -54,7 +54,7 @@ impl Scattered {
             max_force_n,
             push,
             workspace_m,
-            most: MAX_SOLVES,
+            max_configurations: MAX_SOLVES,
         }
     }
 

@@ -17,7 +17,7 @@ use palpate_precompute::pipeline::{Analysis, Run, certified};
 use palpate_precompute::space::{Store, TagCounts};
 use serde_json::json;
 
-use super::inspect::certificate::in_words;
+use super::inspect::certificate::as_text;
 use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
@@ -134,8 +134,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let start = Instant::now();
     let (packed, certificate) = pack(&bench, &store, solved.threads, &stop)?;
     // From here on the spaces of the blob and the active nodes of the scene have the same numbers.
-    if !packed.left_out.is_empty() {
-        return Err(Failure::work(format!("nothing could be solved around {}", packed.left_out.join(", "))));
+    if !packed.nodes_without_data.is_empty() {
+        return Err(Failure::work(format!(
+            "nothing could be solved around {}",
+            packed.nodes_without_data.join(", ")
+        )));
     }
     let bytes = packed.bytes()?;
     outputs.blob.put(&bytes)?;
@@ -143,7 +146,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         "packed       {:.2} MB, all methods, certified at {HELD_OUT} fresh positions a node, in {:.1} s\n\n{}",
         bytes.len() as f64 * 1e-6,
         start.elapsed().as_secs_f64(),
-        in_words(&certificate)
+        as_text(&certificate)
     ))?;
 
     let file = blob::load(outputs.blob.path())?;
@@ -240,7 +243,7 @@ fn pack(
     hold_out(bench, store, threads, stop)?;
     let mut progress = WorkProgress::new("demo", "");
     progress.phase("tables and certificate");
-    let options = PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads };
+    let options = PackOptions { methods: &Method::OF_LATTICE, use_intermediate_states: false, threads };
     let packed = certified(store, &options);
     progress.finish();
     Ok(packed?)
@@ -276,7 +279,7 @@ fn hold_out(bench: &Analysis, store: &Store, threads: usize, stop: &AtomicBool) 
     let draw = Draw { regular_m: None, random: 0, uniform: HELD_OUT, ..Draw::PAPER };
     let mut progress = WorkProgress::new("demo", "positions");
     let held_out = bench.held_out(&actives, draw)?;
-    let solved = bench.solve_held_out(&held_out, store, Run { threads, stop }, |p| progress.walks(p));
+    let solved = bench.solve_held_out(&held_out, store, Run { threads, stop }, |p| progress.held_out(p));
     progress.finish();
     Ok(solved?)
 }

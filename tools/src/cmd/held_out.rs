@@ -114,7 +114,7 @@ pub(crate) fn run_with(
     let mut last = HeldOutProgress::default();
     let solved = work(&bench.held_out(&chosen, draw.clone())?, &store, stop, &mut |p| {
         last = *p;
-        progress.walks(p);
+        progress.held_out(p);
     });
     progress.finish();
     solved.map_err(|failure| after(args.again, failure))?;

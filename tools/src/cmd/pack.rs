@@ -6,10 +6,10 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_core::Method;
 use palpate_precompute::pack::{PackError, PackOptions, pack};
-use palpate_precompute::pipeline::{Run, add_ledgers, certified, solve_truth, unfinished};
+use palpate_precompute::pipeline::{Run, add_ledgers, certified, solve_held_out_positions, unfinished};
 use palpate_precompute::space::{Store, state};
 
-use super::inspect::certificate;
+use super::inspect::certificate::as_text;
 use crate::analysis::threads;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
@@ -84,11 +84,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let finished = check_finished(&store, args)?;
     let threads = threads(args.threads)?;
     let methods = &args.methods;
-    let options = PackOptions { methods, intermediate: !args.grid_only, threads };
-    if methods.contains(&Method::Kernel) {
-        expect_kernels(&store)?;
+    let options = PackOptions { methods, use_intermediate_states: !args.grid_only, threads };
+    let wants_kernels = methods.contains(&Method::Kernel);
+    if wants_kernels {
+        refuse_lattices(&store)?;
     }
-    let (packed, made) = if args.no_certificate || !finished {
+    let (packed, certificate) = if args.no_certificate || !finished {
         let _progress = in_phase("tables, without a certificate");
         (pack(&store, &options)?, None)
     } else {
@@ -96,27 +97,35 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         solve_certificate(args, &space)?;
         let store = Store::open(&args.space)?;
         let progress = in_phase("tables and certificate");
-        let (mut packed, mut made) = certified(&store, &options)?;
+        let (mut packed, mut certificate) = certified(&store, &options)?;
         progress.finish();
         let (stop, positions) = (stop_flag()?, args.ledger.unwrap_or(0));
-        add_ledgers(&store, (&mut packed, &mut made), positions, Run { threads, stop: &stop }, |active| {
-            eprintln!("palpate: ledger of {active}: {positions} positions with each other body");
-        })?;
-        (packed, Some(made))
+        add_ledgers(
+            &store,
+            (&mut packed, &mut certificate),
+            positions,
+            Run { threads, stop: &stop },
+            |active| {
+                eprintln!("palpate: ledger of {active}: {positions} positions with each other body");
+            },
+        )?;
+        (packed, Some(certificate))
     };
-    for name in &packed.left_out {
+    for name in &packed.nodes_without_data {
         eprintln!("palpate: warning: active node {name} has no solved configuration and is omitted");
     }
-    packed.expect_kernels()?;
+    if wants_kernels {
+        packed.expect_kernels()?;
+    }
     let bytes = packed.bytes()?;
     blob.put(&bytes)?;
     if args.json {
-        return output::line(serde_json::to_string_pretty(&made).map_err(Failure::work)?);
+        return output::line(serde_json::to_string_pretty(&certificate).map_err(Failure::work)?);
     }
     let names: Vec<&str> = methods.iter().map(|m| m.name()).collect();
     output::line(format!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", ")))?;
-    match made {
-        Some(made) => output::line(certificate::in_words(&made)),
+    match certificate {
+        Some(certificate) => output::line(as_text(&certificate)),
         None => output::line("not certified"),
     }
 }
@@ -128,8 +137,8 @@ fn in_phase(doing: &str) -> WorkProgress {
     progress
 }
 
-/// Reports a node without a kernel before the certificate is solved.
-fn expect_kernels(store: &Store) -> Result<(), Failure> {
+/// Refuses a node whose space is a lattice, before the certificate is solved.
+fn refuse_lattices(store: &Store) -> Result<(), Failure> {
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let state = state(store, active)?;
         let has_fit = state.fit.is_some() && state.fallback().is_none();
@@ -147,7 +156,7 @@ fn solve_certificate(args: &Args, space: &Output) -> Result<(), Failure> {
     let (stop, start) = (stop_flag()?, Instant::now());
     let run = Run { threads: threads(args.threads)?, stop: &stop };
     let mut progress = WorkProgress::new("held-out solutions", "positions");
-    let solved = solve_truth(space.path(), args.uniform, run, |p| progress.walks(p));
+    let solved = solve_held_out_positions(space.path(), args.uniform, run, |p| progress.held_out(p));
     progress.finish();
     let (solved, seconds) = (solved?, start.elapsed().as_secs_f64());
     if solved > 0 {

@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             WorkProgress::new(&format!("{} {fixed} ({number} of {sets})", scene.name), "paths");
         let held_out = bench.held_out(&all, draw.clone())?;
         let solved = with_threads(&bench.context()?, threads, |executor| {
-            held_out.run(&store, executor, &stop, |p| progress.walks(p))
+            held_out.run(&store, executor, &stop, |p| progress.held_out(p))
         });
         progress.finish();
         solved.map_err(|error| after(args.again, error.into()))?;

@@ -10,7 +10,7 @@ const WANTED: Requirements = Requirements {
     max_force_n: 8.0,
     push: None,
     workspace_m: None,
-    most: 100,
+    max_configurations: 100,
 };
 
 /// A number of configurations that suffices for a synthetic body.
@@ -20,16 +20,8 @@ const FINE: Requirements =
 /// Runs a search to its end; `solve` returns the result at a position.
 fn searched(wanted: Requirements, solve: impl Fn([f64; 3]) -> SolveResult) -> (Search, Verdict) {
     let mut search = Search::new(wanted, &jet([0.0; 3]));
-    loop {
-        match search.step() {
-            Step::Done(verdict) => return (search, verdict),
-            Step::Solve(targets) => {
-                let found: Vec<SolveResult> =
-                    targets.iter().map(|target| solve(target.displacement_m())).collect();
-                search.take(&found);
-            }
-        }
-    }
+    let verdict = search.run(|_, target| solve(target.displacement_m()));
+    (search, verdict)
 }
 
 fn solved(at: [f64; 3]) -> SolveResult {
@@ -45,7 +37,7 @@ fn felt(search: &Search, wanted: &Requirements) -> f64 {
         .collect();
     assert!(truths.len() > 300);
     let felt = truths.iter().filter(|truth| {
-        let error_n = norm(difference(search.fit().force_n(truth.control_m), truth.force_n));
+        let error_n = distance(search.fitted.fit.force_n(truth.control_m), truth.force_n);
         error_n > wanted.tolerance.at(truth.force_n)
     });
     felt.count() as f64 / truths.len() as f64
@@ -55,13 +47,13 @@ fn felt(search: &Search, wanted: &Requirements) -> f64 {
 fn a_smooth_body_needs_a_few_dozen_and_the_verdict_is_true() {
     let (search, verdict) = searched(WANTED, solved);
     assert_eq!(verdict, Verdict::Passed);
-    assert!(search.jets().len() < 50, "{}", search.jets().len());
+    assert!(search.fitted.jets.len() < 50, "{}", search.fitted.jets.len());
     assert!(felt(&search, &WANTED) <= 0.01, "{}", felt(&search, &WANTED));
     // A far stricter tolerance needs more configurations.
     let strict = Requirements { tolerance: Tolerance { relative: 1e-4, absolute_n: 1e-4 }, ..WANTED };
     let (finer, verdict) = searched(strict, solved);
     assert_eq!(verdict, Verdict::Passed);
-    assert!(finer.jets().len() > search.jets().len());
+    assert!(finer.fitted.jets.len() > search.fitted.jets.len());
     assert!(felt(&finer, &strict) <= 0.01, "{}", felt(&finer, &strict));
 }
 
@@ -69,35 +61,35 @@ fn a_smooth_body_needs_a_few_dozen_and_the_verdict_is_true() {
 fn it_ends_after_ten_in_a_row_or_four_where_the_others_say_every_configuration() {
     let tolerance = Tolerance { relative: 1e-3, absolute_n: 1e-3 };
     let (search, verdict) = searched(Requirements { tolerance, ..WANTED }, solved);
-    let LeaveOneOutErrors { configurations, beyond, worst } = search.leave_one_out();
-    assert_eq!((verdict, configurations), (Verdict::Passed, search.jets().len() - 1));
-    assert!((BATCH..STREAK).contains(&search.passes()), "{} in a row", search.passes());
+    let LeaveOneOutErrors { configurations, beyond, worst } = search.fitted.leave_one_out();
+    assert_eq!((verdict, configurations), (Verdict::Passed, search.fitted.jets.len() - 1));
+    assert!((BATCH..STREAK).contains(&search.fitted.passes()), "{} in a row", search.fitted.passes());
     assert!(worst > 1e-6 && beyond == 0 && configurations >= STREAK, "{worst} of {configurations}");
     // One leave-one-out error beyond the tolerance: the full streak of ten is needed.
     let mut search = search;
-    let (chosen, passes) = (search.chosen, search.passes());
+    let passes = search.fitted.passes();
     assert_eq!(search.predictions_missing(), 0);
-    search.fits[chosen].leave_one_out[3] = 1.1;
+    search.fitted.leave_one_out[3] = 1.1;
     assert_eq!(search.predictions_missing(), STREAK - passes);
     // The short streak suffices if the kriging variance test passes.
     for (deviation, short) in
         [(MAX_DEVIATION, 0), (1.01 * MAX_DEVIATION, STREAK - passes), (f64::NAN, STREAK - passes)]
     {
-        search.deviation = Some(deviation);
+        search.fitted.deviation = Some(deviation);
         assert_eq!(search.predictions_missing(), short, "{deviation}");
     }
-    search.deviation = None;
-    search.fits[chosen].leave_one_out.truncate(STREAK - 1);
+    search.fitted.deviation = None;
+    search.fitted.leave_one_out.truncate(STREAK - 1);
     assert_eq!(search.predictions_missing(), STREAK - passes);
-    search.fits[chosen].leave_one_out[3] = 0.9;
+    search.fitted.leave_one_out[3] = 0.9;
     assert_eq!(search.predictions_missing(), 1);
     // Two of nine beyond the tolerance: a streak of ten does not suffice.
-    let pass = Test { index: [0; 3], error_n: 0.0, tolerance_n: 1e-3, within: true };
-    search.tests.extend([pass; STREAK]);
+    let pass = Test { index: [0; 3], error_n: 0.0, tolerance_n: 1e-3, counts: true };
+    search.fitted.tests.extend([pass; STREAK]);
     assert_eq!(search.predictions_missing(), 0);
-    search.fits[chosen].leave_one_out[3] = 1.1;
+    search.fitted.leave_one_out[3] = 1.1;
     assert_eq!(search.predictions_missing(), 0);
-    search.fits[chosen].leave_one_out[4] = f64::NAN;
+    search.fitted.leave_one_out[4] = f64::NAN;
     assert_eq!(search.predictions_missing(), BATCH);
 }
 
@@ -108,36 +100,36 @@ fn the_deviation_is_asked_where_it_decides() {
     let (mut search, _) = searched(Requirements { tolerance, ..WANTED }, solved);
     assert_eq!(search.largest_deviation(), None, "no error is beyond the tolerance: four suffice");
     let chosen = search.chosen;
-    search.fits[chosen].leave_one_out[3] = 1.1;
+    search.fitted.leave_one_out[3] = 1.1;
     let largest = search.largest_deviation().expect("one of many is beyond");
-    let places = search.known().places(POSITIONS);
-    let shares: Vec<f64> = (search.fit().deviation_n(&places).iter().zip(&places))
-        .map(|(n, &at)| n / tolerance.at(search.fit().force_n(at)))
+    let places = search.fitted.places(POSITIONS);
+    let shares: Vec<f64> = (search.fits[chosen].system.deviation_n(&places).iter().zip(&places))
+        .map(|(n, &at)| n / tolerance.at(search.fitted.fit.force_n(at)))
         .collect();
     assert_eq!(largest, shares.iter().copied().fold(0.0, f64::max));
     assert!(largest > 2.0 * shares.iter().sum::<f64>() / shares.len() as f64, "{largest}");
     // Many errors beyond the tolerance, or a streak that is too short: the deviation is not computed.
-    let leave_one_out = search.fits[chosen].leave_one_out.clone();
-    search.fits[chosen].leave_one_out = vec![1.1; leave_one_out.len()];
+    let leave_one_out = search.fitted.leave_one_out.clone();
+    search.fitted.leave_one_out = vec![1.1; leave_one_out.len()];
     assert_eq!(search.largest_deviation(), None);
-    search.fits[chosen].leave_one_out = leave_one_out;
-    search.tests.push(Test { index: [0; 3], error_n: 1.0, tolerance_n: 0.5, within: true });
+    search.fitted.leave_one_out = leave_one_out;
+    search.fitted.tests.push(Test { index: [0; 3], error_n: 1.0, tolerance_n: 0.5, counts: true });
     assert_eq!(search.largest_deviation(), None);
 }
 
 #[test]
 fn nothing_is_learned_from_beyond_the_limit() {
     let (search, _) = searched(WANTED, solved);
-    let largest = search.jets().iter().map(|jet| norm(jet.force_n)).fold(0.0, f64::max);
+    let largest = search.fitted.jets.iter().map(|jet| norm(jet.force_n)).fold(0.0, f64::max);
     assert!(
         largest > 0.9 * WANTED.max_force_n && largest <= MAX_FORCE_FACTOR * WANTED.max_force_n,
         "{largest} N"
     );
     // A test just beyond the limit counts; a configuration that is not added to the fit does not.
-    let learned = search.jets()[1..].iter().filter(|jet| norm(jet.force_n) > WANTED.max_force_n).count();
+    let learned = search.fitted.jets[1..].iter().filter(|jet| norm(jet.force_n) > WANTED.max_force_n).count();
     assert!(learned > 0);
-    let counted = search.tests.iter().filter(|test| test.within).count();
-    assert_eq!(counted, search.jets().len() - 1);
+    let counted = search.fitted.tests.iter().filter(|test| test.counts).count();
+    assert_eq!(counted, search.fitted.jets.len() - 1);
 }
 
 #[test]
@@ -146,8 +138,13 @@ fn a_tool_that_only_pushes_stays_on_its_side() {
     let (search, verdict) = searched(Requirements { push: Some(normal), ..FINE }, solved);
     assert_eq!(verdict, Verdict::Passed);
     let (both, _) = searched(FINE, solved);
-    assert!(search.jets().len() < both.jets().len(), "{} {}", search.jets().len(), both.jets().len());
-    for jet in &search.jets()[1..] {
+    assert!(
+        search.fitted.jets.len() < both.fitted.jets.len(),
+        "{} {}",
+        search.fitted.jets.len(),
+        both.fitted.jets.len()
+    );
+    for jet in &search.fitted.jets[1..] {
         let along: f64 = (0..3).map(|i| jet.force_n[i] * normal[i]).sum();
         assert!(along < 0.2 * norm(jet.force_n), "pulls with {along} N at {:?}", jet.control_m);
     }
@@ -159,19 +156,19 @@ fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
     let (search, verdict) = searched(Requirements { workspace_m: Some(workspace), ..FINE }, solved);
     assert_eq!(verdict, Verdict::Passed);
     let (all, _) = searched(FINE, solved);
-    assert!(search.jets().len() < all.jets().len());
+    assert!(search.fitted.jets.len() < all.fitted.jets.len());
     let slack = workspace.map(|corner| corner.map(|x| x * (1.0 + 1e-9)));
     let outside = |jet: &&EnergyJet| {
         let [low, high] = slack.map(|corner| corner.map(|x| x + 1e-6 * x.signum()));
         !is_within(&[low, high], &jet.control_m)
     };
-    assert_eq!(search.jets().iter().filter(outside).count(), 0);
-    assert!(all.jets().iter().filter(outside).count() > 5, "too few positions are outside for the test");
+    assert_eq!(search.fitted.jets.iter().filter(outside).count(), 0);
+    assert!(all.fitted.jets.iter().filter(outside).count() > 5, "too few positions are outside for the test");
     // The positions extend nearly to the sides of the box, and the reachable set ends at them.
-    let highest = search.jets().iter().map(|jet| jet.control_m[2]).fold(0.0, f64::max);
+    let highest = search.fitted.jets.iter().map(|jet| jet.control_m[2]).fold(0.0, f64::max);
     assert!(highest > 0.0034, "{highest}");
-    let within = search.fitted(Some(verdict)).reachable_set();
-    assert!(within.has([0.0, 0.0, 0.0039]) && !within.has([0.0, 0.0, 0.0041]));
+    let fit = search.fitted;
+    assert!(fit.is_reachable([0.0, 0.0, 0.0039]) && !fit.is_reachable([0.0, 0.0, 0.0041]));
 }
 
 /// A force with a jump at a plane: no smooth fit is within tolerance there, and the search does not claim it.
@@ -184,7 +181,7 @@ fn a_jump_does_not_pass() {
         }
         SolveResult::Solved(jet)
     };
-    assert_eq!(searched(Requirements { most: 60, ..WANTED }, jumps).1, Verdict::NotReached);
+    assert_eq!(searched(Requirements { max_configurations: 60, ..WANTED }, jumps).1, Verdict::NotReached);
 }
 
 #[test]
@@ -194,13 +191,17 @@ fn failures_are_gone_round() {
     let (search, verdict) =
         searched(wanted, |at| if at[2] < -0.02 { SolveResult::Failed } else { solved(at) });
     assert_eq!(verdict, Verdict::Passed);
-    assert!(search.jets().iter().all(|jet| jet.control_m[2] >= -0.02));
-    assert!(search.jets().iter().any(|jet| jet.control_m[2] < -0.01), "positions close to the failed ones");
+    assert!(search.fitted.jets.iter().all(|jet| jet.control_m[2] >= -0.02));
+    assert!(
+        search.fitted.jets.iter().any(|jet| jet.control_m[2] < -0.01),
+        "positions close to the failed ones"
+    );
 }
 
 #[test]
 fn nothing_solvable_ends() {
-    let (search, verdict) = searched(Requirements { most: 20, ..WANTED }, |_| SolveResult::Failed);
+    let (search, verdict) =
+        searched(Requirements { max_configurations: 20, ..WANTED }, |_| SolveResult::Failed);
     assert_eq!(verdict, Verdict::NotReached);
-    assert_eq!(search.jets().len(), 1);
+    assert_eq!(search.fitted.jets.len(), 1);
 }

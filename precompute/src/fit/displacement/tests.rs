@@ -1,4 +1,4 @@
-use palpate_core::{DisplacementTable, flags};
+use palpate_core::{DisplacementPlanes, DisplacementTable, flags};
 
 use super::*;
 
@@ -30,6 +30,20 @@ fn moved(d: [f64; 3], bend: f64) -> SurfaceMotionSample {
     SurfaceMotionSample {
         displacement_m: displacement(d).into_iter().map(|x| x as f32).collect(),
         slopes: [slope(0), slope(1), slope(2)],
+    }
+}
+
+/// The view that the core reads.
+fn planes(fit: &DisplacementFit) -> DisplacementPlanes<'_> {
+    DisplacementPlanes {
+        slopes: fit.slopes,
+        row: &fit.row,
+        modes: &fit.modes,
+        scale: &fit.scale,
+        coefficients: &fit.coefficients,
+        outlier_row: &fit.outlier_row,
+        outlier_scale: &fit.outlier_scale,
+        outliers: &fit.outliers,
     }
 }
 
@@ -65,7 +79,7 @@ impl Case {
 
     /// Largest misfits over all configurations, by the core's own sums.
     fn misfit(&self, fit: &DisplacementFit) -> Misfit {
-        let table = DisplacementTable::new(&self.grid.lattice, fit.planes(), NODES).expect("whole");
+        let table = DisplacementTable::new(&self.grid.lattice, planes(fit), NODES).expect("whole");
         let mut found = vec![[0.0; 3]; NODES];
         let of = |&index: &GridIndex| {
             table.configuration_into(self.grid.lattice.slot(index).expect("in the box"), &mut found);
@@ -73,7 +87,9 @@ impl Case {
             let apart: Vec<f32> = exact.iter().zip(found.as_flattened()).map(|(a, b)| a - b).collect();
             Misfit::of(&apart)
         };
-        self.solved.iter().map(of).fold(Misfit::default(), Misfit::max)
+        let largest =
+            |a: Misfit, b: Misfit| Misfit { rms_m: a.rms_m.max(b.rms_m), max_m: a.max_m.max(b.max_m) };
+        self.solved.iter().map(of).fold(Misfit::default(), largest)
     }
 }
 
@@ -86,9 +102,6 @@ fn the_bound_holds_for_what_the_core_makes_of_the_packed_numbers() {
         let fit = case.fit(bound);
         let misfit = case.misfit(&fit);
         assert!(bound.holds(misfit), "{bound:?} {misfit:?}");
-        assert!(
-            (misfit.rms_m - fit.misfit.rms_m).abs() < 1e-7 && (misfit.max_m - fit.misfit.max_m).abs() < 1e-7
-        );
         // The misfit uses a good part of the bound: a looser bound gives fewer modes.
         assert!(misfit.rms_m > 0.1 * rms_m.min(max_m), "{bound:?} {misfit:?}");
         if max_m > 3.0 * rms_m {
@@ -121,7 +134,7 @@ fn slopes_are_packed_where_the_grid_is_too_coarse_without() {
     let (fit, fitted_fine) = (coarse.fit(bound), fine.fit(bound));
     assert!(fit.slopes > 0 && fitted_fine.slopes == 0, "{} {}", fit.slopes, fitted_fine.slopes);
     // The slopes reduce the error between the configurations, measured against the function itself.
-    let table = DisplacementTable::new(&coarse.grid.lattice, fit.planes(), NODES).expect("whole");
+    let table = DisplacementTable::new(&coarse.grid.lattice, planes(&fit), NODES).expect("whole");
     let flags = vec![flags::SMOOTH; coarse.grid.lattice.slots()];
     let mut worst = [0.0f64; 2];
     for n in 0..300 {

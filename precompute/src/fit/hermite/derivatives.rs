@@ -1,7 +1,6 @@
-//! The 27 derivatives of a corner and operations on them.
+//! Operations on the 27 derivatives of a corner in cell units; W is in newtons times cells.
 
-/// W_abc as `[a][b][c]` in cell units; W in newtons times cells.
-pub(super) type Derivatives = [[[f64; 3]; 3]; 3];
+use super::Derivatives;
 
 /// The derivative with respect to these axes.
 pub(super) fn part<'w>(w: &'w mut Derivatives, axes: &[usize]) -> &'w mut f64 {

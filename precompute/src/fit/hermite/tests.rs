@@ -1,7 +1,7 @@
 //! The table of a polynomial of known derivatives.
 
 use nalgebra::Matrix3;
-use palpate_core::HermitePlanes;
+use palpate_core::{HermitePlanes, flags};
 
 use super::*;
 use crate::num::jet::EnergyJet;
@@ -39,6 +39,7 @@ fn sample(grid: &SpaceGrid, index: GridIndex) -> Sample {
             stiffness_n_m: Matrix3::from_fn(|i, j| derivative(x, &[i, j])),
             third_n_m2: crate::num::jet::THIRD_INDICES.map(|triple| derivative(x, &triple)),
         },
+        derivatives: None,
         terminating: false,
         inverted: false,
     }
@@ -116,8 +117,7 @@ fn no_difference_is_taken_across_a_fold() {
     };
     assert_eq!(node(0.0, &branch_jumps), node(1e6, &branch_jumps), "no difference is taken across the jump");
     assert_ne!(node(0.0, &[]), node(1e6, &[]), "without flags a difference is taken across the jump");
-    let mut values = super::super::lattice_values(&grid, &samples(0.0));
-    flag_branch_jumps(&grid, &branch_jumps, &mut values);
+    let values = crate::fit::lattice_values(&grid, &samples(0.0), &branch_jumps);
     for (slot, bits) in values.flags.iter().enumerate() {
         let [i, j, k] = grid.lattice.ijk(slot);
         let crossed = i == 1 && [j, k].iter().all(|n| (-3..3).contains(n));

@@ -24,20 +24,16 @@ use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par, Side};
 
-use super::{DATA, KernelFit, diagonal, entry, polynomials};
+use super::{DATA, KernelSystem, diagonal, entry, polynomials};
 
 /// Indices of the force components x, y and z among the data.
 const FORCE: [usize; 3] = [1, 2, 3];
 /// Number of positions in one batch; limits the memory.
 const BATCH: usize = 64;
 
-impl KernelFit {
+impl KernelSystem {
     /// Leave-one-out errors of the force, N, in the order of the configurations: the true force minus the
     /// prediction of the fit to all other configurations.
-    ///
-    /// # Panics
-    ///
-    /// If the fit is [read-only](Self::read_only).
     pub fn leave_one_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
         self.leave_one_out().map(|(missed_n, _)| missed_n)
     }
@@ -47,11 +43,7 @@ impl KernelFit {
     /// is excluded from s.
     ///
     /// Cost: (20 N)^2 operations for N configurations and each of the three right-hand sides of a position.
-    ///
-    /// # Panics
-    ///
-    /// If the fit is [read-only](Self::read_only).
-    pub fn deviation_n(&self, places: &[[f64; 3]]) -> Vec<f64> {
+    pub(crate) fn deviation_n(&self, places: &[[f64; 3]]) -> Vec<f64> {
         let by_its_own = |(missed_n, own): ([f64; 3], f64)| missed_n.iter().map(|e| e * e).sum::<f64>() / own;
         let shares: Vec<f64> = self.leave_one_out().skip(1).map(by_its_own).collect();
         let variance = shares.iter().sum::<f64>() / shares.len() as f64;
@@ -61,9 +53,9 @@ impl KernelFit {
 
     /// Leave-one-out errors, and their variance for s = 1, 1/m^2.
     fn leave_one_out(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
-        assert_eq!(self.inverse.len(), self.centres.len(), "the fit is read-only");
         let scale = DATA.map(diagonal).map(f64::sqrt);
-        self.inverse.iter().zip(&self.weights).map(move |(block, weights)| {
+        let length_m = self.fit.length_m;
+        self.inverse.iter().zip(&self.fit.weights).map(move |(block, weights)| {
             let Ok(factor) = block.llt(Side::Lower) else { return ([f64::INFINITY; 3], f64::INFINITY) };
             // The solution, and unit vectors of the first derivatives with respect to x = p / l, whose scale
             // is 1.
@@ -72,21 +64,22 @@ impl KernelFit {
                 axis => f64::from(u8::from(a == FORCE[axis - 1])),
             });
             let solved = factor.solve(&right);
-            let missed_n = FORCE.map(|a| solved[(a, 0)] / self.length_m);
+            let missed_n = FORCE.map(|a| solved[(a, 0)] / length_m);
             let own = FORCE.iter().zip(1..).map(|(&a, column)| solved[(a, column)]).sum::<f64>();
-            (missed_n, own / self.length_m.powi(2))
+            (missed_n, own / length_m.powi(2))
         })
     }
 
     /// Variance of the force for s = 1, 1/m^2.
     fn variances(&self, places: &[[f64; 3]]) -> Vec<f64> {
         let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());
+        let length_m = self.fit.length_m;
         let mut found = Vec::with_capacity(places.len());
         for places in places.chunks(BATCH) {
             let mut across = Mat::<f64>::zeros(self.factor.nrows(), 3 * places.len());
             for (p, place) in places.iter().enumerate() {
-                let x = place.map(|p| p / self.length_m);
-                for (m, &centre) in self.centres.iter().enumerate() {
+                let x = place.map(|p| p / length_m);
+                for (m, &centre) in self.fit.centres.iter().enumerate() {
                     let (tables, e) = polynomials(centre, x);
                     for (a, &orders) in DATA.iter().enumerate() {
                         for (axis, force) in FORCE.into_iter().enumerate() {
@@ -98,7 +91,7 @@ impl KernelFit {
             }
             solve_lower_triangular_in_place(self.factor.as_ref(), across.as_mut(), Par::Seq);
             let known = |p: usize| across.subcols(3 * p, 3).squared_norm_l2();
-            found.extend((0..places.len()).map(|p| (3.0 - known(p)).clamp(0.0, 3.0) / self.length_m.powi(2)));
+            found.extend((0..places.len()).map(|p| (3.0 - known(p)).clamp(0.0, 3.0) / length_m.powi(2)));
         }
         found
     }
@@ -122,7 +115,7 @@ mod tests {
     #[test]
     fn what_the_others_say_is_what_a_fit_without_it_says() {
         let jets = jets(14);
-        let empty = || KernelFit::new(0.03, jets[0].stiffness_n_m);
+        let empty = || KernelSystem::new(0.03, jets[0].stiffness_n_m);
         let mut whole = empty();
         for batch in [&jets[..1], &jets[1..5], &jets[5..6], &jets[6..]] {
             whole.add(batch).expect("apart");
@@ -131,18 +124,18 @@ mod tests {
         let mut shares = Vec::new();
         assert_eq!(leave_one_out.len(), jets.len());
         for (left, (missed, variance)) in leave_one_out.into_iter().enumerate() {
-            let mut fit = empty();
+            let mut system = empty();
             let others: Vec<EnergyJet> = (0..jets.len()).filter(|&m| m != left).map(|m| jets[m]).collect();
-            fit.add(&others).expect("apart");
+            system.add(&others).expect("apart");
             let at = jets[left].control_m;
-            let (truth, said) = (jets[left].force_n, fit.force_n(at));
+            let (truth, said) = (jets[left].force_n, system.fit.force_n(at));
             let expected: [f64; 3] = std::array::from_fn(|i| truth[i] - said[i]);
             let size = apart(expected, [0.0; 3]);
             assert!(apart(missed, expected) < 1e-6 + 1e-4 * size, "{left}: {missed:?} {expected:?}");
             largest = size.max(largest);
             shares.push(size * size / variance);
             // The left-out datum includes its own nugget; the variance of the other fit does not.
-            let [others, own] = [fit.variances(&[at])[0], variance].map(|v| v * 0.03 * 0.03);
+            let [others, own] = [system.variances(&[at])[0], variance].map(|v| v * 0.03 * 0.03);
             let nugget = 3.0 * NUGGET[1];
             assert!((own - others - nugget).abs() < 1e-7 + 1e-4 * own, "{left}: {own} {others}");
         }
@@ -157,20 +150,20 @@ mod tests {
     #[test]
     fn the_deviation_falls_from_that_of_the_process_to_nothing() {
         let jets = jets(20);
-        let mut fit = KernelFit::new(0.03, jets[0].stiffness_n_m);
-        fit.add(&jets[..8]).expect("apart");
+        let mut system = KernelSystem::new(0.03, jets[0].stiffness_n_m);
+        system.add(&jets[..8]).expect("apart");
         let [far, near] = [[0.5; 3], jets[5].control_m];
-        let [by_far, by_near] = [far, near].map(|at| fit.variances(&[at])[0] * 0.03 * 0.03);
+        let [by_far, by_near] = [far, near].map(|at| system.variances(&[at])[0] * 0.03 * 0.03);
         assert!((by_far - 3.0).abs() < 1e-9 && (0.0..1e-6).contains(&by_near), "{by_far} {by_near}");
         let places: Vec<[f64; 3]> = (1000..1100).map(|n| spread(n, 0.045)).collect();
-        let few = fit.variances(&places);
+        let few = system.variances(&places);
         assert!(places.len() > BATCH && few.iter().any(|v| (v / few[0] - 1.0).abs() > 0.1));
         for (&at, together) in places.iter().zip(&few) {
-            let alone = fit.variances(&[at])[0];
+            let alone = system.variances(&[at])[0];
             assert!((alone - together).abs() < 1e-9 * (3.0 / 0.03f64.powi(2)), "{at:?}: {alone} {together}");
         }
-        fit.add(&jets[8..]).expect("apart");
-        let many = fit.variances(&places);
+        system.add(&jets[8..]).expect("apart");
+        let many = system.variances(&places);
         assert!(few.iter().zip(&many).all(|(few, many)| many <= few), "sigma decreases with more data");
         assert!(many.iter().sum::<f64>() < 0.1 * few.iter().sum::<f64>());
     }
@@ -178,9 +171,9 @@ mod tests {
     #[test]
     fn rest_alone_says_nothing_of_its_errors() {
         let rest = jets(1);
-        let mut fit = KernelFit::new(0.03, rest[0].stiffness_n_m);
-        fit.add(&rest).expect("the first");
-        assert_eq!(fit.deviation_n(&[[0.0; 3], [0.01; 3]]), [f64::INFINITY; 2]);
+        let mut system = KernelSystem::new(0.03, rest[0].stiffness_n_m);
+        system.add(&rest).expect("the first");
+        assert_eq!(system.deviation_n(&[[0.0; 3], [0.01; 3]]), [f64::INFINITY; 2]);
     }
 
     /// With ten or more configurations sigma is at least half of the errors and at most ten times the errors.
@@ -190,12 +183,13 @@ mod tests {
         let places: Vec<[f64; 3]> = (1000..1300).map(|n| spread(n, 0.045)).collect();
         for count in [11, 15, 24, 36] {
             let jets = jets(count);
-            let mut fit = KernelFit::new(0.04, jets[0].stiffness_n_m);
-            fit.add(&jets).expect("apart");
-            let deviations = fit.deviation_n(&places);
+            let mut system = KernelSystem::new(0.04, jets[0].stiffness_n_m);
+            system.add(&jets).expect("apart");
+            let deviations = system.deviation_n(&places);
             let rms =
                 |values: Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
-            let errors: Vec<f64> = places.iter().map(|&at| apart(fit.force_n(at), jet(at).force_n)).collect();
+            let errors: Vec<f64> =
+                places.iter().map(|&at| apart(system.fit.force_n(at), jet(at).force_n)).collect();
             let (error, deviation) = (rms(errors), rms(deviations));
             println!("{count} configurations: error {error} N, deviation {deviation} N");
             assert!((0.1..2.0).contains(&(error / deviation)), "{count}: {error} {deviation} N");

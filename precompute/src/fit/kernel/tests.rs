@@ -3,13 +3,17 @@
 use super::super::synthetic::{jet, spread};
 use super::*;
 
-fn fit(configurations: u32, length_m: f64) -> KernelFit {
-    let mut fit = KernelFit::new(length_m, jet([0.0; 3]).stiffness_n_m);
-    fit.add(&[jet([0.0; 3])]).expect("the first");
+fn system(configurations: u32, length_m: f64) -> KernelSystem {
+    let mut system = KernelSystem::new(length_m, jet([0.0; 3]).stiffness_n_m);
+    system.add(&[jet([0.0; 3])]).expect("the first");
     for n in 1..configurations {
-        fit.add(&[jet(spread(n, 0.05))]).expect("apart");
+        system.add(&[jet(spread(n, 0.05))]).expect("apart");
     }
-    fit
+    system
+}
+
+fn fit(configurations: u32, length_m: f64) -> KernelFit {
+    system(configurations, length_m).fit
 }
 
 fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -90,17 +94,17 @@ fn derivatives_are_those_of_the_energy() {
 #[test]
 fn one_by_one_is_as_all_at_once() {
     let jets: Vec<EnergyJet> = (1..12).map(|n| jet(spread(n, 0.05))).collect();
-    let mut whole = KernelFit::new(0.03, jet([0.0; 3]).stiffness_n_m);
+    let mut whole = KernelSystem::new(0.03, jet([0.0; 3]).stiffness_n_m);
     whole.add(&[&[jet([0.0; 3])], &jets[..]].concat()).expect("apart");
     let at = [0.02, 0.01, -0.03];
-    assert!(apart(whole.force_n(at), fit(12, 0.03).force_n(at)) < 1e-6);
+    assert!(apart(whole.fit.force_n(at), fit(12, 0.03).force_n(at)) < 1e-6);
 }
 
 #[test]
 fn the_same_configuration_twice_changes_nothing_or_is_refused() {
-    let mut fit = fit(5, 0.03);
-    let before = fit.force_n([0.01; 3]);
-    let twice = fit.add(&[jet(spread(3, 0.05)), jet(spread(3, 0.05))]);
-    assert!(twice.is_err() == (fit.len() == 5));
-    assert!(apart(before, fit.force_n([0.01; 3])) < 1e-3);
+    let mut system = system(5, 0.03);
+    let before = system.fit.force_n([0.01; 3]);
+    let twice = system.add(&[jet(spread(3, 0.05)), jet(spread(3, 0.05))]);
+    assert!(twice.is_err() == (system.fit.centres.len() == 5));
+    assert!(apart(before, system.fit.force_n([0.01; 3])) < 1e-3);
 }

@@ -118,7 +118,7 @@ impl SpacePlan for ScatteredPlan {
                 .collect();
             search.take(&found);
             let at = |jet: &EnergyJet| nearest_index(jet.control_m);
-            self.learned = search.jets().iter().map(at).collect();
+            self.learned = search.fitted.jets.iter().map(at).collect();
         }
     }
 
@@ -127,7 +127,7 @@ impl SpacePlan for ScatteredPlan {
     }
 
     fn status(&self) -> PlanStatus {
-        let passes = self.search.as_ref().map_or(0, Search::passes).min(STREAK);
+        let passes = self.search.as_ref().map_or(0, |search| search.fitted.passes()).min(STREAK);
         if let Some(lattice) = &self.switched {
             let mut status = PlanStatus { phase: Phase::FallbackLattice, passes, ..lattice.plan.status() };
             status.counts += self.counts;
@@ -143,7 +143,7 @@ impl SpacePlan for ScatteredPlan {
     }
 
     fn fit(&self) -> Option<AdaptiveFit> {
-        self.search.as_ref().map(|search| search.fitted(self.verdict))
+        self.search.as_ref().map(|search| search.fitted.clone())
     }
 }
 
@@ -179,7 +179,7 @@ mod tests {
         max_force_n: 8.0,
         push: None,
         workspace_m: None,
-        most: 160,
+        max_configurations: 160,
     };
 
     /// Solves to the end with `width` tasks in flight. Returns the solved records in the order of the points.

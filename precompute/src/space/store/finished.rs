@@ -34,8 +34,8 @@ impl StoredFit {
         Some(Self {
             wanted: fit.wanted,
             verdict: fit.verdict?,
-            length_m: fit.fit.length_m(),
-            configurations: fit.jets.iter().zip(fit.fit.weights()).map(configuration).collect(),
+            length_m: fit.fit.length_m,
+            configurations: fit.jets.iter().zip(&fit.fit.weights).map(configuration).collect(),
             tests: fit.tests.clone(),
             leave_one_out: fit.leave_one_out.clone(),
             deviation: fit.deviation,
@@ -46,9 +46,13 @@ impl StoredFit {
 
     /// The fit with the jets of its configurations; `None` without rest.
     fn with(self, jets: Vec<EnergyJet>) -> Option<AdaptiveFit> {
-        let weighed =
-            self.configurations.iter().zip(&jets).map(|((_, weights), jet)| (jet.control_m, *weights));
-        let fit = KernelFit::of_weights(self.length_m, jets.first()?.stiffness_n_m, weighed);
+        let length_m = self.length_m;
+        let fit = KernelFit {
+            length_m,
+            rest_stiffness_n_m: jets.first()?.stiffness_n_m,
+            centres: jets.iter().map(|jet| jet.control_m.map(|x| x / length_m)).collect(),
+            weights: self.configurations.iter().map(|(_, weights)| *weights).collect(),
+        };
         let Self { wanted, verdict, tests, leave_one_out, deviation, linear, condition, .. } = self;
         let verdict = Some(verdict);
         Some(AdaptiveFit { wanted, verdict, jets, fit, tests, leave_one_out, deviation, linear, condition })
@@ -180,7 +184,7 @@ mod tests {
         });
         let places = fit.places(700).into_iter().flatten();
         let linear = [fit.linear.worst, fit.linear.from_fit, fit.linear.tests as f64];
-        let whole = [fit.condition, fit.deviation.unwrap_or(-1.0), fit.fit.length_m()];
+        let whole = [fit.condition, fit.deviation.unwrap_or(-1.0), fit.fit.length_m];
         let jets = fit.jets.iter().flat_map(|jet| jet.control_m.into_iter().chain(jet.numbers()));
         let numbers = answers.chain(places).chain(linear).chain(whole).chain(jets);
         let numbers = numbers.chain(fit.leave_one_out.iter().copied());

@@ -8,6 +8,7 @@ pub(super) mod forms;
 mod replay;
 mod sampling;
 mod scheduler;
+mod search;
 mod simulated;
 mod sizes;
 mod space;

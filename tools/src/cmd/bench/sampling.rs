@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_core::{CORNERS, Method};
-use palpate_precompute::adaptive::{SingleSolverSearch, resample, search_alone};
+use palpate_precompute::adaptive::resample;
 use palpate_precompute::fem::Solver;
 use palpate_precompute::fit::{Centre, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
 use palpate_precompute::mesh::Surface;
@@ -21,6 +21,7 @@ use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::spec::{GridIndex, Lattice, Requirements, SpaceGrid, Tolerance};
 use serde::Serialize;
 
+use super::search::{SingleSolverSearch, search_alone};
 use crate::analysis::{self, threads};
 use crate::cmd::plan::surrogate::{Surrogate, sample};
 use crate::cmd::plan::tables::{Place, Tables};
@@ -147,7 +148,7 @@ impl Case<'_> {
             let reference =
                 self.searched(Requirements { tolerance, max_force_n, radius_m, push: None, ..wanted })?;
             let places = self.truths(&reference, &wanted, args.uniform);
-            let fit = reference.search.fit();
+            let fit = &reference.search.fitted.fit;
             let error = |place: &Place| {
                 distance(fit.force_n(place.at), place.exact) / wanted.tolerance.at(place.exact)
             };
@@ -162,10 +163,10 @@ impl Case<'_> {
             }
         }
         let (reference, wider, places, p99) = best.expect("there is at least one reference");
-        let on = resample(&own.search.fitted(Some(own.verdict))).map_err(Failure::work)?;
-        let table = Tables::of(&on.grid, &on.samples, Some(&on.derivatives));
+        let on = resample(&own.search.fitted).map_err(Failure::work)?;
+        let table = Tables::of(&on.grid, &on.samples);
         let within = table.share_within(Method::Energy, &places, &wanted.tolerance).unwrap_or(0.0);
-        let baselines = Baselines { reference: reference.search.fit().read_only(), wanted, places: &places };
+        let baselines = Baselines { reference: reference.search.fitted.fit.clone(), wanted, places: &places };
         let real = args.real.then_some((self, &reference));
         let scene = &self.bench.scene;
         Ok(Row {
@@ -176,7 +177,7 @@ impl Case<'_> {
             solved: own.solved,
             within,
             reference: (reference.solved, wider, p99),
-            needs: baselines.all(reference.search.jets()[0], real),
+            needs: baselines.all(reference.search.fitted.jets[0], real),
         })
     }
 
@@ -192,7 +193,7 @@ impl Case<'_> {
         // Sequence numbers that the candidates do not use.
         for n in 1_000_000..1_000_000 + 400 * count as u32 {
             let at = in_ball(n, 0.5, wanted.radius_m);
-            let said = reference.search.fit().force_n(at);
+            let said = reference.search.fitted.fit.force_n(at);
             if norm(said) > 1.1 * wanted.max_force_n || !is_inside(wanted, at) {
                 continue;
             }
@@ -390,7 +391,7 @@ fn solve_all(
     let mut jets = Vec::new();
     for &at in places {
         if norm(at) == 0.0 {
-            jets.push(searched.search.jets()[0]);
+            jets.push(searched.search.fitted.jets[0]);
             continue;
         }
         jets.push(*solver.advance(searched.nearest(at), at).ok()?.jet());
@@ -445,8 +446,14 @@ mod tests {
         assert!((450..550).contains(&inside), "{inside}: an eighth is in the inner half");
         let tolerance = Tolerance::IMPERCEPTIBLE;
         let push = Some([0.0, 0.0, 1.0]);
-        let wanted =
-            Requirements { tolerance, radius_m: 1.0, max_force_n: 2.0, push, workspace_m: None, most: 9 };
+        let wanted = Requirements {
+            tolerance,
+            radius_m: 1.0,
+            max_force_n: 2.0,
+            push,
+            workspace_m: None,
+            max_configurations: 9,
+        };
         assert!(is_reached(&wanted, [0.0, 0.0, -1.0]) && !is_reached(&wanted, [0.0, 0.0, 1.0]));
         assert!(!is_reached(&wanted, [0.0, 0.0, -2.1]));
     }

@@ -28,7 +28,7 @@ const MAX_TABLES: usize = 8;
 const MAX_SHOWN: usize = 5;
 
 /// The tables of a certificate as text.
-pub(crate) fn in_words(certificate: &Certificate) -> String {
+pub(crate) fn as_text(certificate: &Certificate) -> String {
     if certificate.spaces.len() <= MAX_TABLES {
         return tables(&certificate.spaces.iter().collect::<Vec<_>>());
     }

@@ -221,7 +221,7 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
     }
     let certificate = certificate::of(path, &organ)?;
     match &certificate {
-        Some(certificate) => text.push_str(&format!("\n{}", certificate::in_words(certificate))),
+        Some(certificate) => text.push_str(&format!("\n{}", certificate::as_text(certificate))),
         None => {
             text.push_str("\nno certificate: the error of its forces against finite elements is unknown\n")
         }

@@ -4,7 +4,7 @@ use palpate_precompute::adaptive::{
     AdaptiveFit, LeaveOneOutErrors, LinearModelErrors, STREAK, Test, Verdict,
 };
 use palpate_precompute::space::{FallbackLattice, Record};
-use palpate_precompute::spec::RADII_M;
+use palpate_precompute::spec::MIN_RADIUS_M;
 use serde_json::json;
 
 /// A message that the linear body suffices.
@@ -23,8 +23,8 @@ pub(crate) fn too_stiff(fit: &AdaptiveFit) -> String {
         "{} N move the node by {:.2} um at most, and a space needs {:.0} um; check the units of the material and of the mesh, or raise \
          `max_force_n`",
         fit.wanted.max_force_n,
-        1e6 * fit.softest_displacement_m(),
-        1e6 * RADII_M[0]
+        1e6 * fit.displacement_in_softest_direction_m(),
+        1e6 * MIN_RADIUS_M
     )
 }
 
@@ -64,7 +64,7 @@ pub(super) fn describe(
         None => format!("not finished: {} of {STREAK} predictions in a row", fit.passes()),
     };
     let share = |test: &Test| test.error_n / test.tolerance_n;
-    let counted: Vec<&Test> = fit.tests.iter().filter(|test| test.within).collect();
+    let counted: Vec<&Test> = fit.tests.iter().filter(|test| test.counts).collect();
     let last: Vec<String> = counted
         .iter()
         .skip(counted.len().saturating_sub(STREAK))
@@ -73,17 +73,17 @@ pub(super) fn describe(
     let words = format!(
         "  {verdict}\n  {} configurations in the fit, length {:.1} mm; last prediction errors, as shares of the tolerance: {}; largest leave-one-out error: {worst:.2}\n",
         fit.jets.len(),
-        1e3 * fit.fit.length_m(),
+        1e3 * fit.fit.length_m,
         last.join(" ")
     );
     let tests: Vec<_> = fit
         .tests
         .iter()
-        .map(|test| json!({ "index": test.index, "error_n": test.error_n, "tolerance_n": test.tolerance_n, "within": test.within }))
+        .map(|test| json!({ "index": test.index, "error_n": test.error_n, "tolerance_n": test.tolerance_n, "within": test.counts }))
         .collect();
     let verdict = fit.verdict.map(Verdict::name);
     let figures = json!({
-        "verdict": verdict, "configurations": fit.jets.len(), "length_m": fit.fit.length_m(), "tests": tests,
+        "verdict": verdict, "configurations": fit.jets.len(), "length_m": fit.fit.length_m, "tests": tests,
         "left_out": { "configurations": left_out, "beyond": beyond, "worst": worst },
         "deviation": fit.deviation,
         "linear": fit.linear, "switched_to_spacing_m": fallback.map(|(lattice, _)| lattice.grid.spacing_m),

@@ -112,7 +112,7 @@ pub(super) fn plan(
     let search = truth.scattered();
     let places = truth.places(&search.fit, POSITIONS);
     let resampled = resample(&search.fit).map_err(Failure::work)?;
-    let eye = bound.and_then(|bound| eye(&probed, search.fit.fit.length_m(), &resampled, bound));
+    let eye = bound.and_then(|bound| eye(&probed, search.fit.fit.length_m, &resampled, bound));
     let mut choices = vec![scattered(&probed, &truth, &search, &resampled, &places)];
     choices.extend(on_lattices(&probed, &truth, sampling, &choices[0], &places));
     let known = match sampling.lattice() {
@@ -154,7 +154,7 @@ fn scattered(
     places: &[Place],
 ) -> Choice {
     let wanted = &probed.wanted;
-    let tables = Tables::of(&resampled.grid, &resampled.samples, Some(&resampled.derivatives));
+    let tables = Tables::of(&resampled.grid, &resampled.samples);
     let mut methods = measured(&tables, places, &wanted.tolerance);
     // A scattered table is used with `energy` only, because only that method needs its derivatives.
     methods.retain(|(method, ..)| *method == Method::Energy);
@@ -242,7 +242,7 @@ fn on_lattices(
         let choice = if points <= MAX_POINTS || shares.is_empty() {
             let samples = truth.lattice(&lattice).samples;
             shares.push((grid.spacing_m, samples.len() as f64 / points as f64));
-            let methods = measured(&Tables::of(&grid, &samples, None), places, &probed.wanted.tolerance);
+            let methods = measured(&Tables::of(&grid, &samples), places, &probed.wanted.tolerance);
             let (configurations, solved) = (samples.len() as f64, samples.len());
             Choice { configurations, solved, grid, methods, built: true, ..scattered.clone() }
         } else {

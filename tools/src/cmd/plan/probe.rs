@@ -150,8 +150,7 @@ impl Probing<'_> {
                 Step::Solve(targets) => targets,
                 Step::Done(verdict) => {
                     probed.has_ended = true;
-                    probed.too_stiff =
-                        (verdict == Verdict::TooStiff).then(|| too_stiff(&search.fitted(None)));
+                    probed.too_stiff = (verdict == Verdict::TooStiff).then(|| too_stiff(&search.fitted));
                     return;
                 }
             };
@@ -194,7 +193,7 @@ impl Probing<'_> {
             search.take(&found);
             // The search drops configurations far beyond the limit; parents are indices into those that it
             // kept.
-            let kept = |at: [f64; 3]| search.jets().iter().any(|jet| jet.control_m == at);
+            let kept = |at: [f64; 3]| search.fitted.jets.iter().any(|jet| jet.control_m == at);
             let kept = learned.into_iter().filter(|(jet, _)| kept(jet.control_m));
             self.seeds.extend(kept.map(|(_, seed)| seed));
         }

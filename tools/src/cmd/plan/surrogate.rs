@@ -6,8 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use palpate_precompute::adaptive::{AdaptiveFit, Search, SolveResult, Step};
-use palpate_precompute::fit::{KernelFit, Sample};
+use palpate_precompute::adaptive::{AdaptiveFit, Search, SolveResult};
+use palpate_precompute::fit::{KernelFit, KernelSystem, Sample};
 use palpate_precompute::num::{EnergyJet, norm};
 use palpate_precompute::space::expand_model;
 use palpate_precompute::spec::{GridIndex, Lattice, Requirements, Tolerance};
@@ -61,15 +61,15 @@ impl Surrogate {
         let mean = (rest.stiffness_n_m.trace() / 3.0).max(f64::MIN_POSITIVE);
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m);
         let scores = LENGTH_SHARES.iter().filter_map(|share| {
-            let mut fit = KernelFit::new(share * reach, rest.stiffness_n_m);
-            fit.add(&probed.jets).ok()?;
-            Some((left_out(&fit, &probed.jets), share))
+            let mut system = KernelSystem::new(share * reach, rest.stiffness_n_m);
+            system.add(&probed.jets).ok()?;
+            Some((left_out(&system, &probed.jets), share))
         });
         let (score, share) = scores.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let mut fit = KernelFit::new(LENGTH_RATIO * share * reach, rest.stiffness_n_m);
-        fit.add(&probed.jets).ok()?;
+        let mut system = KernelSystem::new(LENGTH_RATIO * share * reach, rest.stiffness_n_m);
+        system.add(&probed.jets).ok()?;
         let doubt = doubt(score.sqrt(), probed.jets.len() - 1);
-        Some(Self { fit, rest, wanted, doubt })
+        Some(Self { fit: system.fit, rest, wanted, doubt })
     }
 
     /// A body that is exactly this fit.
@@ -80,9 +80,9 @@ impl Surrogate {
     /// A linear body with the same stiffness at rest, for any displacement.
     pub(super) fn linear(&self) -> Self {
         let rest = EnergyJet { third_n_m2: [0.0; 10], ..self.rest };
-        let mut fit = KernelFit::new(self.fit.length_m(), rest.stiffness_n_m);
-        fit.add(&[rest]).expect("one configuration is apart from all others");
-        Self { fit, rest, wanted: self.wanted, doubt: 1.0 }
+        let mut system = KernelSystem::new(self.fit.length_m, rest.stiffness_n_m);
+        system.add(&[rest]).expect("one configuration is apart from all others");
+        Self { fit: system.fit, rest, wanted: self.wanted, doubt: 1.0 }
     }
 
     /// Ratio of the errors of a fit with few configurations on the body to those on the surrogate. Lattices
@@ -112,21 +112,13 @@ impl Surrogate {
     pub(super) fn scattered(&self) -> Scattered {
         let mut search = Search::new(self.wanted, &self.rest);
         let mut solved = 1_usize;
-        loop {
-            match search.step() {
-                Step::Done(verdict) => {
-                    let configurations = f64::min(solved as f64 * self.more(), self.wanted.most as f64 + 1.0);
-                    return Scattered { fit: search.fitted(Some(verdict)), solved, configurations };
-                }
-                Step::Solve(targets) => {
-                    solved += targets.len();
-                    let found_at = |at: [f64; 3]| SolveResult::Solved(self.fit.jet(at));
-                    let found: Vec<SolveResult> =
-                        targets.iter().map(|target| found_at(target.displacement_m())).collect();
-                    search.take(&found);
-                }
-            }
-        }
+        search.run(|_, target| {
+            solved += 1;
+            SolveResult::Solved(self.fit.jet(target.displacement_m()))
+        });
+        let configurations =
+            f64::min(solved as f64 * self.more(), self.wanted.max_configurations as f64 + 1.0);
+        Scattered { fit: search.fitted, solved, configurations }
     }
 
     /// Runs the lattice's plan on it as for a scene with a lattice: the whole ball within the force limit.
@@ -154,13 +146,13 @@ impl Surrogate {
 
 /// A configuration in the packer's format.
 pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sample {
-    Sample { index, attempt: 0, jet: *jet, terminating, inverted: false }
+    Sample { index, attempt: 0, jet: *jet, derivatives: None, terminating, inverted: false }
 }
 
 /// Mean square of the leave-one-out errors of the probes, relative to the human just-noticeable difference:
 /// the roughness of a body does not depend on the scene's tolerance.
-fn left_out(fit: &KernelFit, jets: &[EnergyJet]) -> f64 {
-    let missed = fit.leave_one_out_n().zip(jets).skip(1);
+fn left_out(system: &KernelSystem, jets: &[EnergyJet]) -> f64 {
+    let missed = system.leave_one_out_n().zip(jets).skip(1);
     let felt = |force_n| Tolerance::IMPERCEPTIBLE.at(force_n);
     let sum: f64 = missed.map(|(missed, jet)| (norm(missed) / felt(jet.force_n)).powi(2)).sum();
     sum / (jets.len() - 1).max(1) as f64
@@ -177,6 +169,7 @@ fn doubt(error: f64, probes: usize) -> f64 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use palpate_precompute::adaptive::Step;
     use palpate_precompute::spec::SpaceGrid;
 
     /// A body that stiffens under load: W = 100 |p|^2 + 0.02 (exp(g.p) - 1 - g.p).
@@ -202,8 +195,14 @@ pub(super) mod tests {
 
     pub(in crate::cmd::plan) fn probed(batches: usize, max_force_n: f64) -> Probed {
         let tolerance = Tolerance::IMPERCEPTIBLE;
-        let wanted =
-            Requirements { tolerance, radius_m: 0.05, max_force_n, push: None, workspace_m: None, most: 160 };
+        let wanted = Requirements {
+            tolerance,
+            radius_m: 0.05,
+            max_force_n,
+            push: None,
+            workspace_m: None,
+            max_configurations: 160,
+        };
         let rest = stiffening([0.0; 3]);
         let mut search = Search::new(wanted, &rest);
         let mut jets = vec![rest];
@@ -236,13 +235,10 @@ pub(super) mod tests {
     fn true_count(probed: &Probed) -> usize {
         let mut search = Search::new(probed.wanted, &stiffening([0.0; 3]));
         let mut count = 1;
-        while let Step::Solve(targets) = search.step() {
-            count += targets.len();
-            let solved = |t: &palpate_precompute::adaptive::Target| {
-                SolveResult::Solved(stiffening(t.displacement_m()))
-            };
-            search.take(&targets.iter().map(solved).collect::<Vec<_>>());
-        }
+        search.run(|_, target| {
+            count += 1;
+            SolveResult::Solved(stiffening(target.displacement_m()))
+        });
         count
     }
 

@@ -1,18 +1,15 @@
 //! The tables of a space, made from the surrogate by the packer's fits: their error, time and bytes.
 
-use std::collections::BTreeMap;
-
 use palpate_core::format::ALIGNMENT;
 use palpate_core::{
     ActiveNode, BallLattice, HermiteNode, HermitePlanes, Method, RBF_LANES, RbfPlanes, Space, SpacePlanes,
 };
 use palpate_precompute::certificate::nanoseconds;
 use palpate_precompute::fit::{
-    Centre, Derivatives, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes,
-    hermite_nodes_known, lattice_values,
+    Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
 };
 use palpate_precompute::num::norm;
-use palpate_precompute::spec::{GridIndex, SpaceGrid, Tolerance};
+use palpate_precompute::spec::{SpaceGrid, Tolerance};
 
 /// With more centres than this a dense fit of weights would take too long for a plan.
 const MAX_CENTRES: usize = 1100;
@@ -23,7 +20,7 @@ pub(crate) struct Tables {
     lattice: BallLattice,
     values: LatticeValues,
     hermite: HermiteNodes,
-    rbf: Option<[Vec<Vec<f64>>; 2]>,
+    rbf: Option<RbfFit>,
 }
 
 /// A reachable position with the surrogate's force.
@@ -45,36 +42,20 @@ pub(super) struct Error {
 }
 
 impl Tables {
-    /// Tables of these samples. `known` has all derivatives if a fit provides them.
-    pub(crate) fn of(
-        grid: &SpaceGrid,
-        samples: &[Sample],
-        known: Option<&BTreeMap<GridIndex, Derivatives>>,
-    ) -> Self {
-        let hermite = match known {
-            Some(known) => hermite_nodes_known(grid, samples, known),
-            None => hermite_nodes(grid, samples, &[]),
-        };
+    /// Tables of these samples; without radial basis functions if they are of a fit or too many.
+    pub(crate) fn of(grid: &SpaceGrid, samples: &[Sample]) -> Self {
+        let hermite = hermite_nodes(grid, samples, &[]);
+        let is_of_fit = samples.iter().any(|sample| sample.derivatives.is_some());
         let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
-        let few = known.is_none() && centres.len() <= MAX_CENTRES;
-        let fit = few.then(|| fit_rbf(Kernel::Cubic, &centres, 1).ok()).flatten();
-        let padded = |planes: [Vec<f64>; 3]| -> Vec<Vec<f64>> {
-            planes
-                .into_iter()
-                .map(|mut plane| {
-                    plane.resize(plane.len().next_multiple_of(RBF_LANES), 0.0);
-                    plane
-                })
-                .collect()
-        };
-        let rbf = fit.map(|RbfFit { centres, weights, .. }| [centres, weights].map(padded));
-        Self { lattice: grid.lattice, values: lattice_values(grid, samples), hermite, rbf }
+        let few = !is_of_fit && centres.len() <= MAX_CENTRES;
+        let rbf = few.then(|| fit_rbf(Kernel::Cubic, &centres, 1).ok()).flatten();
+        Self { lattice: grid.lattice, values: lattice_values(grid, samples, &[]), hermite, rbf }
     }
 
     /// Tables of these samples, without those for the energy and radial basis functions.
     pub(crate) fn of_forces(grid: &SpaceGrid, samples: &[Sample]) -> Self {
         let hermite = HermiteNodes { row: Vec::new(), nodes: Vec::new() };
-        Self { lattice: grid.lattice, values: lattice_values(grid, samples), hermite, rbf: None }
+        Self { lattice: grid.lattice, values: lattice_values(grid, samples, &[]), hermite, rbf: None }
     }
 
     /// Share of the places with an error of the method within the tolerance; `None` if it has no table.
@@ -97,11 +78,15 @@ impl Tables {
     /// The view that the loop uses; `None` if a table is not finite.
     fn space(&self) -> Option<Space<'_>> {
         let HermiteNodes { row, nodes } = &self.hermite;
-        let rbf = self.rbf.as_ref().map(|planes| planes.each_ref().map(|planes| three(planes)));
+        let rbf = self.rbf.as_ref().map(|fit| {
+            let [centres, weights] =
+                [&fit.centres, &fit.weights].map(|planes| planes.each_ref().map(|x| &x[..]));
+            RbfPlanes { centres, weights }
+        });
         let planes = SpacePlanes {
             flags: &self.values.flags,
             force_n: Some(&self.values.force_n),
-            rbf_cubic: rbf.map(|[centres, weights]| RbfPlanes { centres, weights }),
+            rbf_cubic: rbf,
             hermite: (!row.is_empty()).then_some(HermitePlanes { row, nodes }),
             ..SpacePlanes::default()
         };
@@ -134,9 +119,6 @@ impl Tables {
 }
 
 /// The planes of x, y and z.
-fn three(planes: &[Vec<f64>]) -> [&[f64]; 3] {
-    std::array::from_fn(|n| &planes[n][..])
-}
 
 /// The smallest value that 99 % of the values do not exceed. Sorts them.
 pub(super) fn percentile_99(values: &mut [f64]) -> f64 {
@@ -225,7 +207,7 @@ mod tests {
         let p99 = |cells: f64| {
             let grid = SpaceGrid::new(0.05 / cells, 0.05).unwrap();
             let expanded = truth.lattice(&Lattice { grid, complete_cells: true, increments: None });
-            let tables = Tables::of(&grid, &expanded.samples, None);
+            let tables = Tables::of(&grid, &expanded.samples);
             ALL.map(|m| tables.error(m, &places, &Tolerance::IMPERCEPTIBLE).map(|e| e.p99_n))
         };
         let (coarse, fine) = (p99(3.0), p99(5.0));

@@ -2,7 +2,7 @@
 //! Fig. 6).
 
 use palpate_precompute::fem::Solver;
-use palpate_precompute::held_out::positions::regular_directions;
+use palpate_precompute::held_out::regular_directions;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::norm;
 use palpate_precompute::pipeline::Analysis;

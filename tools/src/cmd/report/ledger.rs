@@ -1,7 +1,8 @@
 //! The ledger of the first body: the omissions of its blob, made or possible, with their effects and savings.
 
 use palpate_core::{Method, Organ};
-use palpate_precompute::certificate::{AdditionalSolves, Ledger, Line, ledger};
+use palpate_precompute::certificate::{Ledger, Line};
+use palpate_precompute::pipeline::ledger;
 use palpate_precompute::space::{Store, solver_version};
 use serde::{Deserialize, Serialize};
 
@@ -96,8 +97,7 @@ pub(super) fn measured(
     let file = plan.work.file(&format!("{}-ledger.json", case.name));
     kept(&file, key, || {
         let organ: Organ<'_> = Organ::read(fitted.file.bytes()).map_err(Failure::work)?;
-        let effort = AdditionalSolves { positions, threads: plan.threads, stop: &steps.stop };
-        let found = ledger(&store, 0, (&organ, fitted.space()), &case.bench.scene, effort)?;
+        let found = ledger(&case.bench, &store, 0, (&organ, fitted.space()), positions, plan.run(steps))?;
         steps.go_on()?;
         let Ledger { lines, .. } = found.unwrap_or_default();
         let row = |line| LedgerRow::of(&of.space.scene, case.points, method, line);

@@ -73,7 +73,7 @@ pub(super) fn measured(
     let mut forces = Vec::new();
     for intermediate in [false, true] {
         let methods = &[Method::RbfLinear, Method::RbfCubic];
-        let options = PackOptions { methods, intermediate, threads: plan.threads };
+        let options = PackOptions { methods, use_intermediate_states: intermediate, threads: plan.threads };
         let (packed, certificate) = certified(&store, &options)?;
         let file = BlobFile::of(&packed.bytes()?);
         let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
@@ -100,7 +100,8 @@ pub(super) fn measured(
 }
 
 fn surfaces(family: &Family, grid: u32, plan: &Plan, store: &Store) -> Result<Vec<SurfaceRow>, Failure> {
-    let options = PackOptions { methods: &[Method::Energy], intermediate: false, threads: plan.threads };
+    let options =
+        PackOptions { methods: &[Method::Energy], use_intermediate_states: false, threads: plan.threads };
     let file = BlobFile::of(&pack(store, &options)?.bytes()?);
     let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
     let certificate: Certificate = palpate_precompute::certificate::certify(store, &organ)?;

@@ -35,14 +35,15 @@ pub(super) fn solved(
     }
     let held_out = case.bench.held_out(&[0], draw.clone())?;
     let mut progress = WorkProgress::new(&case.name, "paths and positions");
-    let solved = case.bench.solve_held_out(&held_out, &store, plan.run(steps), |state| progress.walks(state));
+    let solved =
+        case.bench.solve_held_out(&held_out, &store, plan.run(steps), |state| progress.held_out(state));
     progress.finish();
     solved?;
     Ok(space.path().to_path_buf())
 }
 
 impl Plan {
-    fn run<'s>(&self, steps: &'s Steps) -> Run<'s> {
+    pub(super) fn run<'s>(&self, steps: &'s Steps) -> Run<'s> {
         Run { threads: self.threads, stop: &steps.stop }
     }
 }

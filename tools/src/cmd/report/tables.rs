@@ -77,7 +77,7 @@ pub(super) fn fitted(
 ) -> Result<(Vec<Fitted>, Vec<LeftOut>), Failure> {
     let keep = |index: GridIndex| (choice.keep)(index);
     let packed = |methods: &[Method]| {
-        pack_with(store, &PackOptions { methods, intermediate: true, threads: plan.threads }, keep)
+        pack_with(store, &PackOptions { methods, use_intermediate_states: true, threads: plan.threads }, keep)
     };
     let solved = store.records(0)?.iter().filter(|r| r.tag().is_solved()).count();
     let truths: u32 = Summary::of(store, 0)?.values().map(|sum| sum.positions).sum();

@@ -51,7 +51,7 @@ impl Tables {
         };
         let (linear, cubic) = (fit(Kernel::Linear)?, fit(Kernel::Cubic)?);
         Ok(Self {
-            values: lattice_values(&grid, &samples),
+            values: lattice_values(&grid, &samples, &[]),
             linear: [linear.centres, linear.weights].map(|planes| padded(&planes, |x| x as f32)),
             cubic: [cubic.centres, cubic.weights].map(|planes| padded(&planes, |x| x)),
             hermite: hermite_nodes(&grid, &samples, &[]),
@@ -112,7 +112,7 @@ fn sample(grid: &SpaceGrid, index: GridIndex) -> Sample {
         *number = derivative(d, axes);
     }
     let jet = EnergyJet::from_numbers(d, &numbers);
-    Sample { index, attempt: 0, jet, terminating: false, inverted: false }
+    Sample { index, attempt: 0, jet, derivatives: None, terminating: false, inverted: false }
 }
 
 /// The real centres with arbitrary weights.

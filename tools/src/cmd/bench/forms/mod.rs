@@ -87,8 +87,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 /// Measures every form of every node that has a fit.
 pub(crate) fn measure(store: &Store, wanted: Option<&str>, rounds: usize) -> Result<Vec<FormRow>, Failure> {
     let methods = &[Method::Energy, Method::Kernel];
-    let file =
-        BlobFile::of(&pack(store, &PackOptions { methods, intermediate: false, threads: 1 })?.bytes()?);
+    let file = BlobFile::of(
+        &pack(store, &PackOptions { methods, use_intermediate_states: false, threads: 1 })?.bytes()?,
+    );
     let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
     let mut rows = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
@@ -160,7 +161,7 @@ fn of_space(
         let at = |share: usize| from_fit.get(from_fit.len() * share / 100).or(from_fit.last()).copied();
         FormRow {
             active: name.into(),
-            configurations: fit.len(),
+            configurations: fit.centres.len(),
             form: match run.name.as_str() {
                 "cell" => "cell",
                 "node" => "node",

@@ -1,121 +1,38 @@
-//! The ledger: approximations of a blob, with the measured change and saving of each.
+//! The ledger of a space: approximations of its blob, with the measured change and saving of each.
 //!
-//! A line is an approximation that is made, or one that is possible but not made (the linear body, elements
-//! of lower order). Approximations of the blob are measured at its held-out positions. Those of the
-//! discretisation are measured by solving some of the same positions with the other body, each directly from
-//! rest, so that the times are comparable.
+//! Approximations of the blob are measured at its held-out positions. Those of the discretisation are measured
+//! by solving some of the same positions with the other body, each directly from rest, so that the times are
+//! comparable.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use nalgebra::Vector3;
 use palpate_core::{Method, Organ, Space};
-use serde::{Deserialize, Serialize};
 
-use super::displacement::modes_and_digits;
-use super::{Compared, Errors, SpaceCertificate, SurfaceDistances, Truth, answered, probes, truths};
+use super::{Analysis, PipelineError, Run};
+use crate::certificate::{
+    Compared, Errors, Ledger, Line, SpaceCertificate, SurfaceDistances, Truth, answered, modes_and_digits,
+    share_of_part, truths,
+};
 use crate::fem::solve::Solver;
-use crate::num::parallel::{Pool, ThreadError};
+use crate::num::parallel::in_parallel;
+use crate::num::vector::norm;
 use crate::scene::ResolvedScene;
 use crate::space::{Kind, Store, StoreError};
 
-/// All lines of a space.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Ledger {
-    /// Number of positions solved with each other body.
-    pub positions: usize,
-    /// Wall time of these solves, s.
-    pub seconds: f64,
-    /// The lines.
-    pub lines: Vec<Line>,
-}
-
-/// One approximation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Line {
-    /// What the approximation omits.
-    pub what: String,
-    /// Whether it is made.
-    pub made: bool,
-    /// Difference of the force with and without it; `None` if it cannot be measured.
-    pub force: Option<Errors>,
-    /// Mean difference divided by the mean |h|.
-    pub relative: Option<f64>,
-    /// Difference of the surface displacements.
-    pub surface: Option<SurfaceDistances>,
-    /// Unit of the two costs.
-    pub unit: String,
-    /// Cost with the approximation, and without it.
-    pub cost: [f64; 2],
-}
-
-impl Line {
-    fn by_force(self, compared: &[Compared]) -> Self {
-        let size = |c: &Compared| c.truth_n.iter().map(|h| h * h).sum::<f64>().sqrt();
-        let (errors, sizes) = (Errors::of(compared), compared.iter().map(size).sum::<f64>());
-        let relative = (sizes > 0.0).then(|| errors.mean_n * compared.len() as f64 / sizes);
-        Self { force: Some(errors), relative, ..self }
-    }
-
-    fn new(what: impl Into<String>, made: bool, unit: &str, cost: [f64; 2]) -> Self {
-        Self { what: what.into(), made, force: None, relative: None, surface: None, unit: unit.into(), cost }
-    }
-}
-
-/// Why there is no ledger.
-#[derive(Debug)]
-pub enum LedgerError {
-    /// The store could not be read.
-    Store(StoreError),
-    /// The threads could not be started.
-    Threads(ThreadError),
-}
-
-impl std::fmt::Display for LedgerError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Store(error) => write!(f, "{error}"),
-            Self::Threads(error) => write!(f, "{error}"),
-        }
-    }
-}
-
-impl std::error::Error for LedgerError {}
-
-impl From<StoreError> for LedgerError {
-    fn from(error: StoreError) -> Self {
-        Self::Store(error)
-    }
-}
-
-impl From<ThreadError> for LedgerError {
-    fn from(error: ThreadError) -> Self {
-        Self::Threads(error)
-    }
-}
-
-/// Number of additional solves, and the stop flag.
-#[derive(Debug, Clone, Copy)]
-pub struct AdditionalSolves<'s> {
-    /// Number of positions solved with each other body. With 0, only the approximations of the blob are
-    /// measured.
-    pub positions: usize,
-    /// Number of threads.
-    pub threads: usize,
-    /// Stop flag.
-    pub stop: &'s AtomicBool,
-}
-
 /// The ledger of the space of active node number `active`, for the energy method if certified, otherwise for
-/// the first certified method. `None` if it was stopped or there are no held-out positions.
+/// the first certified method. `positions` of the held-out positions are solved with each other body; with 0,
+/// only the approximations of the blob are measured. `None` if it was stopped or there are no held-out
+/// positions.
 pub fn ledger(
+    analysis: &Analysis,
     store: &Store,
     active: usize,
     (organ, certificate): (&Organ<'_>, &SpaceCertificate),
-    scene: &ResolvedScene,
-    effort: AdditionalSolves<'_>,
-) -> Result<Option<Ledger>, LedgerError> {
+    positions: usize,
+    run: Run<'_>,
+) -> Result<Option<Ledger>, PipelineError> {
     let begun = Instant::now();
     let Some(space) = organ.spaces.iter().find(|space| *space.active.name == *certificate.active) else {
         return Ok(None);
@@ -124,31 +41,46 @@ pub fn ledger(
     // The default method of `run`.
     let mut methods = [Method::Energy].into_iter().chain(Method::ALL).filter(|&method| space.has(method));
     let Some(method) = methods.find(|&method| is_certified(method)) else { return Ok(None) };
-    let mut positions = truths(store, active, space, &store.identity()?.sampling)?;
-    positions.retain(|truth| truth.walk.kind == Kind::Uniform && !truth.folded);
-    if positions.is_empty() {
+    let mut all = truths(store, active, space, &store.identity()?.sampling)?;
+    all.retain(|truth| truth.walk.kind == Kind::Uniform && !truth.folded);
+    if all.is_empty() {
         return Ok(None);
     }
-    let mut lines = vec![linear(store, active, &positions, certificate)?];
-    let some = &positions[..effort.positions.min(positions.len())];
+    let mut lines = vec![linear(store, active, &all, certificate)?];
+    let some = &all[..positions.min(all.len())];
     if !some.is_empty() {
-        let own = forces(scene, active, some, effort)?;
-        for (what, made, other) in others(scene) {
-            let there = forces(&other, active, some, effort)?;
-            if effort.stop.load(Ordering::Relaxed) {
+        let own = forces(analysis, active, some, run)?;
+        for (what, made, other) in others(&analysis.scene) {
+            // A body that cannot be built solves no position.
+            let there = match Analysis::of_scene(&analysis.path, other) {
+                Ok(other) => forces(&other, active, some, run)?,
+                Err(_) => vec![None; some.len()],
+            };
+            if run.stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
             lines.push(discretised(what, made, &own, &there));
         }
     }
-    let answers: Vec<Compared> =
-        answered(space, method, &positions).iter().map(|answer| answer.compared).collect();
+    let answers: Vec<Compared> = answered(space, method, &all).iter().map(|answer| answer.compared).collect();
     let causes = match &space.displacement() {
         Some(table) => modes_and_digits(store, active, (space, table), organ.surface.node)?,
         None => Default::default(),
     };
-    lines.extend(of_the_blob(organ, space, (method, certificate), scene, &answers, causes));
+    lines.extend(of_the_blob(organ, space, (method, certificate), &analysis.scene, &answers, causes));
     Ok(Some(Ledger { positions: some.len(), seconds: begun.elapsed().as_secs_f64(), lines }))
+}
+
+impl Line {
+    fn by_force(self, compared: &[Compared]) -> Self {
+        let (errors, sizes) = (Errors::of(compared), compared.iter().map(|c| norm(c.truth_n)).sum::<f64>());
+        let relative = (sizes > 0.0).then(|| errors.mean_n * compared.len() as f64 / sizes);
+        Self { force: Some(errors), relative, ..self }
+    }
+
+    fn new(what: impl Into<String>, made: bool, unit: &str, cost: [f64; 2]) -> Self {
+        Self { what: what.into(), made, force: None, relative: None, surface: None, unit: unit.into(), cost }
+    }
 }
 
 /// h = S d with the stiffness S at rest.
@@ -193,38 +125,27 @@ struct SolvedPosition {
 type Solved = Vec<Option<SolvedPosition>>;
 
 fn forces(
-    scene: &ResolvedScene,
+    analysis: &Analysis,
     active: usize,
     positions: &[Truth],
-    effort: AdditionalSolves<'_>,
-) -> Result<Solved, ThreadError> {
-    let nothing = || vec![None; positions.len()];
-    let (Ok(body), Some(node)) = (scene.body(), scene.active.get(active)) else { return Ok(nothing()) };
-    let problem = Arc::new(scene.solver.problem(Arc::new(body), node));
-    let next = AtomicUsize::new(0);
-    let work = || {
+    run: Run<'_>,
+) -> Result<Solved, PipelineError> {
+    let problem = analysis.problem(&analysis.scene.active[active]);
+    let shares: Vec<&[Truth]> = positions.chunks(positions.len().div_ceil(run.threads.max(1))).collect();
+    let solve = |share: &&[Truth]| -> Solved {
         let mut solver = Solver::new(problem.clone());
-        let mut found = Vec::new();
-        let Ok(rest) = solver.rest() else { return found };
-        while !effort.stop.load(Ordering::Relaxed) {
-            let place = next.fetch_add(1, Ordering::Relaxed);
-            let Some(truth) = positions.get(place) else { break };
-            let begun = Instant::now();
-            if let Ok(at) = solver.advance(&rest.seed, truth.displacement_m.map(f64::from)) {
-                found.push((
-                    place,
-                    SolvedPosition { force_n: at.jet().force_n, seconds: begun.elapsed().as_secs_f64() },
-                ));
+        let Ok(rest) = solver.rest() else { return vec![None; share.len()] };
+        let mut force = |truth: &Truth| {
+            if run.stop.load(Ordering::Relaxed) {
+                return None;
             }
-        }
-        found
+            let begun = Instant::now();
+            let at = solver.advance(&rest.seed, truth.displacement_m.map(f64::from)).ok()?;
+            Some(SolvedPosition { force_n: at.jet().force_n, seconds: begun.elapsed().as_secs_f64() })
+        };
+        share.iter().map(|truth| force(truth)).collect()
     };
-    let mut solved = nothing();
-    let pool = Pool::new(effort.threads.clamp(1, positions.len()))?;
-    for (place, one) in pool.each(work).into_iter().flatten() {
-        solved[place] = Some(one);
-    }
-    Ok(solved)
+    Ok(in_parallel(&shares, run.threads, solve)?.concat())
 }
 
 fn discretised(what: &str, made: bool, own: &Solved, other: &Solved) -> Line {
@@ -260,10 +181,14 @@ fn of_the_blob(
     let mut lines = Vec::new();
     if scene.max_force_n.is_finite() {
         let limit_n = scene.max_force_n as f32;
-        let reached = probes::share_of_ball(space, |at| {
-            let force = space.force(method, at).map_or([0.0; 3], |answer| answer.force_n);
-            force.iter().map(|h| h * h).sum::<f32>() <= limit_n * limit_n
-        });
+        let reached = share_of_part(
+            space,
+            |_| true,
+            |at| {
+                let force = space.force(method, at).map_or([0.0; 3], |answer| answer.force_n);
+                force.iter().map(|h| h * h).sum::<f32>() <= limit_n * limit_n
+            },
+        );
         let what = format!("positions beyond {} N, which the device cannot hold", scene.max_force_n);
         lines.push(Line::new(what, true, "of r_G's ball", [reached, 1.0]));
     }
