@@ -75,11 +75,16 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
     ) {
         let local = LocalState::<R, N>::gather(machine, body, batch, state);
         let material = batch.material(body);
-        with_law!(material, law => self.add_points::<_, TANGENT>(machine, law, body, batch, rule, &local));
+        if const { R::LANES > 1 } {
+            with_law!(material, law => self.add_points::<_, TANGENT>(machine, law, body, batch, rule, &local));
+        } else {
+            // Loops over single elements are short or a fallback: one compiled loop for all laws is enough.
+            self.add_points::<_, TANGENT>(machine, material.erased(), body, batch, rule, &local);
+        }
     }
 
     #[inline(always)]
-    fn add_points<L: Law, const TANGENT: bool>(
+    fn add_points<L: Law + ?Sized, const TANGENT: bool>(
         &mut self,
         machine: R::Machine,
         law: &L,
@@ -251,11 +256,15 @@ pub(super) fn third_along<R: Real, const N: usize>(
     ];
     let geometry = batch.geometry::<R>(machine, body);
     let material = batch.material(body);
-    with_law!(material, law => third_at_points(law, &geometry, rule, &here, &along))
+    if const { R::LANES > 1 } {
+        with_law!(material, law => third_at_points(law, &geometry, rule, &here, &along))
+    } else {
+        third_at_points(material.erased(), &geometry, rule, &here, &along)
+    }
 }
 
 #[inline(always)]
-fn third_at_points<R: Real, L: Law, const N: usize>(
+fn third_at_points<R: Real, L: Law + ?Sized, const N: usize>(
     law: &L,
     (element_volume, barycentric): &(R, [Vec3<R>; 4]),
     rule: &[Point<N>],

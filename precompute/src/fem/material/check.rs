@@ -62,7 +62,7 @@ impl LawCheck {
 /// let law = MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 };
 /// assert_eq!(check(&law).faults(), [""; 0]);
 /// ```
-pub fn check<L: Law>(law: &L) -> LawCheck {
+pub fn check<L: Law + ?Sized>(law: &L) -> LawCheck {
     let mut found = LawCheck::default();
     let q_pa = law.rest_pressure_pa().map_or(0.0, |_| 0.06 * law.shear_modulus_pa());
     for h in gradients() {
@@ -115,7 +115,7 @@ pub(super) fn matrix(tangent: &Tangent) -> [[f64; 9]; 9] {
     full
 }
 
-fn check_stress<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawCheck) {
+fn check_stress<L: Law + ?Sized>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawCheck) {
     let stress = Matrix3::from(law.stress(&Kinematics::of(h), q_pa).1);
     for c in 0..9 {
         let energy = |step: f64| law.stress(&along(h, c, step), q_pa).0;
@@ -126,7 +126,7 @@ fn check_stress<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawChe
     }
 }
 
-fn check_elasticity<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawCheck) {
+fn check_elasticity<L: Law + ?Sized>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawCheck) {
     let k = Kinematics::of(h);
     let (energy, stress, tangent) = law.response(&k, q_pa);
     let (energy_alone, stress_alone) = law.stress(&k, q_pa);
@@ -146,7 +146,7 @@ fn check_elasticity<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut La
     }
 }
 
-fn check_third<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawCheck) {
+fn check_third<L: Law + ?Sized>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawCheck) {
     let directions = [
         Matrix3::new(0.3, 0.1, -0.2, 0.5, -0.4, 0.2, 0.1, 0.6, 0.2),
         Matrix3::new(-0.1, 0.4, 0.3, 0.2, 0.2, -0.5, 0.4, 0.0, 0.3),
@@ -173,7 +173,7 @@ fn check_third<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawChec
     }
 }
 
-fn check_rotation<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawCheck) {
+fn check_rotation<L: Law + ?Sized>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawCheck) {
     let turn = *Rotation3::from_euler_angles(0.7, -1.1, 2.0).matrix();
     let turned = turn * (h + Matrix3::identity()) - Matrix3::identity();
     let (energy, stress) = law.stress(&Kinematics::of(h), q_pa);
@@ -183,7 +183,7 @@ fn check_rotation<L: Law>(law: &L, h: &Matrix3<f64>, q_pa: f64, found: &mut LawC
     raise(&mut found.rotation, difference.norm() / law.shear_modulus_pa());
 }
 
-fn check_rest<L: Law>(law: &L, found: &mut LawCheck) {
+fn check_rest<L: Law + ?Sized>(law: &L, found: &mut LawCheck) {
     let (energy, stress, tangent) = law.response(&Kinematics::of(&Matrix3::zeros()), 0.0);
     let shear_pa = law.shear_modulus_pa();
     // A_xYxY = mu in simple shear.

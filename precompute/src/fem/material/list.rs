@@ -18,12 +18,16 @@ macro_rules! laws {
         /// Names of all laws in the scene file.
         pub const LAWS: &[&str] = &[$($name),*];
 
-        /// Evaluates an expression with the law inside a [`Material`]; compiled once for each law.
+        /// Evaluates an expression with the law inside a [`Material`]; compiled once for each law, and once for
+        /// all user-defined laws.
         macro_rules! with_law {
             ($d material:expr, $d law:ident => $d work:expr) => {
                 match $d material {
                     $($crate::fem::material::Material::$law($d law) => $d work,)*
-                    $crate::fem::material::Material::Own($d law) => $d work,
+                    $crate::fem::material::Material::Own(own) => {
+                        let $d law = own.law.as_ref();
+                        $d work
+                    }
                 }
             };
         }
@@ -34,7 +38,7 @@ macro_rules! laws {
             pub fn name(&self) -> &'static str {
                 match self {
                     $(Self::$law(_) => $name,)*
-                    Self::Own(law) => law.name,
+                    Self::Own(own) => own.name,
                 }
             }
 

@@ -58,7 +58,7 @@ pub use law::{Describe, Law, Value};
 pub use linear_elastic::LinearElastic;
 pub use mooney_rivlin::{MooneyRivlin, ReducedMooneyRivlin};
 pub use neo_hookean::NeoHookean;
-pub(crate) use own::OwnLaw;
+use own::{ErasedLaw, OwnLaw};
 pub use parameters::ParameterError;
 pub use st_venant_kirchhoff::{ModifiedStVenantKirchhoff, StVenantKirchhoff};
 pub use tangent::Tangent;
@@ -94,9 +94,14 @@ impl Material {
         Self::Own(OwnLaw { name, law: Arc::new(law) })
     }
 
+    /// The law behind dynamic dispatch: compiled once for all laws, with the bits of [`with_law`].
+    pub(crate) fn erased(&self) -> &dyn ErasedLaw {
+        with_law!(self, law => law)
+    }
+
     /// Every parameter of the law by name, in a fixed order, as input of [`Material::from_parameters`].
     pub fn parameters(&self) -> Vec<(&'static str, Value)> {
-        with_law!(self, law => law.parameters())
+        self.erased().parameters()
     }
 
     /// The numbers of [`Material::parameters`], for the hash of the model.
@@ -106,12 +111,12 @@ impl Material {
 
     /// Pressure at rest of an incompressible law, Pa; `None` if the law needs no multiplier.
     pub(crate) fn rest_pressure_pa(&self) -> Option<f64> {
-        with_law!(self, law => law.rest_pressure_pa())
+        self.erased().rest_pressure_pa()
     }
 
     /// Shear modulus at rest, Pa (of the matrix, for a law with fibres): the scale of residuals and
     /// pressures.
     pub(crate) fn shear_modulus_pa(&self) -> f64 {
-        with_law!(self, law => law.shear_modulus_pa())
+        self.erased().shear_modulus_pa()
     }
 }
