@@ -5,10 +5,9 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use palpate_precompute::fem::material::invariants::{
-    Derivatives, I1, Invariants, J, OfInvariants, Third, no_third,
+use palpate_precompute::fem::material::{
+    Derivatives, Describe, I1, Invariants, J, Material, OfInvariants, Real, Third, Value, check, no_third,
 };
-use palpate_precompute::fem::material::{Describe, Material, Real, Value, check};
 use palpate_precompute::fem::{Body, Model, Problem, Solver};
 use palpate_precompute::mesh::TetMesh;
 

@@ -4,12 +4,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate_precompute::fem::material::invariants::{
-    Derivatives, I1, I2, Invariants, J, OfInvariants, Third, no_third,
-};
 use palpate_precompute::fem::material::{
-    Describe, Kinematics, Lame, Law, LinearElastic, Mat3, Material, MooneyRivlin, NeoHookean, Real, Tangent,
-    Value, check,
+    Derivatives, Describe, I1, I2, Invariants, J, Kinematics, Lame, Law, LinearElastic, Mat3, Material,
+    MooneyRivlin, NeoHookean, OfInvariants, Real, Tangent, Third, Value, check, no_third,
 };
 use palpate_precompute::fem::{Body, Configuration, Model, Order, Problem, Solver};
 use palpate_precompute::mesh::TetMesh;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::material::{Material, StVenantKirchhoff};
+use palpate_precompute::fem::material::{Lame, Material, StVenantKirchhoff};
 use palpate_precompute::fem::{Configuration, Handle, Model, Pose, Problem, SolveFailure, Solver};
 use palpate_precompute::scene::Scene;
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, soft_beam, st_venant_kirchhoff};
@@ -161,7 +161,8 @@ fn a_branch_jump_is_flagged_at_its_step() {
     let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");
     let mut scene = Scene::load(scene.as_ref()).and_then(|s| s.resolve()).expect("the bundled organ");
     for region in &mut scene.materials {
-        region.material = Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(9000.0, 0.45));
+        region.material =
+            Material::StVenantKirchhoff(StVenantKirchhoff { lame: Lame::from_young_poisson(9000.0, 0.45) });
     }
     let body = Arc::new(scene.body().expect("the rest state converges"));
     let mut solver = Solver::new(Arc::new(Problem::new(body, scene.active[0].node)));

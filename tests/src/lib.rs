@@ -13,7 +13,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate_precompute::fem::material::{LAWS, Material, MooneyRivlin, StVenantKirchhoff, Value};
+use palpate_precompute::fem::material::{LAWS, Lame, Material, MooneyRivlin, StVenantKirchhoff, Value};
 use palpate_precompute::fem::{Body, Model};
 use palpate_precompute::mesh::TetMesh;
 
@@ -24,7 +24,7 @@ pub fn mooney_rivlin() -> Material {
 
 /// The paper's St. Venant-Kirchhoff liver.
 pub fn st_venant_kirchhoff() -> Material {
-    Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49))
+    Material::StVenantKirchhoff(StVenantKirchhoff { lame: Lame::from_young_poisson(15480.0, 0.49) })
 }
 
 /// Every built-in law, with constants similar to those of a liver.

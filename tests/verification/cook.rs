@@ -53,7 +53,7 @@ fn tip(n: usize, order: Order, region: Region, force: f64) -> f64 {
         let x = mesh.nodes_m[node as usize];
         at_right(&x) && (x[1] - 60.0).abs() < 1e-9
     });
-    body.rest.state[3 * corner.expect("the panel has its corner") as usize + 1]
+    body.rest_state[3 * corner.expect("the panel has its corner") as usize + 1]
 }
 
 fn row(name: &str, sizes: &[usize], order: Order, region: Region, force: f64) -> f64 {

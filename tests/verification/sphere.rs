@@ -118,8 +118,8 @@ fn error(n: usize, order: Order, pressure_pair: PressurePair) -> f64 {
                 .map(|(a, b)| {
                     let middle = (x[a] + x[b]) * 0.5;
                     let near = |m: &[f64; 3]| (Vector3::from(*m) - middle).norm() < 1e-12;
-                    let found = body.nodes_m[body.vertex_count..].iter().position(near);
-                    (found.expect("every edge has its node") + body.vertex_count) as u32
+                    let found = body.nodes_m[mesh.nodes_m.len()..].iter().position(near);
+                    (found.expect("every edge has its node") + mesh.nodes_m.len()) as u32
                 })
                 .to_vec(),
         };

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use palpate_core::{ConfigTag, Coverage, Method, Organ};
 use palpate_precompute::fem::{Problem, Solver};
-use palpate_precompute::num::Pool;
+use palpate_precompute::num::on_each_thread;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Record, Store};
 use serde::Serialize;
@@ -93,8 +93,8 @@ pub(crate) fn check(
         }
         Ok(results)
     };
-    let pool = Pool::new(threads).map_err(Failure::work)?;
-    let found = pool.each(work).into_iter().collect::<Result<Vec<_>, Failure>>()?;
+    let found = on_each_thread(threads, work).map_err(Failure::work)?;
+    let found = found.into_iter().collect::<Result<Vec<_>, Failure>>()?;
     if stop.load(Ordering::Relaxed) {
         return Err(Failure::work("interrupted while checking the rendered force"));
     }

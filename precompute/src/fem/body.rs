@@ -76,15 +76,6 @@ pub(crate) struct Element {
     pub pressure_block: [[f64; 4]; 4],
 }
 
-/// Equilibrium of the free body under its body force: the reference of displacements and of the energy.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Rest {
-    /// State vector; zero without body force.
-    pub state: Vec<f64>,
-    /// Total potential of this state, J.
-    pub energy_j: f64,
-}
-
 /// A meshed body with its fixed nodes.
 ///
 /// State vector: first the displacement u from the mesh, 3 per node, node-major, in m (mesh nodes in file
@@ -100,8 +91,6 @@ pub struct Body {
     pub connectivity: Vec<u32>,
     /// Undeformed node positions, m.
     pub nodes_m: Vec<[f64; 3]>,
-    /// Number of mesh nodes; the other nodes are mid-edge nodes.
-    pub vertex_count: usize,
     /// Materials.
     pub regions: Vec<Region>,
     /// (vertex, region) of each pressure unknown.
@@ -114,8 +103,11 @@ pub struct Body {
     pub external_force_n: Vec<f64>,
     /// Mean edge length of the tetrahedra, m.
     pub edge_m: f64,
-    /// Equilibrium without a tool.
-    pub rest: Rest,
+    /// State vector of the equilibrium without a tool, the reference of displacements; zero without body
+    /// force.
+    pub rest_state: Vec<f64>,
+    /// Total potential of this state, J.
+    pub(crate) rest_energy_j: f64,
     /// Volume-weighted geometric mean of the regions' shear moduli, Pa. The geometric mean gives one scale
     /// for a body with parts of very different stiffness.
     mean_shear_pa: f64,
@@ -127,9 +119,8 @@ impl Body {
     /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve_body_force`] must
     /// then solve its rest state.
     pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, MeshFault> {
-        let vertex_count = mesh.nodes_m.len();
         let mut nodes_m = mesh.nodes_m.clone();
-        let mut fixed = vec![[false; 3]; vertex_count];
+        let mut fixed = vec![[false; 3]; nodes_m.len()];
         for &node in &model.fixed {
             fixed[node as usize] = [true; 3];
         }
@@ -175,12 +166,12 @@ impl Body {
             has_pressure_blocks: elements.iter().any(|element| element.pressure_block[0][0] != 0.0),
             elements,
             connectivity,
-            vertex_count,
             regions: model.regions.clone(),
             fixed,
             external_force_n: vec![0.0; 3 * nodes_m.len()],
             edge_m: libm::cbrt(mean_volume * 6.0 * std::f64::consts::SQRT_2),
-            rest: Rest { state: vec![0.0; 3 * nodes_m.len() + pressure_sites.len()], energy_j: 0.0 },
+            rest_state: vec![0.0; 3 * nodes_m.len() + pressure_sites.len()],
+            rest_energy_j: 0.0,
             mean_shear_pa: libm::exp(log_shear / volume),
             elimination_order: OnceLock::new(),
             nodes_m,
@@ -243,7 +234,7 @@ impl Body {
     /// Position of a node at rest, m.
     pub fn rest_position_m(&self, node: u32) -> [f64; 3] {
         let base = 3 * node as usize;
-        std::array::from_fn(|axis| self.nodes_m[node as usize][axis] + self.rest.state[base + axis])
+        std::array::from_fn(|axis| self.nodes_m[node as usize][axis] + self.rest_state[base + axis])
     }
 
     /// Scale of the residual: mu l^2, N.

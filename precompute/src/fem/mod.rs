@@ -14,7 +14,7 @@ pub(crate) mod solvability;
 pub(crate) mod solve;
 
 pub use assembly::volume_ratios;
-pub use body::{Body, Model, Region, Rest};
+pub use body::{Body, Model, Region};
 pub use boundary::{Constraints, Handle, Pose};
 pub use element::Order;
 pub use pressure::PressurePair;

@@ -10,6 +10,6 @@ pub(crate) mod tensor;
 pub(crate) mod vector;
 
 pub use jet::{EnergyJet, SECOND_INDICES, THIRD_INDICES};
-pub use parallel::{Pool, ThreadError, in_parallel};
+pub use parallel::{ThreadError, in_parallel, on_each_thread};
 pub use sequence::{SPLIT_MIX_STEP, in_ball, split_mix, unit_interval};
 pub use vector::{distance, norm};

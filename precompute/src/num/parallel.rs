@@ -18,11 +18,11 @@ pub struct ThreadError {
 
 /// Threads that serve several pieces of work.
 #[derive(Debug)]
-pub struct Pool(ThreadPool);
+pub(crate) struct Pool(ThreadPool);
 
 impl Pool {
     /// A pool of `threads` threads, at least one.
-    pub fn new(threads: usize) -> Result<Self, ThreadError> {
+    pub(crate) fn new(threads: usize) -> Result<Self, ThreadError> {
         let wanted = threads.max(1);
         let pool = ThreadPoolBuilder::new().num_threads(wanted).build();
         pool.map(Self).map_err(|error| ThreadError { wanted, why: error.to_string() })
@@ -32,11 +32,11 @@ impl Pool {
     pub(crate) fn numbers<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
         self.0.install(|| (0..n).into_par_iter().map(work).collect())
     }
+}
 
-    /// Results of `work`, run once on every thread. `work` itself divides the items among the threads.
-    pub fn each<T: Send>(&self, work: impl Fn() -> T + Sync) -> Vec<T> {
-        self.0.broadcast(|_| work())
-    }
+/// Results of `work`, run once on each of `threads` threads. `work` itself divides the items among them.
+pub fn on_each_thread<T: Send>(threads: usize, work: impl Fn() -> T + Sync) -> Result<Vec<T>, ThreadError> {
+    Ok(Pool::new(threads)?.0.broadcast(|_| work()))
 }
 
 /// Results of `work` for all items, in order, on at most `threads` threads. Items are long, so each is
@@ -67,6 +67,6 @@ mod tests {
         }
         let pool = Pool::new(3).expect("threads start");
         assert_eq!(pool.numbers(5, |n| n + 1), [1, 2, 3, 4, 5]);
-        assert_eq!(pool.each(|| 7), [7; 3]);
+        assert_eq!(on_each_thread(3, || 7), Ok(vec![7; 3]));
     }
 }

@@ -35,3 +35,8 @@ pub(crate) fn unit(a: [f64; 3]) -> [f64; 3] {
 pub(crate) fn inner(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+/// Euclidean norm of a vector of any length.
+pub(crate) fn magnitude(a: &[f64]) -> f64 {
+    inner(a, a).sqrt()
+}

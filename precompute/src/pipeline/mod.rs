@@ -162,7 +162,7 @@ impl Analysis {
     /// Outward normal of each active node, of the body as it rests under its body force.
     fn normals(&self) -> Vec<[f64; 3]> {
         let mut mesh = self.scene.mesh.clone();
-        for (x, moved) in mesh.nodes_m.iter_mut().zip(self.body.rest.state.as_chunks::<3>().0) {
+        for (x, moved) in mesh.nodes_m.iter_mut().zip(self.body.rest_state.as_chunks::<3>().0) {
             *x = std::array::from_fn(|axis| x[axis] + moved[axis]);
         }
         let surface = Surface::of(&mesh);

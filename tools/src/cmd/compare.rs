@@ -284,7 +284,7 @@ impl Pull {
 /// Positions of the mesh vertices.
 fn positions(bench: &Analysis, c: &Configuration) -> Vec<[f64; 3]> {
     let moved = c.seed.state.as_chunks::<3>().0;
-    let vertices = bench.body.nodes_m.iter().take(bench.body.vertex_count);
+    let vertices = bench.scene.mesh.nodes_m.iter();
     vertices.zip(moved).map(|(rest, u)| std::array::from_fn(|axis| rest[axis] + u[axis])).collect()
 }
 

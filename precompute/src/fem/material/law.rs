@@ -56,7 +56,7 @@ pub trait Describe: Debug + Send + Sync + 'static {
 /// A hyperelastic law at one point, or at the points of several elements in parallel ([`Real`]).
 ///
 /// W is the strain energy density. q is the excess of the pressure over the rest pressure, zero for a law
-/// without a pressure. A law of invariants implements [`super::invariants::OfInvariants`], which provides
+/// without a pressure. A law of invariants implements [`super::OfInvariants`], which provides
 /// this trait. [`super::check`] tests the implementation of either.
 pub trait Law: Describe {
     /// W + q (1 - J), J/m^3, and its derivative with respect to F, the first Piola stress, Pa.

@@ -10,7 +10,7 @@
 //! W = f(I1, I2, J, I4),   I1 = tr C,  I2 = cof F : cof F,  J = det F,  I4 = |F a|^2,
 //!
 //! Its file contains f, the derivatives of f, the second Piola stress and the material tangent.
-//! [`invariants`] converts derivatives of f to those of W by the chain rule:
+//! [`OfInvariants`] converts derivatives of f to those of W by the chain rule:
 //!
 //! - second Piola stress S = dW/dgamma = 2 f1 I + 2 f2 (I1 I - C) + fJ J C^-1 + 2 f4 a (x) a,
 //! - material tangent dS/dgamma = sum_mn f_mn (dI_m/dgamma) (x) (dI_n/dgamma) + 4 f2 (I (x) I - Is)
@@ -31,7 +31,7 @@
 
 mod check;
 mod holzapfel_gasser_ogden;
-pub mod invariants;
+mod invariants;
 mod lame;
 mod law;
 mod linear_elastic;
@@ -53,6 +53,7 @@ pub use crate::num::lanes::Real;
 pub use crate::num::tensor::Mat3;
 pub use check::{LawCheck, check};
 pub(crate) use holzapfel_gasser_ogden::HolzapfelGasserOgden;
+pub use invariants::{Derivatives, I1, I2, I4, Invariants, J, OfInvariants, Third, no_third};
 pub use lame::Lame;
 pub use law::{Describe, Law, Value};
 pub use linear_elastic::LinearElastic;

@@ -25,13 +25,6 @@ pub struct StVenantKirchhoff {
     pub lame: Lame,
 }
 
-impl StVenantKirchhoff {
-    /// Converts Young's modulus and Poisson's ratio.
-    pub fn from_young_poisson(young_pa: f64, poisson: f64) -> Self {
-        Self { lame: Lame::from_young_poisson(young_pa, poisson) }
-    }
-}
-
 impl OfLame for StVenantKirchhoff {
     fn lame(&self) -> Lame {
         self.lame

@@ -11,7 +11,7 @@ use crate::num::tensor::{Mat3, Vec3};
 ///   + [ isotropic (g_a . g_b) + stretch (x_a . x_b) + along_fibre (a . g_a)(a . g_b) ] I
 ///   + sum_mn f_mn (I_m' g_a) (I_n' g_b)^T
 ///
-/// Every law of [`super::invariants`] has an elasticity of this form.
+/// Every law of [`super::OfInvariants`] has an elasticity of this form.
 #[derive(Debug, Clone, Copy)]
 pub struct Tangent<R = f64> {
     /// F in x_a = F g_a and m; the identity for a law of small strain.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Problem, SolveFailure, Solver};
-use crate::fem::body::{Body, Rest};
+use crate::fem::body::Body;
 use crate::fem::boundary::Constraints;
 
 /// Maximum number of halvings of the load step before the solution fails.
@@ -18,13 +18,13 @@ pub fn solve_body_force(body: Body) -> Result<Body, SolveFailure> {
         return Ok(body);
     }
     let body = Arc::new(body);
-    let rest = {
+    let (rest_state, rest_energy_j) = {
         let problem = Problem::with(body.clone(), None, Constraints::Elimination);
         let mut solver = Solver::new(Arc::new(problem));
         // Always new factors, so that the last correction is an exact Newton step.
         solver.newton.frozen_factor = false;
         let (mut done, mut step, mut halvings, mut spent) = (0.0, 1.0f64, 0, 0);
-        let mut rest_state = body.rest.state.clone();
+        let mut rest_state = body.rest_state.clone();
         while done < 1.0 {
             solver.assembled.load_factor = (done + step).min(1.0);
             solver.state.copy_from_slice(&rest_state);
@@ -47,9 +47,9 @@ pub fn solve_body_force(body: Body) -> Result<Body, SolveFailure> {
                 }
             }
         }
-        Rest { state: rest_state, energy_j: solver.assembled.energy_j }
+        (rest_state, solver.assembled.energy_j)
     };
     let mut body = Arc::into_inner(body).expect("problem and solver were dropped above");
-    body.rest = rest;
+    (body.rest_state, body.rest_energy_j) = (rest_state, rest_energy_j);
     Ok(body)
 }

@@ -16,7 +16,7 @@ impl Solver {
         let displaced = |node: u32, centre: u32| -> [f64; 3] {
             let arm = Vector3::from(body.rest_position_m(node)) - Vector3::from(body.rest_position_m(centre));
             let moved = pose.displacement_of(&arm);
-            std::array::from_fn(|axis| body.rest.state[3 * node as usize + axis] + moved[axis])
+            std::array::from_fn(|axis| body.rest_state[3 * node as usize + axis] + moved[axis])
         };
         let Some(handle) = &self.problem.handle else { return };
         let held = &self.problem.dofs.multipliers;
@@ -74,7 +74,7 @@ impl Solver {
         if self.newton.reject_inverted && assembled.inverted > 0 {
             return fail(FailureReason::Inverted, residual_n);
         }
-        let energy_j = assembled.energy_j - body.rest.energy_j;
+        let energy_j = assembled.energy_j - body.rest_energy_j;
         let (force_n, torque_n_m) = self.resultants(pose);
         // S is symmetric by definition; rounding makes the computed S unsymmetric in its last digits.
         let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());

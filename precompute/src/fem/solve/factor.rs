@@ -24,8 +24,8 @@ use faer::{Conj, Mat, MatMut, Par, Side};
 use symbolic::Route;
 pub(super) use symbolic::SymbolicFactor;
 
-use super::newton::norm;
 use crate::fem::assembly::Pattern;
+use crate::num::vector::magnitude;
 
 /// Regularisations delta in the order of the attempts, in units of V_i / mu.
 const DELTAS: [f64; 3] = [1e-9, 1e-7, 1e-5];
@@ -314,7 +314,7 @@ impl Factor {
 /// Largest relative residual that rounding alone can cause.
 fn rounding(matrix: &[f64], x: &[f64], right: &[f64]) -> f64 {
     let largest = matrix.iter().fold(0.0f64, |m, a| m.max(a.abs()));
-    FLOOR * largest * norm(x) / norm(right)
+    FLOOR * largest * magnitude(x) / magnitude(right)
 }
 
 /// Maximum number of simultaneous right-hand sides: one per axis of the active node.

@@ -231,7 +231,7 @@ impl Solver {
 
     /// The configuration at rest (the paper's C_000): zero displacement and force, with its tangent.
     pub fn rest(&mut self) -> Result<Configuration, SolveFailure> {
-        let state = self.problem.body.rest.state.clone();
+        let state = self.problem.body.rest_state.clone();
         self.solve_at(&Pose::default(), &state)
     }
 

@@ -4,6 +4,7 @@
 use super::factor::STEP_ACCURACY;
 use super::{Configuration, Solver};
 use crate::fem::boundary::Pose;
+use crate::num::vector::magnitude;
 
 /// Convergence options.
 #[derive(Debug, Clone, Copy)]
@@ -256,15 +257,17 @@ impl Solver {
             self.residual[displacement as usize] -= scale * multiplier;
             self.residual[m.equation as usize] = -scale * (u - target);
         }
-        norm(&self.residual)
+        magnitude(&self.residual)
     }
 
     /// Force scale of the residual: the reaction, plus the body force, plus 1e-6 mu l^2 so that it is not
     /// zero at rest.
     pub(super) fn scale_n(&self) -> f64 {
         let body = &self.problem.body;
-        let reaction_n = norm(&self.assembled.force_on(self.problem.handle_nodes()));
-        reaction_n + self.assembled.load_factor * norm(&body.external_force_n) + 1e-6 * body.force_scale_n()
+        let reaction_n = magnitude(&self.assembled.force_on(self.problem.handle_nodes()));
+        reaction_n
+            + self.assembled.load_factor * magnitude(&body.external_force_n)
+            + 1e-6 * body.force_scale_n()
     }
 
     /// Adds omega times the step to the state (pressures converted to Pa) and to the multipliers, and returns
@@ -327,8 +330,4 @@ impl Solver {
         self.undo_step();
         self.evaluate(false)
     }
-}
-
-pub(super) fn norm(v: &[f64]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }

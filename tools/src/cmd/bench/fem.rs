@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::fem::material::{Lame, Material, MooneyRivlin, StVenantKirchhoff};
 use palpate_precompute::fem::{Body, IterationProfile, Pose, Problem, Solver};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use serde::{Deserialize, Serialize};
@@ -122,7 +122,7 @@ fn measure(
         region.material = if incompressible {
             Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 })
         } else {
-            Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49))
+            Material::StVenantKirchhoff(StVenantKirchhoff { lame: Lame::from_young_poisson(15480.0, 0.49) })
         };
     }
     let active =

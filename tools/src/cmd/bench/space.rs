@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::fem::material::{Lame, Material, MooneyRivlin, StVenantKirchhoff};
 use palpate_precompute::pipeline::Run;
 use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid};
 use serde::Serialize;
@@ -82,7 +82,9 @@ fn case(name: &str) -> Result<Case, Failure> {
         },
         law: match law {
             "mr" => Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 }),
-            "stvk" => Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49)),
+            "stvk" => Material::StVenantKirchhoff(StVenantKirchhoff {
+                lame: Lame::from_young_poisson(15480.0, 0.49),
+            }),
             _ => return Err(unknown()),
         },
         cells: match points {

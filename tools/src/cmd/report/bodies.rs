@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use palpate_precompute::fem::{Problem, Solver};
-use palpate_precompute::num::{Pool, norm};
+use palpate_precompute::num::{norm, on_each_thread};
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};
@@ -211,6 +211,6 @@ fn on_threads(
         }
         found
     };
-    let pool = Pool::new(threads).map_err(Failure::work)?;
-    Ok(pool.each(work).into_iter().flatten().collect())
+    let solved = on_each_thread(threads, work).map_err(Failure::work)?;
+    Ok(solved.into_iter().flatten().collect())
 }

@@ -177,7 +177,7 @@ fn errors(solution: &Solution, law: Material, order: Order, pair: PressurePair, 
         load_faces(&mut body, &mesh, solution, &law);
     }
     let body = solve_body_force(body).expect("the manufactured body converges");
-    let state = &body.rest.state;
+    let state = &body.rest_state;
     let mut squares = [0.0; 3];
     for (index, element) in body.elements.iter().enumerate() {
         for point in &QUADRATIC {
