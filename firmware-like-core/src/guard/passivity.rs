@@ -2,8 +2,8 @@
 //!
 //! E = sum F_hand . (x_k - x_k-1) / s
 //!
-//! is the work done on the hand since first touch, with the force at the motors on that path, and s metres of
-//! the model per metre of the device. A body that was at rest has no energy to give, so E <= 0 for any path.
+//! is the work on the hand since the touch began, with F_hand the mean force at the motors from k-1 to k, and
+//! s model metres per device metre. A body that was at rest has no energy to give, so E <= 0 for any path.
 //! Sampling, delay and interpolants that are not conservative add energy, which appears as E > 0. Beyond a
 //! margin virtual damping removes it:
 //!
@@ -11,13 +11,12 @@
 //!
 //! The rate of change of a is limited, so that the force has no step. If E still exceeds a second limit, the
 //! loop is unstable and shakes the hand, which is a fault. A positive E is not reset when a touch ends but
-//! decays within about a second, so that a bouncing tool is detected too.
+//! decays with a time constant of 1 s, so that a bouncing tool is detected too.
 //!
-//! **Storage.** The balance of one touch is bounded below by the energy that the body can have stored, U <=
-//! |h| |d| for a force that increases with the displacement. Work against friction is dissipated and is no
-//! credit for later.
+//! **Storage.** The balance of a touch is bounded below by -(U + margin), where U = |h| |d| bounds the stored
+//! energy if the force increases with |d|. Work against friction is dissipated and is no credit for later.
 //!
-//! **Delay.** A force is sent with the exchange after the tick that computed it, travels over the link, and
+//! **Delay.** A force is sent in the device transfer of the next tick, travels over the link, and
 //! is held until the next one arrives; a sample carries the time at which it was taken. Therefore the path
 //! between two samples is weighted with the one or two forces that were at the motors in that interval, not
 //! with the last one computed or sent.
@@ -36,7 +35,7 @@ const SAMPLING_SHARE: f32 = 0.05;
 const RISE_S: f32 = 0.01;
 /// Largest time between two samples for which a velocity is estimated, us.
 const MAX_GAP_US: u64 = 5_000;
-/// Number of forces remembered: at 1 kHz more than twice the age at which a sample is a fault.
+/// Number of forces kept: 24 ms at 1 kHz, over twice the default `stale_fault_us` (10 ms).
 const SENT: usize = 24;
 
 /// Margins and limits of the passivity control.
@@ -113,9 +112,9 @@ pub(crate) struct Passivity {
     last: Option<(u64, Vec3)>,
     sent: Sent,
     window: AdaptiveWindow,
-    /// Work on the hand since first touch.
+    /// Work on the hand in this touch.
     work_j: f32,
-    /// The same, bounded below by the energy that the body can have stored.
+    /// The same, but at least -(`stored_j` + `margin_j`).
     balance_j: f32,
     /// Minimum of the balance: the energy that the hand has put in, negative.
     lowest_j: f32,
@@ -128,7 +127,7 @@ pub(crate) struct Passivity {
 pub(crate) struct NotPassive;
 
 impl Passivity {
-    /// Work on the hand since first touch, J; negative while the hand presses.
+    /// Work on the hand in this touch, J; negative while the hand presses.
     pub(crate) const fn work_j(&self) -> f32 {
         self.work_j
     }

@@ -6,11 +6,10 @@
 //!
 //! The error of a prediction is measured as a share of the tolerance. The basic stopping criterion is a
 //! validation streak: the last [`STREAK`] predictions are within tolerance. Each prediction is made before
-//! its position is solved, where the fit is least reliable. A streak of ten is evidence and not a
-//! certificate.
+//! the solve, at a position where the fit is unreliable. A streak of ten is evidence and not a certificate.
 //!
-//! Early predictions used fits with fewer data. Each leave-one-out error of the present fit also compares
-//! with a value that its fit does not contain. These errors modify the criterion:
+//! Early predictions used fits with fewer data. A leave-one-out error tests the present data: a fit without
+//! one configuration predicts it. These errors modify the criterion:
 //!
 //! - All of at least ten are within tolerance: a streak of [`BATCH`] suffices.
 //! - More than one in [`OUTLIER_DIVISOR`] is beyond the tolerance: no streak suffices.
@@ -20,9 +19,8 @@
 //!
 //! The leave-one-out errors also choose the kernel length.
 //!
-//! The linear model is tested at the same positions without further solves. If it has at
-//! least ten predictions and all are within tolerance, it is stored instead of the fit: the cheapest model
-//! within tolerance is used.
+//! The linear model is tested at the same positions without further solves. If it passes at least ten tests
+//! and agrees with the fit within tolerance, it is stored instead: the cheapest accurate model is used.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -221,7 +219,7 @@ impl Search {
         }
     }
 
-    /// The next step. While a batch is incomplete, it is this batch.
+    /// The next step; the same batch until its results are taken.
     pub fn step(&mut self) -> Step {
         if self.batch.is_empty() {
             self.fitted.verdict = self.end();
@@ -276,8 +274,7 @@ impl Search {
         let taken: Vec<[f64; 3]> = self.taken().collect();
         let gap = |at: [f64; 3]| taken.iter().map(|&t| squared(at, t)).fold(f64::INFINITY, f64::min);
         let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
-        // At most as many as could end the search or, while the linear model is not excluded, complete its
-        // tests.
+        // At most the number of tests that the linear model, or the fit once that is excluded, still lacks.
         let most = self.linear.tests_missing().unwrap_or_else(|| self.predictions_missing()).min(BATCH);
         while self.batch.len() < most {
             let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b]).then(b.cmp(&a)));

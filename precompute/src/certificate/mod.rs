@@ -169,7 +169,7 @@ pub struct Answer {
 /// of lower order).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Ledger {
-    /// Number of positions solved with each other body.
+    /// Number of positions solved with each altered body.
     pub positions: usize,
     /// Wall time of these solves, s.
     pub seconds: f64,

@@ -1,8 +1,8 @@
 //! The ledger of a space: approximations of its blob, with the measured change and saving of each.
 //!
-//! Approximations of the blob are measured at its held-out positions. Those of the discretisation are measured
-//! by solving some of the same positions with the other body, each directly from rest, so that the times are
-//! comparable.
+//! Approximations of the blob are measured at its held-out positions. Those of the discretisation are
+//! measured by solving some of the same positions with the other body, each directly from rest, so that the
+//! times are comparable.
 
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -22,8 +22,8 @@ use crate::scene::ResolvedScene;
 use crate::space::{Kind, Store, StoreError};
 
 /// The ledger of the space of active node number `active`, for the energy method if certified, otherwise for
-/// the first certified method. `positions` of the held-out positions are solved with each other body; with 0,
-/// only the approximations of the blob are measured. `None` if it was stopped or there are no held-out
+/// the first certified method. `positions` of the held-out positions are solved with each altered body; with
+/// 0, only the approximations of the blob are measured. `None` if it was stopped or there are no held-out
 /// positions.
 pub fn ledger(
     analysis: &Analysis,

@@ -99,8 +99,8 @@ impl Space {
         self.plan.is_done().then(|| self.plan.state(0))
     }
 
-    /// Records an outcome. Returns the state of the space if this outcome was the last one. It determines the
-    /// next task first, so that outcome and state are stored together.
+    /// Records an outcome. Returns the state of the space if this outcome was the last one. Looks for the
+    /// next task first, so that a last outcome is stored with the state.
     fn take(&mut self, record: &Record, store: &Store) -> Result<Option<SpaceState>, ExpansionError> {
         self.plan.decide(record);
         self.tried += 1;
@@ -158,7 +158,7 @@ impl Ended {
         status.counts
     }
 
-    /// Estimate of the solves of this number of other spaces.
+    /// Estimate of the solves of `waiting` unstarted spaces.
     fn left(&self, points: Option<usize>, waiting: usize) -> SolvesLeft {
         match points {
             _ if waiting == 0 => SolvesLeft::About(0),
@@ -194,7 +194,7 @@ struct Expansion<'a> {
     store: &'a Store,
     plans: Plans,
     /// Spaces in progress, by position in `actives`. A new space starts only when those in progress have no
-    /// certain task. So a worker keeps its active node, and only a few plans are in memory.
+    /// task ready. So a worker keeps its active node, and only a few plans are in memory.
     spaces: BTreeMap<usize, Space>,
     /// Number of spaces begun.
     begun: usize,
@@ -293,7 +293,7 @@ impl Expansion<'_> {
         Ok(None)
     }
 
-    /// The progress; while no space is in progress, its description is that of `last`.
+    /// The progress; if no space is in progress, number and phase are those of `last`.
     fn progress(&self, last: Option<&Progress>) -> Progress {
         let (all, points) = (self.actives.len(), self.plans.points());
         let waiting = all - self.ended.spaces - self.spaces.len();

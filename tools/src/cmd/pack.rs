@@ -106,7 +106,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             positions,
             Run { threads, stop: &stop },
             |active| {
-                eprintln!("palpate: ledger of {active}: {positions} positions with each other body");
+                eprintln!("palpate: ledger of {active}: {positions} positions with each altered body");
             },
         )?;
         (packed, Some(certificate))

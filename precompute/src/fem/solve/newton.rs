@@ -93,8 +93,8 @@ const DIVERGENCE_FACTOR: f64 = 1e8;
 const FROZEN_FROM: f64 = 0.1;
 /// Frozen steps end if a step leaves at least this share of the residual.
 const MIN_GAIN: f64 = 0.3;
-/// Estimated costs, in units of a solve with the factor. An operation of the factorisation counts half of one
-/// of a solve. A Newton step has in addition the assembly of the tangent and the solve, a frozen step the
+/// Estimated costs, in units of a solve with the factor. A flop of the factorisation counts as half a flop of
+/// a solve. A Newton step has in addition the assembly of the tangent and the solve, a frozen step the
 /// residual and the solve.
 const FACTOR_OPERATION_COST: f64 = 0.5;
 const NEWTON_STEP_COST: f64 = 2.0;
@@ -197,8 +197,8 @@ impl Solver {
         if gain >= MIN_GAIN || self.history.is_full() {
             return false;
         }
-        // Model: a new factor squares the relative residual; each frozen step reduces the residual by the
-        // same factor.
+        // Model: a new factorisation squares the relative residual; every frozen step has the gain of the
+        // last one.
         let frozen_steps = (libm::log(tolerance / reached) / libm::log(gain)).ceil().max(1.0);
         let relative = reached / self.scale_n();
         let newton_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };

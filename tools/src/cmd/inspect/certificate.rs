@@ -308,7 +308,7 @@ fn second_line(method: &MethodCertificate) -> String {
 fn of_ledger(ledger: &Ledger) -> String {
     let bodies = match ledger.positions {
         0 => "element order and mesh: `pack --ledger`".to_owned(),
-        positions => format!("{positions} positions with each other body in {:.1} s", ledger.seconds),
+        positions => format!("{positions} positions with each altered body in {:.1} s", ledger.seconds),
     };
     let mut text = format!(
         "  ledger: approximations made (-) or possible (o), with their effect and cost; {bodies}\n    \

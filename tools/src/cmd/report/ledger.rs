@@ -11,7 +11,7 @@ use super::plan::{Case, Plan};
 use super::steps::{Steps, kept};
 use crate::failure::Failure;
 
-/// Number of positions solved with each other body; the finer ones take seconds each.
+/// Number of positions solved with each altered body; the finer bodies take seconds each.
 const POSITIONS: usize = 8;
 const SMALL_POSITIONS: usize = 2;
 
