@@ -34,7 +34,7 @@ fn a_completely_fixed_surface_is_refused_and_does_not_converge() {
         "surface fixed, tool on it: solver",
         cost,
         &failure.to_string(),
-        failure.reason.name(),
+        &failure.reason.to_string(),
     );
     // Either fix works: the bulk modulus that the message names, or a free side.
     let mut soft = model.clone();
@@ -70,7 +70,7 @@ fn more_pressures_than_displacements_are_refused_and_the_fix_converges() {
         (pushed, solver.problem().unknowns())
     };
     let (locked, _) = push(&model);
-    let outcome = locked.as_ref().map_or_else(|f| f.reason.name().into(), state);
+    let outcome = locked.as_ref().map_or_else(|f| f.reason.to_string(), state);
     row(Case::HeldPressure, "nine free nodes: solver", Cost::default(), &outcome, "locked");
     assert!(locked.is_err(), "{outcome}");
     model.order = Order::Quadratic;

@@ -49,7 +49,7 @@ fn every_law_converges_over_a_pull_of_60_mm() {
                 Err(failure) => {
                     let cost = Cost { iterations: failure.iterations, ..Cost::default() };
                     let tried = format!("{name}, 60 mm at once");
-                    row(Case::OrganPull, &tried, cost, "-", failure.reason.name());
+                    row(Case::OrganPull, &tried, cost, "-", &failure.reason.to_string());
                 }
             }
         }

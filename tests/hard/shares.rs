@@ -72,7 +72,7 @@ fn share(law: Material) -> (usize, usize) {
     let mut walks = walks.into_inner().expect("no walk panics");
     walks.sort_by_key(|(index, ..)| *index);
     let mut failed = BTreeMap::new();
-    let mut reasons: BTreeMap<&str, u32> = BTreeMap::new();
+    let mut reasons: BTreeMap<String, u32> = BTreeMap::new();
     let (mut seconds, mut iterations, mut switched) = (0.0, 0, 0);
     for (index, w, took) in &walks {
         let Path { fixed, active, direction, .. } = &paths[*index];
@@ -82,7 +82,7 @@ fn share(law: Material) -> (usize, usize) {
              unstable from {} mm  {:3} split steps  {} branch jumps  {:5} iterations  {took:5.1} s",
             law.name(),
             1e3 * w.reached_m,
-            w.failure.map_or("whole", |f| f.reason.name()),
+            w.failure.map_or("whole".into(), |f| f.reason.to_string()),
             norm(w.last.jet().force_n),
             w.last.min_jacobian,
             w.last.inverted,
@@ -96,7 +96,7 @@ fn share(law: Material) -> (usize, usize) {
         *all += 1;
         *bad += usize::from(w.failure.is_some());
         if let Some(failure) = w.failure {
-            *reasons.entry(failure.reason.name()).or_default() += 1;
+            *reasons.entry(failure.reason.to_string()).or_default() += 1;
         }
         seconds += took;
         switched += usize::from(w.failure.is_none() && w.switches > 0);

@@ -44,7 +44,13 @@ fn report(tried: &str, outcome: &Result<Configuration, SolveFailure>) {
         Ok(c) => row(Case::Support, tried, Cost::of(0, c), &state(c), "solved"),
         Err(f) => {
             let cost = Cost { iterations: f.iterations, ..Cost::default() };
-            row(Case::Support, tried, cost, &format!("residual {:.0e} N", f.residual_n), f.reason.name());
+            row(
+                Case::Support,
+                tried,
+                cost,
+                &format!("residual {:.0e} N", f.residual_n),
+                &f.reason.to_string(),
+            );
         }
     }
 }

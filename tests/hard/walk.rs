@@ -40,7 +40,7 @@ impl Walk {
     pub(crate) fn verdict(&self) -> String {
         self.failure.map_or_else(
             || "complete path".into(),
-            |f| format!("ends at {:.0} mm: {}", 1e3 * self.reached_m, f.reason.name()),
+            |f| format!("ends at {:.0} mm: {}", 1e3 * self.reached_m, f.reason),
         )
     }
 

@@ -144,7 +144,7 @@ impl<'a> Vtu<'a, '_> {
         let text = array.text().unwrap_or_default();
         let numbers = match array.attribute("format").unwrap_or("ascii") {
             "ascii" => self.words(array, name, text)?,
-            "binary" => self.binary(array, n, scalar, Source::Base64(Quads::new(text.as_bytes())))?,
+            "binary" => self.binary(array, n, scalar, Source::base64(text.as_bytes()))?,
             "appended" => {
                 let offset = self.count(array, "offset")?;
                 let data = self.appended.and_then(|data| data.get(offset..)).ok_or_else(|| {
@@ -152,8 +152,8 @@ impl<'a> Vtu<'a, '_> {
                 })?;
                 let element = self.child(self.document.root_element(), "AppendedData")?;
                 let source = match element.attribute("encoding") {
-                    Some("raw") => Source::Raw(data),
-                    _ => Source::Base64(Quads::new(data)),
+                    Some("raw") => Source::raw(data),
+                    _ => Source::base64(data),
                 };
                 self.binary(array, n, scalar, source)?
             }
@@ -227,42 +227,34 @@ impl<'a> Vtu<'a, '_> {
     }
 }
 
-enum Source<'a> {
-    Raw(&'a [u8]),
-    Base64(Quads<'a>),
-}
-
-impl Source<'_> {
-    /// The next `n` bytes, or `None` if fewer are left.
-    fn take(&mut self, n: usize) -> Option<Vec<u8>> {
-        match self {
-            Self::Raw(data) => {
-                let (taken, rest) = data.split_at_checked(n)?;
-                *data = rest;
-                Some(taken.to_vec())
-            }
-            Self::Base64(quads) => quads.take(n),
-        }
-    }
-}
-
-/// Decodes base64 in groups of four characters, so that padding inside the text is accepted: header and data
-/// can be one stream or two, and appended arrays follow each other without a separator.
-struct Quads<'a> {
-    text: &'a [u8],
+/// Bytes of an array. Base64 is decoded in groups of four characters, so that padding inside the text is
+/// accepted: header and data can be one stream or two, and appended arrays follow each other without a
+/// separator.
+struct Source<'a> {
+    data: &'a [u8],
+    is_base64: bool,
     decoded: Vec<u8>,
 }
 
-impl<'a> Quads<'a> {
-    fn new(text: &'a [u8]) -> Self {
-        Self { text: text.trim_ascii(), decoded: Vec::new() }
+impl<'a> Source<'a> {
+    fn raw(data: &'a [u8]) -> Self {
+        Self { data, is_base64: false, decoded: Vec::new() }
     }
 
+    fn base64(text: &'a [u8]) -> Self {
+        Self { data: text.trim_ascii(), is_base64: true, decoded: Vec::new() }
+    }
+
+    /// The next `n` bytes, or `None` if fewer are left.
     fn take(&mut self, n: usize) -> Option<Vec<u8>> {
         while self.decoded.len() < n {
-            let (quad, rest) = self.text.split_at_checked(4)?;
-            self.text = rest;
-            BASE64.decode_vec(quad, &mut self.decoded).ok()?;
+            let (next, rest) = self.data.split_at_checked(if self.is_base64 { 4 } else { n })?;
+            self.data = rest;
+            if self.is_base64 {
+                BASE64.decode_vec(next, &mut self.decoded).ok()?;
+            } else {
+                self.decoded.extend(next);
+            }
         }
         let rest = self.decoded.split_off(n);
         Some(std::mem::replace(&mut self.decoded, rest))

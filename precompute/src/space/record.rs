@@ -166,7 +166,7 @@ impl Record {
             residual_n: unless_nan(failure.residual_n),
             iterations: failure.iterations,
             seconds,
-            ..Self::new(task, Err(failure.reason.name().into()))
+            ..Self::new(task, Err(failure.reason.to_string()))
         }
     }
 

@@ -109,7 +109,7 @@ impl Truth {
     fn failed(at: [f64; 3], failure: &SolveFailure, seconds: f64) -> Self {
         Self {
             displacement_m: at,
-            result: Err(failure.reason.name().into()),
+            result: Err(failure.reason.to_string()),
             residual_n: unless_nan(failure.residual_n),
             iterations: failure.iterations,
             factorisations: 0,

@@ -157,7 +157,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 /// The row of a step that did not converge.
 fn push_failure(table: &mut String, step: u32, target_m: [f64; 3], failure: &SolveFailure, details: bool) {
     let ([x, y, z], iterations, residual) = (target_m, failure.iterations, failure.residual_n);
-    let details = if details { format!(",{},,,,,", failure.reason.name()) } else { String::new() };
+    let details = if details { format!(",{},,,,,", failure.reason) } else { String::new() };
     table.push_str(&format!("{step},{x:?},{y:?},{z:?},,,,,{iterations},{residual:?},,,,failed{details}\n"));
 }
 

@@ -169,7 +169,7 @@ impl<'a> Parameters<'a> {
 
     /// Whether `key` is given.
     pub(crate) fn has(&self, key: &str) -> bool {
-        self.given.iter().any(|(given, _)| *given == key)
+        self.value(key).is_some()
     }
 
     /// Refuses all keys except these.

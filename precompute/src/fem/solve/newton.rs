@@ -41,42 +41,31 @@ impl Default for NewtonOptions {
 }
 
 /// Why a position could not be solved. The configuration space stores it with the tag `failed`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FailureReason {
     /// The residual or the state is infinite or NaN.
+    #[error("not-finite")]
     NotFinite,
     /// The residual exceeds 1e8 times the larger of the initial residual and the force scale.
+    #[error("diverged")]
     Diverged,
     /// No fraction of the Newton step reduces the residual.
+    #[error("line-search")]
     LineSearch,
     /// The iteration limit is reached.
+    #[error("max-iterations")]
     MaxIterations,
     /// The tangent cannot be solved to the required accuracy.
+    #[error("singular-tangent")]
     SingularTangent,
     /// The solution has inverted elements, and the options reject them.
+    #[error("inverted")]
     Inverted,
-}
-
-impl FailureReason {
-    /// Name in spaces and tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::NotFinite => "not-finite",
-            Self::Diverged => "diverged",
-            Self::LineSearch => "line-search",
-            Self::MaxIterations => "max-iterations",
-            Self::SingularTangent => "singular-tangent",
-            Self::Inverted => "inverted",
-        }
-    }
 }
 
 /// Error of a solve.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error(
-    "no equilibrium found ({} after {iterations} iterations, residual {residual_n:.1e} N)",
-    .reason.name()
-)]
+#[error("no equilibrium found ({reason} after {iterations} iterations, residual {residual_n:.1e} N)")]
 pub struct SolveFailure {
     /// Why.
     pub reason: FailureReason,
