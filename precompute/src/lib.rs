@@ -41,9 +41,9 @@
 
 pub mod adaptive;
 pub mod certificate;
-pub mod error;
+mod error;
 pub mod fem;
-pub mod files;
+mod files;
 pub mod fit;
 pub mod held_out;
 pub mod mesh;
@@ -53,3 +53,6 @@ pub mod pipeline;
 pub mod scene;
 pub mod space;
 pub mod spec;
+
+pub use error::InputError;
+pub use files::write_atomically;

@@ -80,7 +80,7 @@ of_pipeline!(
     PipelineError,
     PackError,
     StoreError,
-    palpate_precompute::error::InputError,
+    palpate_precompute::InputError,
 );
 
 impl From<palpate_precompute::mesh::MeshFault> for Failure {

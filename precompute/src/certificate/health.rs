@@ -300,7 +300,7 @@ mod tests {
     use super::super::{Cost, Errors, Within};
     use super::*;
     use crate::num::jet::EnergyJet;
-    use crate::space::{Solution, Task};
+    use crate::space::Task;
 
     #[test]
     fn a_figure_is_judged_by_its_limits_and_no_number_is_red() {
@@ -330,7 +330,7 @@ mod tests {
             let mut numbers = [0.0; 20];
             numbers[1] = force_n;
             let jet = EnergyJet::from_numbers([0.0; 3], &numbers);
-            Record { residual_n: Some(residual_n), ..Record::new(&task, Ok(Solution::of_jet(&jet, false))) }
+            Record { residual_n: Some(residual_n), ..Record::of_jet(&task, &jet, false) }
         };
         let found = space(3, &[method(300, 300, None)]);
         let of = |records: &[Record]| Health::of(records, &found, None);

@@ -173,17 +173,11 @@ pub(super) enum OneOrMany<T> {
 }
 
 /// The tables of a [`OneOrMany`], each with its place.
-pub(super) trait Tables<T> {
-    fn tables(&self) -> Vec<Located<'_, T>>;
-}
-
-impl<T> Tables<T> for Spanned<OneOrMany<T>> {
-    fn tables(&self) -> Vec<Located<'_, T>> {
-        match self.get_ref() {
-            OneOrMany::One(table) => vec![Located { span: self.span(), table }],
-            OneOrMany::Many(many) => {
-                many.iter().map(|t| Located { span: t.span(), table: t.get_ref() }).collect()
-            }
+pub(super) fn tables<T>(given: &Spanned<OneOrMany<T>>) -> Vec<Located<'_, T>> {
+    match given.get_ref() {
+        OneOrMany::One(table) => vec![Located { span: given.span(), table }],
+        OneOrMany::Many(many) => {
+            many.iter().map(|t| Located { span: t.span(), table: t.get_ref() }).collect()
         }
     }
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use palpate_core::{Limits, SPACE_NAME_LEN};
 use toml::Spanned;
 
-use super::file::{ActiveTable, BoxTable, FixedTable, Tables};
+use super::file::{ActiveTable, BoxTable, FixedTable, tables};
 use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
 use super::resolve::Lookup;
@@ -122,7 +122,7 @@ impl Lookup<'_> {
         fixed: &[u32],
         workspace: Option<&Workspace>,
     ) -> Result<(Vec<ActiveNode>, Unreachable), InputError> {
-        let tables = scene.file.active.tables();
+        let tables = tables(&scene.file.active);
         if tables.is_empty() {
             let what = "the scene has no active node";
             return Err(self.place.error(scene.file.active.span(), what, "add an [[active]] table"));

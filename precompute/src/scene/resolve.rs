@@ -6,7 +6,7 @@ use std::ops::Range;
 use palpate_core::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{BodyForceTable, Contact, NeedsTable, Tables};
+use super::file::{BodyForceTable, Contact, NeedsTable, tables};
 use super::place::{Place, check_name, finite, positive};
 use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, SolverOptions, device, material, reach};
 use crate::error::{InputError, count, nearest_word};
@@ -168,7 +168,7 @@ pub(super) struct Lookup<'a> {
 
 impl Lookup<'_> {
     fn materials(&mut self, scene: &Scene) -> Result<Vec<MaterialRegion>, InputError> {
-        let tables = scene.file.material.tables();
+        let tables = tables(&scene.file.material);
         let mut owner: Vec<Option<usize>> = vec![None; self.mesh.tets.len()];
         let mut regions = Vec::new();
         for (index, table) in tables.iter().enumerate() {

@@ -1,6 +1,7 @@
 //! The executor of jobs: threads of this process or processes elsewhere. The expansion uses only the trait
 //! [`Executor`].
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread::Builder;
@@ -128,15 +129,16 @@ pub fn with_threads<R, E: From<ExecutorError>>(
                 let (queue, pieces) = mpsc::channel::<Work>();
                 let (sender, context, stop) = (sender.clone(), context.clone(), stop.clone());
                 Builder::new().spawn_scoped(scope, move || {
-                    // Reports a panic. Otherwise the pool would wait for a result that never arrives.
-                    let panic_report = PanicReport { number, sender: &sender };
                     let mut worker = Worker::new(context, stop);
                     for piece in pieces {
-                        if sender.send((number, worker.execute(&piece))).is_err() {
+                        // A panic is reported. Otherwise the pool would wait for a result that never arrives.
+                        // The run ends with it, so that no result of a half-changed worker is used.
+                        let done = catch_unwind(AssertUnwindSafe(|| worker.execute(&piece)));
+                        let done = done.unwrap_or(Err(ExecutorError::Panicked));
+                        if sender.send((number, done)).is_err() {
                             break;
                         }
                     }
-                    std::mem::forget(panic_report);
                 })?;
                 Ok(queue)
             })
@@ -165,17 +167,6 @@ impl Drop for Threads {
     }
 }
 
-struct PanicReport<'s> {
-    number: usize,
-    sender: &'s mpsc::Sender<(usize, Result<Done, ExecutorError>)>,
-}
-
-impl Drop for PanicReport<'_> {
-    fn drop(&mut self) {
-        let _ = self.sender.send((self.number, Err(ExecutorError::Panicked)));
-    }
-}
-
 impl Executor for Threads {
     fn size(&self) -> usize {
         self.queues.len()
@@ -195,5 +186,28 @@ impl Executor for Threads {
 
     fn stop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::space::Task;
+    use crate::space::job::Job;
+    use crate::spec::{Lattice, Sampling, SpaceGrid};
+
+    #[test]
+    fn a_panic_of_a_worker_is_an_error_of_the_run() {
+        let grid = SpaceGrid::new(0.01, 0.03).expect("a lattice");
+        let sampling = Sampling::Lattice(Lattice { grid, complete_cells: false, increments: None });
+        let context = WorkerContext::new(|_| panic!("planted"), sampling, 1.0);
+        let task = Task { target: [0; 3], attempt: 0, round: 0, parent: None };
+        let work = Work::Point(Job { active: 0, task, seed: None });
+        let ended: Result<(), ExecutorError> = with_threads(&Arc::new(context), 1, |threads| {
+            threads.give(0, work)?;
+            while threads.take(Duration::from_secs(60))?.is_none() {}
+            Ok(())
+        });
+        assert_eq!(ended, Err(ExecutorError::Panicked));
     }
 }

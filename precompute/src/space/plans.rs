@@ -1,14 +1,16 @@
 //! The plan of every space of a store, lattice or adaptive.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::plan::{Plan, ScatteredPlan, SpacePlan};
-use super::record::{Record, Solution};
+use super::record::Record;
 use super::state::SpaceState;
 use super::store::{Store, StoreError};
+use crate::fit::Sample;
 use crate::num::jet::EnergyJet;
+use crate::num::vector::norm;
 use crate::spec::{Domain, GridIndex, Lattice, Requirements, Sampling, SpaceGrid};
 
 /// Makes the plans of the spaces of one store.
@@ -92,13 +94,26 @@ pub fn replays() -> u64 {
     REPLAYS.load(Ordering::Relaxed)
 }
 
-/// Runs the plan of a lattice on a model: `solve` returns the jet at a displacement, and whether no other
-/// point is solved from there.
-pub fn expand_model(lattice: &Lattice, mut solve: impl FnMut(GridIndex) -> (EnergyJet, bool)) {
+/// The configurations of a lattice on a model, sorted by index. No other point is solved from one beyond the
+/// force limit of `wanted` or, if `is_limited`, beyond the tool's reach.
+pub fn expand_model(
+    lattice: &Lattice,
+    wanted: &Requirements,
+    is_limited: bool,
+    jet: impl Fn(GridIndex) -> EnergyJet,
+) -> Vec<Sample> {
     let domain = Domain::new(&lattice.grid, lattice.complete_cells);
     let mut plan = Plan::new(Arc::new(domain), lattice.grid);
+    let mut samples = BTreeMap::new();
     while let Some(task) = plan.next_task() {
-        let (jet, is_last) = solve(task.target);
-        plan.decide(&Record::new(&task, Ok(Solution::of_jet(&jet, is_last))));
+        let (index, jet) = (task.target, jet(task.target));
+        let terminating = index != [0; 3] && norm(jet.force_n) >= wanted.max_force_n;
+        let is_last = is_limited && !wanted.lattice_goes_on_from(jet.control_m, jet.force_n);
+        plan.decide(&Record::of_jet(&task, &jet, terminating || is_last));
+        samples.insert(
+            index,
+            Sample { index, attempt: 0, jet, derivatives: None, terminating, inverted: false },
+        );
     }
+    samples.into_values().collect()
 }

@@ -101,7 +101,7 @@ pub struct Solution {
 impl Solution {
     /// A solution with the values of `jet` on a mesh of the volume 1 m^3 without distorted elements: of a
     /// model without a mesh.
-    pub fn of_jet(jet: &EnergyJet, terminating: bool) -> Self {
+    pub(super) fn of_jet(jet: &EnergyJet, terminating: bool) -> Self {
         let EnergyJet { energy_j, force_n, stiffness_n_m, third_n_m2, .. } = *jet;
         let equilibrium = Equilibrium {
             terminating,
@@ -117,7 +117,7 @@ impl Solution {
     }
 
     /// W, h, S and W_ijk at this displacement, m.
-    pub fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
+    pub(super) fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
         let Equilibrium { energy_j, force_n, stiffness_n_m, .. } = self.equilibrium;
         let third_n_m2 = self.third_n_m2;
         EnergyJet { control_m: displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 }
@@ -126,7 +126,7 @@ impl Solution {
 
 impl Record {
     /// Record of a task that took no time.
-    pub fn new(task: &Task, result: Result<Solution, String>) -> Self {
+    pub(super) fn new(task: &Task, result: Result<Solution, String>) -> Self {
         let Task { target, attempt, round, parent } = *task;
         Self {
             index: target,
@@ -140,6 +140,11 @@ impl Record {
             increments: 0,
             seconds: 0.0,
         }
+    }
+
+    /// Record of a task that a model without a mesh solved with this jet.
+    pub fn of_jet(task: &Task, jet: &EnergyJet, terminating: bool) -> Self {
+        Self::new(task, Ok(Solution::of_jet(jet, terminating)))
     }
 
     /// Record of a solved configuration. It is terminating beyond `max_force_n`.
@@ -175,14 +180,9 @@ impl Record {
         self.equilibrium().map_or(ConfigTag::Failed, Equilibrium::tag)
     }
 
-    /// The solution; `None` for a failed attempt.
-    pub fn solution(&self) -> Option<&Solution> {
-        self.result.as_ref().ok()
-    }
-
     /// The solution without its third derivatives; `None` for a failed attempt.
     pub fn equilibrium(&self) -> Option<&Equilibrium> {
-        self.solution().map(|solution| &solution.equilibrium)
+        self.result.as_ref().ok().map(|solution| &solution.equilibrium)
     }
 
     /// Whether Newton's method accepted the solution at the rounding floor of the residual, above its
@@ -197,14 +197,9 @@ impl Record {
         })
     }
 
-    /// Reason of a failure.
-    pub fn failure(&self) -> Option<&str> {
-        self.result.as_ref().err().map(String::as_str)
-    }
-
     /// W, h, S and W_ijk of the solution at this displacement, m.
     pub(crate) fn jet(&self, displacement_m: [f64; 3]) -> Option<EnergyJet> {
-        self.solution().map(|solution| solution.jet(displacement_m))
+        self.result.as_ref().ok().map(|solution| solution.jet(displacement_m))
     }
 
     /// [`Self::jet`] for fits. At rest W and h are zero by definition, S is exactly symmetric, and no zero

@@ -116,7 +116,7 @@ fn numbers_that_are_not_finite_are_never_stored() {
     let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)) };
     let sound = EnergyJet::from_numbers([0.01, 0.0, 0.0], &[1.0; 20]);
     let add = |jet: &EnergyJet, intermediate| {
-        let record = Record::new(&task, Ok(Solution::of_jet(jet, false)));
+        let record = Record::of_jet(&task, jet, false);
         store.add(&Outcome { active: 0, record, seed: None, intermediate }, None)
     };
     let walk = Walk { active: 0, kind: Kind::Random, number: 7 };
@@ -160,7 +160,7 @@ fn numbers_that_are_not_finite_are_never_stored() {
         |record| record.result.as_mut().expect("solved").volume_m3 = f64::INFINITY,
     ];
     for breaker in breakers {
-        let mut record = Record::new(&task, Ok(Solution::of_jet(&sound, false)));
+        let mut record = Record::of_jet(&task, &sound, false);
         breaker(&mut record);
         let outcome = Outcome { active: 0, record, seed: None, intermediate: Vec::new() };
         refused(store.add(&outcome, None), "grid point [1, 0, 0]");

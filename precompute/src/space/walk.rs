@@ -127,11 +127,6 @@ impl Truth {
     pub fn equilibrium(&self) -> Option<&Equilibrium> {
         self.result.as_ref().ok()
     }
-
-    /// Reason of a failure.
-    pub fn failure(&self) -> Option<&str> {
-        self.result.as_ref().err().map(String::as_str)
-    }
 }
 
 impl WalkJob {

@@ -35,7 +35,7 @@ impl Requirements {
     /// Whether a lattice continues from a configuration, that is, whether its neighbours are solved. It
     /// continues in the workspace and, if the tool only pushes, up to a small pull. The margin gives the
     /// cells at the boundary of the reachable set all their corners.
-    pub fn lattice_goes_on_from(&self, displacement_m: [f64; 3], force_n: [f64; 3]) -> bool {
+    pub(crate) fn lattice_goes_on_from(&self, displacement_m: [f64; 3], force_n: [f64; 3]) -> bool {
         let inside = self.workspace_m.is_none_or(|workspace| is_within(&workspace, &displacement_m));
         let pull_n =
             self.push.map_or(0.0, |normal| force_n.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>());

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use palpate_precompute::files::write_atomically;
+use palpate_precompute::write_atomically;
 use tempfile::TempDir;
 
 use super::{FileKind, beside};

@@ -153,7 +153,6 @@ mod tests {
     use crate::fit::synthetic;
     use crate::space::branch_jumps;
     use crate::space::fallback::FallbackLattice;
-    use crate::space::record::Solution;
     use crate::spec::{Tolerance, UNIT_M};
 
     const RADIUS_M: f64 = 0.03;
@@ -170,7 +169,7 @@ mod tests {
             force_n: std::array::from_fn(|i| jet.force_n[i] + jump_n * normal[i]),
             ..jet
         };
-        Record::new(task, Ok(Solution::of_jet(&jet, false)))
+        Record::of_jet(task, &jet, false)
     }
 
     const ANYWHERE: Requirements = Requirements {

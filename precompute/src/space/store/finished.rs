@@ -136,7 +136,7 @@ mod tests {
     use crate::space::plan::SpacePlan;
     use crate::space::plans::{Plans, state};
     use crate::space::tests::synthetic::{SyntheticExecutor, actives, mesh};
-    use crate::space::{Outcome, Record, Solution, Task};
+    use crate::space::{Outcome, Record, Task};
     use crate::spec::{Sampling, Scattered, Tolerance};
 
     /// A body whose force jumps by `jump_n` to another branch beyond a plane.
@@ -147,7 +147,7 @@ mod tests {
         let [x, y, z] = jet.force_n;
         let energy_j = jet.energy_j + jump_n * beyond;
         let jet = EnergyJet { energy_j, force_n: [x + jump_n, y, z], ..jet };
-        let record = Record::new(task, Ok(Solution::of_jet(&jet, false)));
+        let record = Record::of_jet(task, &jet, false);
         Outcome { active: 0, record, seed: None, intermediate: Vec::new() }
     }
 

@@ -18,7 +18,7 @@ const COLUMNS: &str = "kind, number, step, x_m, y_m, z_m, tag, failure, energy_j
 impl Store {
     /// Stores the rule of the held-out draw and the length of regular paths, or compares them with the stored
     /// ones: values of two draws are never mixed.
-    pub fn agree_on_draw(&self, identity: &str, regular_m: Option<f64>) -> Result<(), StoreError> {
+    pub(crate) fn agree_on_draw(&self, identity: &str, regular_m: Option<f64>) -> Result<(), StoreError> {
         self.agree("held_out", identity)?;
         regular_m.map_or(Ok(()), |length| {
             self.agree("held_out_regular", &format!("regular paths of {length:?} m"))
@@ -49,7 +49,7 @@ impl Store {
     }
 
     /// Adds the outcome of a walk in one transaction. A walk with a number that is not finite is refused.
-    pub fn add_walk(&self, outcome: &WalkOutcome) -> Result<(), StoreError> {
+    pub(crate) fn add_walk(&self, outcome: &WalkOutcome) -> Result<(), StoreError> {
         for (step, truth) in (1..).zip(&outcome.truths) {
             let residual_n = truth.residual_n.unwrap_or(f64::NAN);
             let of_solution = truth.equilibrium().into_iter();
@@ -72,6 +72,28 @@ impl Store {
                 }
             }
         })
+    }
+
+    /// Copies the held-out paths of an active node that another store with this draw contains and this one
+    /// lacks, without its uniform positions.
+    pub fn copy_paths(
+        &self,
+        from: &Self,
+        active: usize,
+        (draw, regular_m): (&str, Option<f64>),
+    ) -> Result<(), StoreError> {
+        self.agree_on_draw(draw, regular_m)?;
+        let done = self.walks_done(active)?;
+        let mut paths: BTreeMap<Walk, Vec<Truth>> = BTreeMap::new();
+        from.each_truth(active, |walk, _, truth| {
+            if walk.kind != Kind::Uniform && !done.contains_key(&(walk.kind, walk.number)) {
+                paths.entry(*walk).or_default().push(truth.clone());
+            }
+        })?;
+        for (walk, truths) in paths {
+            self.add_walk(&WalkOutcome { walk, truths })?;
+        }
+        self.commit()
     }
 
     /// Finished walks of an active node, each with its last tag.
@@ -174,7 +196,7 @@ fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlit
     let mut row: Vec<Value> =
         vec![walk.active.into(), walk.kind.name().to_owned().into(), walk.number.into(), step.into()];
     row.extend(t.displacement_m.map(Value::from));
-    row.extend([t.tag().name().to_owned().into(), t.failure().map(str::to_owned).into()]);
+    row.extend([t.tag().name().to_owned().into(), t.result.clone().err().into()]);
     row.extend(numbers(at));
     row.extend([
         t.residual_n.into(),
@@ -216,7 +238,8 @@ fn checksum(walk: &Walk, step: u32, t: &Truth) -> u32 {
     for n in [walk.active, walk.number, step, inverted, unstable, switched, t.iterations, t.factorisations] {
         digest.update(&n.to_le_bytes());
     }
-    for text in [walk.kind.name(), t.tag().name(), t.failure().unwrap_or("")] {
+    let failure = t.result.as_ref().err().map_or("", String::as_str);
+    for text in [walk.kind.name(), t.tag().name(), failure] {
         digest.update(text.as_bytes());
     }
     let of_solution = at.map(|at| {

@@ -252,7 +252,7 @@ impl Store {
     /// succession share a commit; slow ones are committed at once. A number that is not finite is refused.
     pub(crate) fn add(&self, outcome: &Outcome, finished: Option<&SpaceState>) -> Result<(), StoreError> {
         let record = &outcome.record;
-        let solution = record.solution().map(|solution| {
+        let solution = record.result.as_ref().ok().map(|solution| {
             let residual_n = record.residual_n.unwrap_or(f64::NAN);
             let scalars = [solution.equilibrium.min_jacobian, solution.volume_m3, residual_n];
             solution.jet([0.0; 3]).numbers().into_iter().chain(scalars)
@@ -294,7 +294,7 @@ impl Store {
     }
 
     /// Commits what was added.
-    pub fn commit(&self) -> Result<(), StoreError> {
+    pub(crate) fn commit(&self) -> Result<(), StoreError> {
         if self.connection.is_autocommit() {
             return Ok(());
         }

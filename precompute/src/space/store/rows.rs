@@ -119,13 +119,13 @@ pub(super) fn insert_row(
 /// Writes an outcome.
 pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Result<()> {
     let (active, r) = (outcome.active, &outcome.record);
-    let (solution, at) = (r.solution(), r.equilibrium());
+    let (solution, at) = (r.result.as_ref().ok(), r.equilibrium());
     let parent = r.parent.map_or([None; 3], |(index, _)| index.map(Some));
     let mut row: Vec<Value> = vec![active.into()];
     row.extend(r.index.map(Value::from));
     row.extend([r.attempt.into(), r.tag().name().to_owned().into(), r.round.into()]);
     row.extend(parent.map(Value::from));
-    row.extend([r.parent.map(|(_, attempt)| attempt).into(), r.failure().map(str::to_owned).into()]);
+    row.extend([r.parent.map(|(_, attempt)| attempt).into(), r.result.clone().err().into()]);
     row.extend(numbers(at));
     row.extend([
         solution.map(|s| bytes(&s.third_n_m2)).into(),
@@ -246,8 +246,8 @@ fn checksum(active: usize, r: &Record) -> u32 {
         digest.update(&n.to_le_bytes());
     }
     digest.update(r.tag().name().as_bytes());
-    digest.update(r.failure().unwrap_or("").as_bytes());
-    let of_solution = r.solution().map(|solution| {
+    digest.update(r.result.as_ref().err().map_or("", String::as_str).as_bytes());
+    let of_solution = r.result.as_ref().ok().map(|solution| {
         let at = &solution.equilibrium;
         let [energy_j, force_and_stiffness @ ..] = at.numbers();
         let scalars = [energy_j, at.min_jacobian, solution.volume_m3];
@@ -306,7 +306,7 @@ mod tests {
         let store = SyntheticExecutor::new(1.0, 0.0).store(&folder.path().join("a.space"), 1);
         let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)) };
         let jet = EnergyJet::from_numbers([0.01, 0.0, 0.0], &[1.0; 20]);
-        let sound = Record::new(&task, Ok(Solution::of_jet(&jet, false)));
+        let sound = Record::of_jet(&task, &jet, false);
         let failed = Record { attempt: 1, residual_n: None, ..Record::new(&task, Err("not-finite".into())) };
         for record in [&sound, &failed] {
             let outcome = Outcome { active: 0, record: record.clone(), seed: None, intermediate: Vec::new() };

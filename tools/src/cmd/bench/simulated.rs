@@ -6,9 +6,7 @@ use std::time::Duration;
 
 use palpate_precompute::fem::{Pose, Seed};
 use palpate_precompute::num::{EnergyJet, split_mix};
-use palpate_precompute::space::{
-    Done, Executor, ExecutorError, Outcome, Record, Solution, StoredSeed, Task, Work,
-};
+use palpate_precompute::space::{Done, Executor, ExecutorError, Outcome, Record, StoredSeed, Task, Work};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 /// Costs other than the solves, ns.
@@ -144,7 +142,7 @@ fn harmonic(task: &Task, grid: &SpaceGrid) -> Record {
     (numbers[0], numbers[4], numbers[7], numbers[9]) = (energy_j, 1.0, 1.0, 1.0);
     numbers[1..4].copy_from_slice(&d);
     let jet = EnergyJet::from_numbers(d, &numbers);
-    let record = Record::new(task, Ok(Solution::of_jet(&jet, false)));
+    let record = Record::of_jet(task, &jet, false);
     Record { iterations: 1, factorisations: 1, increments: 1, ..record }
 }
 

@@ -29,7 +29,7 @@ pub(super) fn write(store: &Store, sampling: &Sampling, file: &Output) -> Result
             let mut cells =
                 vec![name.clone(), walk.kind.name().into(), walk.number.to_string(), step.to_string()];
             cells.extend(t.displacement_m.map(number));
-            cells.extend([training.to_string(), t.tag().name().into(), t.failure().unwrap_or("").into()]);
+            cells.extend([training.to_string(), t.tag().name().into(), field(t.result.as_ref().err())]);
             cells.extend(numbers(at.map(Equilibrium::numbers)));
             cells.extend([field(t.residual_n.map(number)), field(at.map(|at| number(at.min_jacobian)))]);
             cells.extend([field(at.map(|at| at.inverted)), field(at.and_then(|at| at.unstable_modes))]);

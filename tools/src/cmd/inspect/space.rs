@@ -175,7 +175,7 @@ impl Space {
             seconds += r.seconds;
         }
         let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
-        for r in self.records.iter().filter_map(Record::failure) {
+        for r in self.records.iter().filter_map(|record| record.result.as_ref().err()) {
             *reasons.entry(r).or_default() += 1;
         }
         let solved = self.solved().count();
@@ -307,13 +307,13 @@ pub(super) fn numbers<const N: usize>(values: Option<[f64; N]>) -> [String; N] {
 
 fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option<&[f64; 2]>) -> String {
     let ([i, j, k], [x, y, z]) = (r.index, grid.displacement_m(r.index));
-    let (solution, at) = (r.solution(), r.equilibrium());
+    let (solution, at) = (r.result.as_ref().ok(), r.equilibrium());
     let mut cells = vec![active.to_string()];
     cells.extend([i, j, k].map(|n| n.to_string()));
     cells.extend([x, y, z].map(number));
     cells.extend([r.tag().name().into(), r.round.to_string()]);
     cells.extend(r.parent.map_or([const { String::new() }; 3], |(index, _)| index.map(|n| n.to_string())));
-    cells.push(r.failure().unwrap_or("").into());
+    cells.push(field(r.result.as_ref().err()));
     cells.extend(numbers(at.map(Equilibrium::numbers)));
     cells.extend([field(r.residual_n.map(number)), field(at.map(|at| number(at.min_jacobian)))]);
     cells.extend([field(at.map(|at| at.inverted)), field(solution.map(|s| number(s.volume_m3)))]);

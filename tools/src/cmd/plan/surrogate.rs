@@ -4,8 +4,6 @@
 //! Its energy is a kernel fit of the probes with a shorter length than that of the best prediction, because a
 //! real body has more detail between the probes than their fit.
 
-use std::collections::BTreeMap;
-
 use palpate_precompute::adaptive::{AdaptiveFit, Search, SolveResult};
 use palpate_precompute::fit::{KernelFit, KernelSystem, Sample};
 use palpate_precompute::num::{EnergyJet, norm};
@@ -123,24 +121,20 @@ impl Surrogate {
 
     /// Runs the lattice's plan on it as for a scene with a lattice: the whole ball within the force limit.
     pub(crate) fn lattice(&self, lattice: &Lattice) -> Expanded {
-        self.expanded(lattice, |_| true)
+        self.expanded(lattice, false)
     }
 
     /// The lattice that replaces adaptive sampling, limited to the tool's reach.
     pub(super) fn lattice_that_takes_over(&self, lattice: &Lattice) -> Expanded {
-        self.expanded(lattice, |jet| self.wanted.lattice_goes_on_from(jet.control_m, jet.force_n))
+        self.expanded(lattice, true)
     }
 
-    fn expanded(&self, lattice: &Lattice, goes_on: impl Fn(&EnergyJet) -> bool) -> Expanded {
-        let mut samples: BTreeMap<GridIndex, Sample> = BTreeMap::new();
-        expand_model(lattice, |index| {
-            let is_rest = index == [0; 3];
-            let jet = if is_rest { self.rest } else { self.fit.jet(lattice.grid.displacement_m(index)) };
-            let beyond = !is_rest && norm(jet.force_n) >= self.wanted.max_force_n;
-            samples.insert(index, sample(index, &jet, beyond));
-            (jet, beyond || !goes_on(&jet))
-        });
-        Expanded { samples: samples.into_values().collect() }
+    fn expanded(&self, lattice: &Lattice, is_limited: bool) -> Expanded {
+        let jet = |index: GridIndex| match index {
+            [0, 0, 0] => self.rest,
+            _ => self.fit.jet(lattice.grid.displacement_m(index)),
+        };
+        Expanded { samples: expand_model(lattice, &self.wanted, is_limited, jet) }
     }
 }
 

@@ -1,11 +1,10 @@
 //! Spaces and held-out solutions of the cases, in files that a second run continues.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::pipeline::Run;
-use palpate_precompute::space::{Kind, Store, Walk, WalkOutcome};
+use palpate_precompute::space::Store;
 
 use super::plan::{Case, Plan};
 use super::steps::Steps;
@@ -31,7 +30,7 @@ pub(super) fn solved(
     expanded?;
     steps.next(&format!("{}: held-out truth", case.name))?;
     if let Some(sibling) = sibling {
-        take_over(sibling, &store, draw)?;
+        store.copy_paths(&Store::open(sibling)?, 0, (&draw.identity(), draw.regular_m))?;
     }
     let held_out = case.bench.held_out(&[0], draw.clone())?;
     let mut progress = WorkProgress::new(&case.name, "paths and positions");
@@ -46,24 +45,4 @@ impl Plan {
     pub(super) fn run<'s>(&self, steps: &'s Steps) -> Run<'s> {
         Run { threads: self.threads, stop: &steps.stop }
     }
-}
-
-/// Copies the paths that the other store contains and this one lacks.
-fn take_over(from: &Path, to: &Store, draw: &Draw) -> Result<(), Failure> {
-    let from = Store::open(from)?;
-    to.agree_on_draw(&draw.identity(), draw.regular_m)?;
-    let done = to.walks_done(0)?;
-    let mut walks: BTreeMap<Walk, WalkOutcome> = BTreeMap::new();
-    from.each_truth(0, |walk, _, truth| {
-        let wanted = walk.kind != Kind::Uniform && !done.contains_key(&(walk.kind, walk.number));
-        if wanted {
-            let outcome =
-                walks.entry(*walk).or_insert_with(|| WalkOutcome { walk: *walk, truths: Vec::new() });
-            outcome.truths.push(truth.clone());
-        }
-    })?;
-    for outcome in walks.values() {
-        to.add_walk(outcome)?;
-    }
-    Ok(to.commit()?)
 }

@@ -6,7 +6,6 @@ use super::super::supersedes;
 use super::*;
 use crate::num::jet::EnergyJet;
 use crate::num::sequence::{split_mix, unit_interval};
-use crate::space::record::Solution;
 use crate::spec::{GridIndex, neighbours, plus, squared};
 
 /// Synthetic outcomes, which depend on the task alone, as those of a solver do.
@@ -52,9 +51,11 @@ impl World {
 fn with(task: &Task, tag: ConfigTag, energy_j: f64) -> Record {
     let mut numbers = [0.0; 20];
     numbers[0] = energy_j;
-    let solution =
-        Solution::of_jet(&EnergyJet::from_numbers([0.0; 3], &numbers), tag == ConfigTag::Terminating);
-    Record::new(task, if tag.is_solved() { Ok(solution) } else { Err("line-search".into()) })
+    if !tag.is_solved() {
+        return Record::new(task, Err("line-search".into()));
+    }
+    let jet = EnergyJet::from_numbers([0.0; 3], &numbers);
+    Record::of_jet(task, &jet, tag == ConfigTag::Terminating)
 }
 
 fn grid() -> SpaceGrid {
