@@ -18,8 +18,8 @@ macro_rules! laws {
         /// Names of all laws in the scene file.
         pub const LAWS: &[&str] = &[$($name),*];
 
-        /// Evaluates an expression with the law inside a [`Material`]; compiled once for each law, and once for
-        /// all user-defined laws.
+        /// Evaluates an expression with the law inside a [`Material`]; compiled once for each law, and once
+        /// for all user-defined laws.
         macro_rules! with_law {
             ($d material:expr, $d law:ident => $d work:expr) => {
                 match $d material {

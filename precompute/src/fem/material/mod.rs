@@ -3,7 +3,8 @@
 //!
 //! A law implements two traits: [`Describe`] (its parameters and moduli) and [`Law`] (its derivatives).
 //! [`check`] tests them. [`Material::own`] accepts a law from outside this crate. A law for scene files is
-//! one file with both traits and `BuiltIn` (the input of its parameters), and one line in the list [`LAWS`].
+//! one file with both traits and `BuiltIn` (the input of its parameters). The present file names it three
+//! times: as a module, in the exports and in the list [`LAWS`].
 //!
 //! Every law of the list except the linear one is a function of invariants,
 //!
