@@ -1,8 +1,12 @@
 //! From a scene to a certified blob: the workflow of an application, step by step.
 //!
 //! ```text
-//! Analysis::load -> Analysis::store -> Analysis::solve -> solve_held_out_positions -> certified -> Packed::bytes
-//! scene, body       .space file        configurations     fresh solves   tables and their errors
+//! Analysis::load             scene and body
+//! Analysis::store            .space file
+//! Analysis::solve            configurations
+//! solve_held_out_positions   fresh solves
+//! certified                  tables and their errors
+//! Packed::bytes              blob
 //! ```
 //!
 //! [`certified_blob`] does the steps after the solve in one call. Each step keeps its results in the `.space`
@@ -100,12 +104,7 @@ impl Analysis {
     /// The equilibrium problem of this active node's grasp.
     #[must_use]
     pub fn problem(&self, active: &ActiveNode) -> Arc<Problem> {
-        self.problem_of()(active)
-    }
-
-    fn problem_of(&self) -> impl Fn(&ActiveNode) -> Arc<Problem> + Send + Sync + 'static {
-        let (body, solver) = (self.body.clone(), self.scene.solver);
-        move |active| Arc::new(solver.problem(body.clone(), active))
+        Arc::new(self.scene.solver.problem(self.body.clone(), active))
     }
 
     /// The positions that the scene requests.
@@ -175,8 +174,8 @@ impl Analysis {
 
     /// The data that workers need to solve this scene.
     pub fn context(&self) -> Result<Arc<WorkerContext>, PipelineError> {
-        let (problem_of, nodes) = (self.problem_of(), self.scene.active.clone());
-        let problem = move |active: usize| problem_of(&nodes[active]);
+        let (body, solver, nodes) = (self.body.clone(), self.scene.solver, self.scene.active.clone());
+        let problem = move |active: usize| Arc::new(solver.problem(body.clone(), &nodes[active]));
         Ok(Arc::new(WorkerContext::new(problem, self.sampling()?, self.scene.max_force_n)))
     }
 

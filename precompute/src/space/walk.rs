@@ -152,7 +152,7 @@ impl WalkJob {
             }
             let solved = here.and_then(|seed| solver.advance(&seed, at));
             let seconds = std::mem::replace(&mut clock, Instant::now()).elapsed().as_secs_f64();
-            let seed = match solved {
+            match solved {
                 Ok(c) => {
                     let mut truth = Truth::solved(at, &c, max_force_n, seconds);
                     if self.keep_displacements {
@@ -160,18 +160,18 @@ impl WalkJob {
                         let values = c.seed.state[..nodes].iter();
                         truth.displacements = values.flat_map(|&x| (x as f32).to_le_bytes()).collect();
                     }
+                    let is_last = truth.tag() == ConfigTag::Terminating;
                     truths.push(truth);
-                    c.seed
+                    if is_last {
+                        break;
+                    }
+                    here = Ok(c.seed);
                 }
                 Err(failure) => {
                     truths.push(Truth::failed(at, &failure, seconds));
                     break;
                 }
-            };
-            if truths.last().is_some_and(|t| t.tag() == ConfigTag::Terminating) {
-                break;
             }
-            here = Ok(seed);
         }
         Some(WalkOutcome { walk: self.walk, truths })
     }

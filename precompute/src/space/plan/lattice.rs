@@ -14,8 +14,8 @@
 //! after the other until one succeeds. A point that becomes expandable then opens a new level.
 //!
 //! **Branch jumps.** When no retry is left, the points of flagged pairs ([`crate::fit::BranchJump`]) are
-//! solved again from another parent. A second repetition follows where the other end of such a pair has found a
-//! better solution. The solution of lowest energy of each point is kept, and every attempt is recorded.
+//! solved again from another parent. A second repetition follows where the other end of such a pair has found
+//! a better solution. The solution of lowest energy of each point is kept, and every attempt is recorded.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
