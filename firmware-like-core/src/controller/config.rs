@@ -31,37 +31,31 @@ impl Config {
     /// Checks the range of every number.
     pub(super) fn check(&self) -> Result<(), ControllerError> {
         let Self { contact, limits, passivity, .. } = self;
-        let positive = [
-            ("capture_radius_m", contact.capture_radius_m),
-            ("release_height_m", contact.release_height_m),
-            ("grasp_slip", contact.grasp_slip),
-            ("grasp_distance_m", contact.grasp_distance_m),
-            ("max_force_n", limits.max_force_n),
-            ("max_slew_n_per_s", limits.max_slew_n_per_s),
-            ("max_position_m", limits.max_position_m),
-            ("max_speed_m_s", limits.max_speed_m_s),
-            ("stale_fault_us", limits.stale_fault_us as f32),
-            ("workspace_scale", passivity.workspace_scale),
-        ];
-        let not_negative = [
-            ("release_tension_n", contact.release_tension_n),
-            ("ramp_s", limits.ramp_s),
-            ("fade_s", limits.fade_s),
-            ("margin_j", passivity.margin_j),
-            ("max_damping_n_s_m", passivity.max_damping_n_s_m),
-            ("position_step_m", passivity.position_step_m),
-        ];
-        // An infinite value means that there is no limit.
-        let unlimited = [
+        let positive = |value: f32| value > 0.0 && value.is_finite();
+        let not_negative = |value: f32| value >= 0.0 && value.is_finite();
+        let checks = [
+            ("capture_radius_m", positive(contact.capture_radius_m)),
+            ("release_height_m", positive(contact.release_height_m)),
+            ("grasp_slip", positive(contact.grasp_slip)),
+            ("grasp_distance_m", positive(contact.grasp_distance_m)),
+            ("max_force_n", positive(limits.max_force_n)),
+            ("max_slew_n_per_s", positive(limits.max_slew_n_per_s)),
+            ("max_position_m", positive(limits.max_position_m)),
+            ("max_speed_m_s", positive(limits.max_speed_m_s)),
+            ("stale_fault_us", limits.stale_fault_us > 0),
+            ("workspace_scale", positive(passivity.workspace_scale)),
+            ("release_tension_n", not_negative(contact.release_tension_n)),
+            ("ramp_s", not_negative(limits.ramp_s)),
+            ("fade_s", not_negative(limits.fade_s)),
+            ("margin_j", not_negative(passivity.margin_j)),
+            ("max_damping_n_s_m", not_negative(passivity.max_damping_n_s_m)),
+            ("position_step_m", not_negative(passivity.position_step_m)),
+            // An infinite value means that there is no limit.
             ("max_stiffness_n_m", limits.max_stiffness_n_m > 0.0),
             ("friction", contact.friction >= 0.0),
             ("fault_j", passivity.fault_j >= 0.0),
         ];
-        let finite =
-            |(what, value): (&'static str, f32), is_sound: bool| (what, is_sound && value.is_finite());
-        let checks = positive.map(|named| finite(named, named.1 > 0.0));
-        let checks = checks.into_iter().chain(not_negative.map(|named| finite(named, named.1 >= 0.0)));
-        match checks.chain(unlimited).find(|(_, is_sound)| !is_sound) {
+        match checks.into_iter().find(|(_, is_sound)| !is_sound) {
             None => Ok(()),
             Some((what, _)) => Err(ControllerError::Config { what }),
         }

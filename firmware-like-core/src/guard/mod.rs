@@ -3,6 +3,7 @@
 pub(crate) mod fade;
 pub(crate) mod limit;
 pub(crate) mod passivity;
+mod recent;
 pub(crate) mod speed;
 pub(crate) mod stiffness;
 mod velocity;

@@ -24,6 +24,7 @@
 //! Source: Hannaford and Ryu 2002, impedance type. Deviation: the rate limit of a, the margins and the bound
 //! of storage.
 
+use super::recent::Recent;
 use super::velocity::AdaptiveWindow;
 use crate::num::vec3::{self, Vec3};
 
@@ -68,49 +69,12 @@ impl Default for PassivityConfig {
     }
 }
 
-/// The forces sent last; zero before the first.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Sent {
-    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits, for differences only.
-    forces: [(u32, Vec3); SENT],
-    newest: usize,
-}
-
-impl Sent {
-    fn push(&mut self, now_us: u64, force_n: Vec3) {
-        self.newest = (self.newest + 1) % SENT;
-        if let Some(slot) = self.forces.get_mut(self.newest) {
-            *slot = (now_us as u32, force_n);
-        }
-    }
-
-    /// Mean force at the motors over an interval; each force is held from `delay_us` after it was sent. Times
-    /// before the oldest force in the buffer count with that force.
-    fn mean_n(&self, delay_us: u32, from_us: u64, to_us: u64) -> Vec3 {
-        let span_us = to_us.saturating_sub(from_us) as f32;
-        let (mut mean_n, mut until_us) = (vec3::ZERO, span_us);
-        let (newer, older) = self.forces.split_at_checked(self.newest + 1).unwrap_or((&self.forces, &[]));
-        for (age, (sent_us, force_n)) in newer.iter().rev().chain(older.iter().rev()).enumerate() {
-            // Relative to `from_us`; negative before it.
-            let since_us = sent_us.wrapping_add(delay_us).wrapping_sub(from_us as u32).cast_signed() as f32;
-            let since_us = if age + 1 == SENT { 0.0 } else { since_us.max(0.0) };
-            if since_us < until_us {
-                mean_n = vec3::add(mean_n, vec3::scale(*force_n, (until_us - since_us) / span_us));
-                until_us = since_us;
-            }
-            if until_us <= 0.0 {
-                break;
-            }
-        }
-        mean_n
-    }
-}
-
 /// State of the passivity control.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Passivity {
     last: Option<(u64, Vec3)>,
-    sent: Sent,
+    /// The forces sent last; zero before the first.
+    sent: Recent<SENT>,
     window: AdaptiveWindow,
     /// Work on the hand in this touch.
     work_j: f32,
@@ -154,7 +118,7 @@ impl Passivity {
         let dt_s = t_us.saturating_sub(then_us) as f32 * 1e-6;
         let device_per_model = config.workspace_scale.recip();
         let path_m = vec3::scale(vec3::sub(hip_m, then_m), device_per_model);
-        let given_j = vec3::dot(self.sent.mean_n(config.force_delay_us, then_us, t_us), path_m);
+        let given_j = vec3::dot(mean_n(&self.sent, config.force_delay_us, then_us, t_us), path_m);
         self.work_j += given_j;
         self.balance_j += given_j;
         let Some(stored_j) = stored_j else {
@@ -190,6 +154,26 @@ impl Passivity {
         let force_n = vec3::scale(velocity_m_s, -self.damping_n_s_m);
         Ok(if vec3::is_finite(force_n) { force_n } else { vec3::ZERO })
     }
+}
+
+/// Mean force at the motors over an interval; each force is held from `delay_us` after it was sent. Times
+/// before the oldest force in the buffer count with that force.
+fn mean_n(sent: &Recent<SENT>, delay_us: u32, from_us: u64, to_us: u64) -> Vec3 {
+    let span_us = to_us.saturating_sub(from_us) as f32;
+    let (mut mean_n, mut until_us) = (vec3::ZERO, span_us);
+    for (age, (sent_us, force_n)) in sent.iter().enumerate() {
+        // Relative to `from_us`; negative before it.
+        let since_us = sent_us.wrapping_add(delay_us).wrapping_sub(from_us as u32).cast_signed() as f32;
+        let since_us = if age + 1 == SENT { 0.0 } else { since_us.max(0.0) };
+        if since_us < until_us {
+            mean_n = vec3::add(mean_n, vec3::scale(force_n, (until_us - since_us) / span_us));
+            until_us = since_us;
+        }
+        if until_us <= 0.0 {
+            break;
+        }
+    }
+    mean_n
 }
 
 #[cfg(test)]
@@ -314,14 +298,14 @@ mod tests {
 
     #[test]
     fn the_oldest_force_stands_for_all_before_it() {
-        let mut sent = Sent::default();
+        let mut sent = Recent::default();
         for tick in 0..100_u16 {
             sent.push(u64::from(tick) * 1_000, [f32::from(tick), 0.0, 0.0]);
         }
-        assert_eq!(sent.mean_n(0, 99_000, 100_000), [99.0, 0.0, 0.0]);
-        assert_eq!(sent.mean_n(0, 77_000, 78_000), [77.0, 0.0, 0.0]);
-        assert_eq!(sent.mean_n(0, 3_000, 4_000), [76.0, 0.0, 0.0], "100 - 24");
-        assert_eq!(sent.mean_n(0, 4_000, 4_000), vec3::ZERO);
+        assert_eq!(mean_n(&sent, 0, 99_000, 100_000), [99.0, 0.0, 0.0]);
+        assert_eq!(mean_n(&sent, 0, 77_000, 78_000), [77.0, 0.0, 0.0]);
+        assert_eq!(mean_n(&sent, 0, 3_000, 4_000), [76.0, 0.0, 0.0], "100 - 24");
+        assert_eq!(mean_n(&sent, 0, 4_000, 4_000), vec3::ZERO);
     }
 
     #[test]

@@ -7,7 +7,7 @@
 use crate::grid::flags::{SMOOTH, SOLVED};
 use crate::method::Method;
 use crate::num::math;
-use crate::num::vec3::{Vec3, ZERO, dot, norm};
+use crate::num::vec3::{Vec3, ZERO, dot, norm, transposed};
 use crate::space::Space;
 
 /// Largest number of bands of force examined; the stiffness increases from each band to the next, or the
@@ -69,13 +69,11 @@ pub(crate) fn hand_scale(spaces: &[Space<'_>], method: Method, cap_n_m: f32, lim
 ///
 /// Seven squarings need neither an iteration limit nor trigonometry.
 fn largest_singular_value(a: &[Vec3; 3]) -> f32 {
-    let column = |j: usize| a.map(|row| row.get(j).copied().unwrap_or(0.0));
-    let columns = [column(0), column(1), column(2)];
     let scale = a.as_flattened().iter().fold(0.0_f32, |most, x| most.max(x.abs()));
     if scale <= 0.0 || !scale.is_finite() {
         return scale;
     }
-    let unit = columns.map(|column| column.map(|x| x / scale));
+    let unit = transposed(*a).map(|column| column.map(|x| x / scale));
     let mut m = product(&unit, &unit);
     // The factor taken out so far, as a product of roots of traces.
     let mut found = 1.0_f32;

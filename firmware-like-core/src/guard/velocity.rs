@@ -6,6 +6,7 @@
 //!
 //! Source: Janabi-Sharifi, Hayward, Chen 2000, end-fit FOAW. Deviation: none.
 
+use super::recent::Recent;
 use crate::num::vec3::{self, Vec3};
 
 /// Longest window, in samples.
@@ -14,19 +15,14 @@ const LONGEST: usize = 15;
 /// The last positions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct AdaptiveWindow {
-    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits, for differences only.
-    positions: [(u32, Vec3); LONGEST + 1],
-    newest: usize,
+    positions: Recent<{ LONGEST + 1 }>,
     known: usize,
 }
 
 impl AdaptiveWindow {
     /// Adds the next position, metres.
     pub(super) fn push(&mut self, t_us: u64, position_m: Vec3) {
-        self.newest = (self.newest + 1) % (LONGEST + 1);
-        if let Some(slot) = self.positions.get_mut(self.newest) {
-            *slot = (t_us as u32, position_m);
-        }
+        self.positions.push(t_us, position_m);
         self.known = (self.known + 1).min(LONGEST + 1);
     }
 
@@ -37,11 +33,10 @@ impl AdaptiveWindow {
     /// at most step / (t_k - t_(k-j)). Therefore one pass suffices; it narrows the interval of admissible
     /// slopes.
     pub(super) fn velocity_m_s(&self, step_m: f32) -> Vec3 {
-        let Some(&(now_us, now_m)) = self.positions.get(self.newest) else { return vec3::ZERO };
+        let mut positions = self.positions.iter().take(self.known);
+        let Some((now_us, now_m)) = positions.next() else { return vec3::ZERO };
         let (mut velocity, mut low, mut high) = (vec3::ZERO, [f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);
-        for samples in 1..self.known {
-            let place = (self.newest + LONGEST + 1 - samples) % (LONGEST + 1);
-            let Some(&(then_us, then_m)) = self.positions.get(place) else { break };
+        for (then_us, then_m) in positions {
             let per_s = (now_us.wrapping_sub(then_us) as f32 * 1e-6).recip();
             // Two samples at one time, or a time that ran backwards: older positions cannot be used.
             if !(0.0..f32::INFINITY).contains(&per_s) {

@@ -21,9 +21,7 @@ impl Cells {
     /// About as many cells as triangles; the surface passes through a few hundred of them. Returned with the
     /// number of entries of their lists.
     pub(super) fn over(surface: &Surface<'_>) -> (Self, usize) {
-        let bounds = surface.position_m.map(|plane| {
-            plane.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)))
-        });
+        let bounds = surface.position_m.map(|plane| bounds(plane.iter().copied()));
         let longest_m = bounds.iter().fold(0.0_f32, |most, (low, high)| most.max(high - low));
         let triangles = surface.triangles.len();
         let is_enough = |along: &u32| (*along as usize).pow(3) >= triangles;
@@ -60,27 +58,22 @@ impl Cells {
 
     /// First and last cell along each axis that the box of some points touches.
     fn range(&self, points: &[Vec3]) -> [(u32, u32); 3] {
-        let along = |axis: usize| {
-            let at = |v: &Vec3| v.get(axis).copied().unwrap_or(0.0);
-            let (low, last) =
-                (at(&self.low_m), self.count.get(axis).map_or(0, |count| count.saturating_sub(1)));
+        let along = |(least, most): (f32, f32), low: f32, count: u32| {
             // The cast saturates: points outside the box belong to its outermost cells.
-            let cell = |x: f32| (((x - low) * self.cells_per_m) as u32).min(last);
-            let least = points.iter().map(at).fold(f32::INFINITY, f32::min);
-            let most = points.iter().map(at).fold(f32::NEG_INFINITY, f32::max);
+            let cell = |x: f32| (((x - low) * self.cells_per_m) as u32).min(count.saturating_sub(1));
             (cell(least), cell(most))
         };
-        [along(0), along(1), along(2)]
+        let ([x, y, z], [low_x, low_y, low_z], [nx, ny, nz]) = (box_of(points), self.low_m, self.count);
+        [along(x, low_x, nx), along(y, low_y, ny), along(z, low_z, nz)]
     }
 
     /// Whether the box of some points lies wholly outside the cells.
     pub(super) fn misses(&self, points: &[Vec3]) -> bool {
-        [0, 1, 2].into_iter().any(|axis: usize| {
-            let at = |v: &Vec3| v.get(axis).copied().unwrap_or(0.0);
-            let cells = self.count.get(axis).map_or(0.0, |count| *count as f32);
-            let above = |p: &Vec3| (at(p) - at(&self.low_m)) * self.cells_per_m > cells;
-            points.iter().all(|p| at(p) < at(&self.low_m)) || points.iter().all(above)
-        })
+        let axes = box_of(points).into_iter().zip(self.low_m).zip(self.count);
+        let outside = |(((least, most), low), count): (((f32, f32), f32), u32)| {
+            most < low || (least - low) * self.cells_per_m > count as f32
+        };
+        axes.into_iter().any(outside)
     }
 
     /// Indices of the cells that the box of some points touches.
@@ -93,6 +86,20 @@ impl Cells {
             })
         })
     }
+}
+
+/// Least and largest of some numbers.
+fn bounds(numbers: impl Iterator<Item = f32>) -> (f32, f32) {
+    numbers.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+}
+
+/// Bounds of some points along each axis.
+fn box_of(points: &[Vec3]) -> [(f32, f32); 3] {
+    [
+        bounds(points.iter().map(|[x, ..]| *x)),
+        bounds(points.iter().map(|[_, y, _]| *y)),
+        bounds(points.iter().map(|[.., z]| *z)),
+    ]
 }
 
 /// Positions of the corners of a triangle.
