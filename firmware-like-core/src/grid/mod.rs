@@ -271,8 +271,8 @@ impl BallLattice {
         Rim { at: Location { inside: false, ..self.place(at_rim_m) }, outward, beyond_m }
     }
 
-    /// The cell of a displacement in the ball. On the outermost face t is the largest f32 below 1, so that the
-    /// super-cell is in the box.
+    /// The cell of a displacement in the ball. On the outermost face t is the largest f32 below 1, so that
+    /// the super-cell is in the box.
     #[inline(always)]
     fn place(&self, displacement_m: F32x4) -> Location {
         let position = displacement_m * F32x4::load(&self.query.cells_per_m);
