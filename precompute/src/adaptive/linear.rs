@@ -99,7 +99,7 @@ mod tests {
         let mut solves = 1;
         search.run(|_, target| {
             solves += 1;
-            found(target.displacement_m())
+            found(target.displacement_m)
         });
         (search.fitted, solves)
     }

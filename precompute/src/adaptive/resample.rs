@@ -186,7 +186,7 @@ mod tests {
             max_configurations: 100,
         };
         let mut search = Search::new(wanted, &steep([0.0; 3]));
-        search.run(|_, target| SolveResult::Solved(steep(target.displacement_m())));
+        search.run(|_, target| SolveResult::Solved(steep(target.displacement_m)));
         search.fitted
     }
 

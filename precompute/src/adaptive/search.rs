@@ -60,17 +60,12 @@ const POSITIONS: u32 = 600;
 pub struct Target {
     /// Position in units of `spec::UNIT_M`.
     pub index: GridIndex,
+    /// Displacement of the position, m.
+    pub displacement_m: [f64; 3],
     /// Index of the configuration at which the solve starts: 0 is rest, then in the order of the solves.
     pub parent: usize,
     /// Force predicted by the fit, N.
     pub predicted_n: [f64; 3],
-}
-
-impl Target {
-    /// Displacement of the position, m.
-    pub fn displacement_m(&self) -> [f64; 3] {
-        displacement_m(self.index)
-    }
 }
 
 /// Result of a target.
@@ -292,14 +287,15 @@ impl Search {
         let index = nearest_index(at);
         let at = displacement_m(index);
         if self.taken().all(|other| other != at) {
-            self.batch.push(Target { index, parent, predicted_n: self.fitted.fit.force_n(at) });
+            let predicted_n = self.fitted.fit.force_n(at);
+            self.batch.push(Target { index, displacement_m: at, parent, predicted_n });
         }
     }
 
     /// Positions that are solved or in the batch, m.
     fn taken(&self) -> impl Iterator<Item = [f64; 3]> {
         let solved = self.fitted.jets.iter().map(|jet| jet.control_m).chain(self.excluded.iter().copied());
-        solved.chain(self.batch.iter().map(Target::displacement_m))
+        solved.chain(self.batch.iter().map(|target| target.displacement_m))
     }
 
     /// Adds the results of the whole batch, in the order of its targets.
@@ -312,7 +308,7 @@ impl Search {
         assert_eq!(batch.len(), found.len(), "one outcome for each target");
         let mut learned = Vec::new();
         for (target, found) in batch.iter().zip(found) {
-            let at = target.displacement_m();
+            let at = target.displacement_m;
             match found {
                 SolveResult::Solved(jet) => {
                     self.score(target, jet);
@@ -379,7 +375,7 @@ impl Search {
         let (low, limit) = (norm(parent.force_n), self.fitted.wanted.max_force_n);
         let share = ((limit - low) / (came_out_n - low)).clamp(0.2, 0.8);
         let at = std::array::from_fn(|i| {
-            parent.control_m[i] + share * (target.displacement_m()[i] - parent.control_m[i])
+            parent.control_m[i] + share * (target.displacement_m[i] - parent.control_m[i])
         });
         self.replacements.push((at, target.parent));
     }

@@ -41,11 +41,11 @@ impl DisplacementBound {
 
 /// Difference of two displacements of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Misfit {
+pub(crate) struct Misfit {
     /// Root mean square over the nodes, m.
-    pub rms_m: f64,
+    pub(crate) rms_m: f64,
     /// Maximum over the nodes, m.
-    pub max_m: f64,
+    pub(crate) max_m: f64,
 }
 
 impl Misfit {
@@ -94,7 +94,7 @@ pub struct DisplacementFit {
 
 /// Why the fit failed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum DisplacementFault<E> {
+pub(crate) enum DisplacementFault<E> {
     /// A configuration could not be read.
     Read(E),
     /// The modes cannot be computed.
@@ -119,7 +119,7 @@ const MARGIN: f64 = 0.98;
 
 /// Fits the table of the configurations at `solved` (sorted, including rest), which `read` returns. Each is
 /// read twice, because the configurations of a large organ with their slopes exceed the memory.
-pub fn fit_displacement<E>(
+pub(crate) fn fit_displacement<E>(
     grid: &SpaceGrid,
     solved: &[GridIndex],
     branch_jumps: &[BranchJump],

@@ -59,7 +59,7 @@ pub(super) const NUGGET: [f64; 4] = [1e-9, 1e-9, 1e-6, 1e-4];
 const POLYNOMIALS: usize = 7;
 
 /// W_abc as `[a][b][c]`, in J/m^(a+b+c) or, in tables, in cells.
-pub type Derivatives = [[[f64; 3]; 3]; 3];
+pub(crate) type Derivatives = [[[f64; 3]; 3]; 3];
 
 /// The fitted energy.
 #[derive(Debug, Clone)]

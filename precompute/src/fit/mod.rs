@@ -15,15 +15,17 @@ pub(crate) mod synthetic;
 
 pub use branch_jump::BranchJump;
 pub(crate) use branch_jump::{branch_jumps, flagged_pairs};
-pub(crate) use displacement::{DisplacementFault, DisplacementFit, Misfit};
-pub use displacement::{SurfaceMotionSample, fit_displacement};
+pub(crate) use displacement::{DisplacementFault, Misfit, fit_displacement};
+pub use displacement::{DisplacementFit, SurfaceMotionSample};
 pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, hermite_nodes};
 pub(crate) use kernel::DATA;
-pub use kernel::{Derivatives, KernelFit, KernelSystem};
+pub(crate) use kernel::Derivatives;
+pub use kernel::{KernelFit, KernelSystem};
 pub(crate) use kernel_planes::KernelPlanes;
 pub(crate) use modes::PackedModes;
-pub use motion::ScatteredMotion;
+pub(crate) use motion::ScatteredMotion;
+pub use motion::displacement_of_fit;
 pub use rbf_weights::{Centre, Kernel, RbfFit, fit_rbf};
 pub(crate) use rbf_weights::{FitError, SurfaceRbf};
 

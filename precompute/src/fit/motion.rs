@@ -4,8 +4,10 @@ use faer::linalg::solvers::Llt;
 use faer::prelude::Solve;
 use faer::{Mat, Side};
 
-use super::SurfaceMotionSample;
+use super::displacement::{DisplacementFault, fit_displacement};
 use super::kernel::{DATA, NUGGET, entry, polynomials};
+use super::{DisplacementFit, Sample, SurfaceMotionSample};
+use crate::spec::{DisplacementBound, GridIndex, SpaceGrid};
 
 /// Gaussian-kernel interpolation of the surface displacement from the displacement and slopes of all
 /// configurations.
@@ -14,7 +16,7 @@ use super::kernel::{DATA, NUGGET, entry, polynomials};
 /// of the linear part at rest. An interpolated surface is a linear combination of the given ones with the
 /// same weights for all nodes. The matrix is therefore factorised once, and no modes are needed.
 #[derive(Debug)]
-pub struct ScatteredMotion {
+pub(crate) struct ScatteredMotion {
     length_m: f64,
     /// Displacements of the active node in units of the kernel length.
     centres: Vec<[f64; 3]>,
@@ -31,7 +33,7 @@ const ORDERS: usize = 4;
 impl ScatteredMotion {
     /// Interpolation of configurations, each with its displacement of the active node, m; the first is rest.
     /// `None` if the matrix is not positive definite.
-    pub fn new(length_m: f64, configurations: &[([f64; 3], SurfaceMotionSample)]) -> Option<Self> {
+    pub(crate) fn new(length_m: f64, configurations: &[([f64; 3], SurfaceMotionSample)]) -> Option<Self> {
         let base = configurations.first()?.1.slopes.clone();
         let centres: Vec<[f64; 3]> = configurations.iter().map(|(p, _)| p.map(|x| x / length_m)).collect();
         let n = ORDERS * centres.len();
@@ -63,8 +65,23 @@ impl ScatteredMotion {
         Some(Self { length_m, centres, factor: matrix.llt(Side::Lower).ok()?, data, base })
     }
 
+    /// The table of this motion at the points of `samples`. The bound is that of the scene; the interpolation
+    /// between the configurations takes its share of it.
+    pub(crate) fn table<E>(
+        &self,
+        grid: &SpaceGrid,
+        samples: &[Sample],
+        bound: DisplacementBound,
+    ) -> Result<DisplacementFit, DisplacementFault<E>> {
+        let solved: Vec<GridIndex> = samples.iter().map(|sample| sample.index).collect();
+        // Each surface is read twice and costly to evaluate. The list is small, so it is kept in memory.
+        let all: Vec<SurfaceMotionSample> =
+            solved.iter().map(|&index| self.at(grid.displacement_m(index))).collect();
+        fit_displacement(grid, &solved, &[], bound.at_points_of_a_fit(), |at| Ok(all[at].clone()))
+    }
+
     /// Displacement and slopes of the surface at a displacement of the active node, m.
-    pub fn at(&self, displacement_m: [f64; 3]) -> SurfaceMotionSample {
+    pub(crate) fn at(&self, displacement_m: [f64; 3]) -> SurfaceMotionSample {
         let x = displacement_m.map(|p| p / self.length_m);
         let mut right = Mat::<f64>::zeros(self.data.len(), ORDERS);
         for (m, &centre) in self.centres.iter().enumerate() {
@@ -97,6 +114,19 @@ impl ScatteredMotion {
             }),
         }
     }
+}
+
+/// The displacement table of adaptively sampled configurations, each with its displacement of the active node,
+/// m, rest first: their surface is interpolated with the kernel length l, m, at the points of `samples`. `None`
+/// if two configurations coincide or a surface exceeds `bound`.
+pub fn displacement_of_fit(
+    length_m: f64,
+    configurations: &[([f64; 3], SurfaceMotionSample)],
+    (grid, samples): (&SpaceGrid, &[Sample]),
+    bound: DisplacementBound,
+) -> Option<DisplacementFit> {
+    let motion = ScatteredMotion::new(length_m, configurations)?;
+    motion.table::<std::convert::Infallible>(grid, samples, bound).ok()
 }
 
 #[cfg(test)]

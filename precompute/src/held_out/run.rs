@@ -101,7 +101,7 @@ fn in_mm(length_m: f64) -> f64 {
 
 impl HeldOutError {
     /// Whether the caller's input caused the error.
-    pub fn is_bad_input(&self) -> bool {
+    pub(crate) fn is_bad_input(&self) -> bool {
         match self {
             Self::Store(error) => !error.is_of_the_machine(),
             Self::Interrupted | Self::Executor(_) => false,

@@ -3,7 +3,7 @@
 use palpate_core::{BlobError, LatticeError};
 use thiserror::Error;
 
-use crate::fit::{FitError, Misfit};
+use crate::fit::FitError;
 use crate::num::parallel::ThreadError;
 use crate::space::StoreError;
 use crate::spec::GridIndex;
@@ -31,16 +31,18 @@ pub enum PackError {
     #[error(
         "active node {active}: the displacement at grid point {index:?} is not packed closer than {:.4} mm rms, \
          {:.4} mm at a node; allow more with displacement_rms_mm and displacement_max_mm under [needs]",
-        1e3 * .misfit.rms_m,
-        1e3 * .misfit.max_m
+        1e3 * .rms_m,
+        1e3 * .max_m
     )]
     Displacement {
         /// Name of the active node.
         active: String,
         /// The configuration.
         index: GridIndex,
-        /// Its misfit.
-        misfit: Misfit,
+        /// Its root mean square misfit over the nodes, m.
+        rms_m: f64,
+        /// Its largest misfit at a node, m.
+        max_m: f64,
     },
     /// The core refuses the blob: a force or a length is not finite or out of range.
     #[error(

@@ -8,8 +8,8 @@ use palpate_core::Method;
 use super::PackError;
 use crate::adaptive::{AdaptiveFit, Resampled, Verdict, resample};
 use crate::fit::{
-    BranchJump, DisplacementFault, DisplacementFit, HermiteNodes, KernelPlanes, Sample, ScatteredMotion,
-    SurfaceMotionSample, fit_displacement, hermite_nodes,
+    BranchJump, DisplacementFault, DisplacementFit, HermiteNodes, KernelPlanes, Misfit, Sample,
+    ScatteredMotion, SurfaceMotionSample, fit_displacement, hermite_nodes,
 };
 use crate::num::parallel::in_parallel;
 use crate::space::{Record, Store, SurfaceMotion, branch_jumps, samples, state};
@@ -121,27 +121,24 @@ impl Fitter<'_> {
     ) -> Result<DisplacementFit, PackError> {
         let TableInput { grid, samples, branch_jumps, fit, step } = known;
         let motion = SurfaceMotion::new(store, selected.active, self.nodes)?;
-        let solved: Vec<GridIndex> = samples.iter().map(|sample| sample.index).collect();
         let fitted = match fit {
             Some(fit) => {
-                let bound = bound.at_points_of_a_fit();
-                // Each displacement is read twice and costly to evaluate. The list is small, so it is kept in
-                // memory.
-                let scattered = scattered_motion(selected, fit, &motion, bound)?;
-                let all: Vec<SurfaceMotionSample> =
-                    solved.iter().map(|&index| scattered.at(grid.displacement_m(index))).collect();
-                fit_displacement(grid, &solved, branch_jumps, bound, |at| Ok(all[at].clone()))
+                let scattered = scattered_motion(selected, fit, &motion, bound.at_points_of_a_fit())?;
+                scattered.table(grid, samples, bound)
             }
-            None => fit_displacement(grid, &solved, branch_jumps, bound, |at| {
-                motion.at(samples[at].index.map(|n| n * step), samples[at].attempt)
-            }),
+            None => {
+                let solved: Vec<GridIndex> = samples.iter().map(|sample| sample.index).collect();
+                fit_displacement(grid, &solved, branch_jumps, bound, |at| {
+                    motion.at(samples[at].index.map(|n| n * step), samples[at].attempt)
+                })
+            }
         };
         let active = || selected.name.clone();
         fitted.map_err(|fault| match fault {
             DisplacementFault::Read(error) => PackError::Store(error),
             DisplacementFault::Modes => PackError::Modes(active()),
-            DisplacementFault::Bound { index, misfit } => {
-                PackError::Displacement { active: active(), index, misfit }
+            DisplacementFault::Bound { index, misfit: Misfit { rms_m, max_m } } => {
+                PackError::Displacement { active: active(), index, rms_m, max_m }
             }
         })
     }

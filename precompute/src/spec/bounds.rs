@@ -24,7 +24,7 @@ impl DisplacementBound {
     /// Part of the bound for the points of a fit's table, shared by the modes and the slopes. The rest covers
     /// the interpolation error between the points, because the cells are as large as the energy allows.
     #[must_use]
-    pub fn at_points_of_a_fit(self) -> Self {
+    pub(crate) fn at_points_of_a_fit(self) -> Self {
         const SHARE: f64 = 0.7;
         let of = |bound_m: f64| (SHARE * bound_m).max(Self::MIN_M);
         Self { rms_m: of(self.rms_m), max_m: of(self.max_m) }

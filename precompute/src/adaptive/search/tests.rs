@@ -20,7 +20,7 @@ const FINE: Requirements =
 /// Runs a search to its end; `solve` returns the result at a position.
 fn searched(wanted: Requirements, solve: impl Fn([f64; 3]) -> SolveResult) -> (Search, Verdict) {
     let mut search = Search::new(wanted, &jet([0.0; 3]));
-    let verdict = search.run(|_, target| solve(target.displacement_m()));
+    let verdict = search.run(|_, target| solve(target.displacement_m));
     (search, verdict)
 }
 

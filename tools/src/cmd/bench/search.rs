@@ -25,7 +25,7 @@ pub(super) fn search_alone(
     let mut search = Search::new(wanted, rest.jet());
     let (mut seeds, mut solved) = (vec![([0.0; 3], rest.seed)], 1);
     let verdict = search.run(|search, target| {
-        let (parent, at) = (search.fitted.jets[target.parent].control_m, target.displacement_m());
+        let (parent, at) = (search.fitted.jets[target.parent].control_m, target.displacement_m);
         let outcome = solver.advance(nearest(&seeds, parent), at);
         solved += usize::from(outcome.is_ok());
         match outcome {

@@ -3,7 +3,7 @@
 
 use palpate_core::Method;
 use palpate_precompute::adaptive::{Resampled, resample};
-use palpate_precompute::fit::{ScatteredMotion, fit_displacement};
+use palpate_precompute::fit::displacement_of_fit;
 use palpate_precompute::num::{distance, norm};
 use palpate_precompute::space::FallbackLattice;
 use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid, Tolerance};
@@ -279,11 +279,8 @@ fn linear_error(truth: &Surrogate, places: &[Place], tolerance: &Tolerance) -> (
 /// Size of the displacement planes, by the packer's fit of the surface at the probes.
 fn eye(probed: &Probed, length_m: f64, on: &Resampled, bound: DisplacementBound) -> Option<VisualModel> {
     let vertices = probed.moved.first()?.1.displacement_m.len() / 3;
-    let motion = ScatteredMotion::new(length_m, &probed.moved)?;
-    let solved: Vec<_> = on.samples.iter().map(|sample| sample.index).collect();
-    let read = |at: usize| Ok::<_, std::convert::Infallible>(motion.at(on.grid.displacement_m(solved[at])));
-    let fit = fit_displacement(&on.grid, &solved, &[], bound.at_points_of_a_fit(), read).ok()?;
-    let outliers = fit.outlier_row.len() as f64 / solved.len().max(1) as f64;
+    let fit = displacement_of_fit(length_m, &probed.moved, (&on.grid, &on.samples), bound)?;
+    let outliers = fit.outlier_row.len() as f64 / on.samples.len().max(1) as f64;
     Some(VisualModel { vertices, modes: fit.scale.len(), slopes: fit.slopes, outliers })
 }
 

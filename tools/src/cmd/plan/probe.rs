@@ -163,7 +163,7 @@ impl Probing<'_> {
                 // A parent outside the stored seeds would be known only to the search. This does not occur;
                 // the last seed is a valid start in any case.
                 let seed = &self.seeds[target.parent.min(self.seeds.len() - 1)];
-                let (reached, seconds) = timed(|| self.solver.advance(seed, target.displacement_m()));
+                let (reached, seconds) = timed(|| self.solver.advance(seed, target.displacement_m));
                 solved();
                 probed.far_s.push(seconds);
                 found.push(match reached {

@@ -112,7 +112,7 @@ impl Surrogate {
         let mut solved = 1_usize;
         search.run(|_, target| {
             solved += 1;
-            SolveResult::Solved(self.fit.jet(target.displacement_m()))
+            SolveResult::Solved(self.fit.jet(target.displacement_m))
         });
         let configurations =
             f64::min(solved as f64 * self.more(), self.wanted.max_configurations as f64 + 1.0);
@@ -202,7 +202,7 @@ pub(super) mod tests {
         let mut jets = vec![rest];
         for _ in 0..batches {
             let Step::Solve(targets) = search.step() else { break };
-            let solved: Vec<EnergyJet> = targets.iter().map(|t| stiffening(t.displacement_m())).collect();
+            let solved: Vec<EnergyJet> = targets.iter().map(|t| stiffening(t.displacement_m)).collect();
             jets.extend(&solved);
             search.take(&solved.into_iter().map(SolveResult::Solved).collect::<Vec<_>>());
         }
@@ -231,7 +231,7 @@ pub(super) mod tests {
         let mut count = 1;
         search.run(|_, target| {
             count += 1;
-            SolveResult::Solved(stiffening(target.displacement_m()))
+            SolveResult::Solved(stiffening(target.displacement_m))
         });
         count
     }
