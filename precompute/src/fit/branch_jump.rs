@@ -43,11 +43,7 @@ pub(crate) fn flagged_pairs(
 /// whose third derivatives show a strongly curved but continuous branch.
 pub(crate) fn branch_jumps(solved: &[(GridIndex, EnergyJet)]) -> Vec<BranchJump> {
     let by_index: std::collections::HashMap<GridIndex, EnergyJet> = solved.iter().copied().collect();
-    let at = |index| by_index.get(&index).copied();
-    let mut branch_jumps = flagged_pairs(solved.iter().copied(), at);
-    branch_jumps.retain(|jump| {
-        let (Some(a), Some(b)) = (at(jump.from), at(jump.to)) else { return true };
-        Excess::with_thirds(&a, &b).is_jump()
-    });
+    let mut branch_jumps = flagged_pairs(solved.iter().copied(), |index| by_index.get(&index).copied());
+    branch_jumps.retain(|jump| Excess::with_thirds(&by_index[&jump.from], &by_index[&jump.to]).is_jump());
     branch_jumps
 }

@@ -8,8 +8,8 @@
 //!
 //! The saddle-point matrix of an incompressible body has zeros on the pressure diagonal. Subtracting delta_i
 //! = delta V_i / mu from them makes the matrix of a stable state quasi-definite, so that LDL^T exists for any
-//! order. Refinement then removes the effect of delta. If the measured residual shows that this fails, delta
-//! is increased; the last attempt is an LU factorisation with pivoting.
+//! order. Refinement then removes the effect of delta. If the measured residual shows that this fails (parts
+//! whose stiffnesses differ by eight orders of magnitude), an LU factorisation with pivoting is used.
 
 mod symbolic;
 
@@ -27,8 +27,8 @@ pub(super) use symbolic::SymbolicFactor;
 use crate::fem::assembly::Pattern;
 use crate::num::vector::magnitude;
 
-/// Regularisations delta in the order of the attempts, in units of V_i / mu.
-const DELTAS: [f64; 3] = [1e-9, 1e-7, 1e-5];
+/// Regularisation delta, in units of V_i / mu.
+const DELTA: f64 = 1e-9;
 /// Required accuracy of a solution, as relative residuals.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Accuracy {
@@ -117,9 +117,9 @@ impl Factor {
         }
         let Matrix { symbolic, pattern, values } = matrix;
         self.regularised.copy_from_slice(&values[..pattern.entries()]);
-        if let Route::Indefinite(level) = route {
+        if route == Route::Indefinite {
             for &(place, size) in &symbolic.pressure_diagonal {
-                self.regularised[place] -= DELTAS[level] * size;
+                self.regularised[place] -= DELTA * size;
             }
         }
         let n = pattern.unknowns();
@@ -288,7 +288,7 @@ impl Factor {
         match self.route {
             Route::Positive => Some(0),
             Route::Pivoted => None,
-            Route::Indefinite(_) => {
+            Route::Indefinite => {
                 let SymbolicCholeskyRaw::Supernodal(analysis) = symbolic.symbolic.raw() else { return None };
                 let factor = supernodal::SupernodalLdltRef::new(analysis, &self.values);
                 let negative = (0..analysis.n_supernodes())

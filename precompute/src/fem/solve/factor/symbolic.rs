@@ -25,8 +25,8 @@ pub(in crate::fem::solve) struct SymbolicFactor {
 pub(super) enum Route {
     /// LL^T; exists only for a positive definite matrix.
     Positive,
-    /// LDL^T with the regularisation of this index in [`super::DELTAS`].
-    Indefinite(usize),
+    /// LDL^T with the regularisation [`super::DELTA`].
+    Indefinite,
     /// LU with pivoting.
     Pivoted,
 }
@@ -62,13 +62,9 @@ impl SymbolicFactor {
 
     /// The factorisations in the order of the attempts.
     pub(super) fn routes(&self) -> &'static [Route] {
-        const SADDLE: [Route; 4] =
-            [Route::Indefinite(0), Route::Indefinite(1), Route::Indefinite(2), Route::Pivoted];
-        match (self.negative_when_stable, self.pressure_diagonal.is_empty()) {
-            (0, _) => &[Route::Positive, Route::Indefinite(0), Route::Pivoted],
-            // Without regularised entries, a second level would repeat the first.
-            (_, true) => &[Route::Indefinite(0), Route::Pivoted],
-            (_, false) => &SADDLE,
+        match self.negative_when_stable {
+            0 => &[Route::Positive, Route::Indefinite],
+            _ => &[Route::Indefinite, Route::Pivoted],
         }
     }
 
