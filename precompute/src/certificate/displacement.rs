@@ -6,7 +6,7 @@ use std::time::Instant;
 use palpate_core::{ConfigTag, DisplacementPlanes, DisplacementTable, Organ, Space};
 use serde::{Deserialize, Serialize};
 
-use super::measure::has_branch_jump;
+use super::branch_jump::has_branch_jump;
 use crate::fit::{FitError, Kernel, Misfit, PackedModes, Sample, SurfaceRbf};
 use crate::space::{Kind, Store, StoreError, SurfaceMotion};
 

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use palpate_core::flags::SMOOTH;
 use palpate_core::{Coverage, Method, Organ, Space};
 
+use super::branch_jump::has_branch_jump;
 use super::probes::{probe, share_of_part};
 use super::{
     Answer, BranchDifference, Certificate, Compared, Cost, Errors, Health, MethodCertificate, Origin,
@@ -196,13 +196,6 @@ pub(crate) fn truths(
         }
     })?;
     Ok(truths)
-}
-
-/// Whether the cell of the position, or an adjacent one, contains a branch jump.
-pub(super) fn has_branch_jump(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
-    let at = space.lattice().locate(displacement_m);
-    let corners = space.lattice().corners(at.slot);
-    corners.iter().any(|slot| space.planes().flags.get(*slot).is_none_or(|bits| bits & SMOOTH == 0))
 }
 
 fn measure(

@@ -4,6 +4,7 @@
 //! near branch jumps, where the body has several solutions, are reported separately: no interpolant is
 //! correct there, and a common mean would hide them.
 
+mod branch_jump;
 mod displacement;
 mod errors;
 mod health;

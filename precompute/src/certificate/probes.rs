@@ -7,7 +7,7 @@ use std::time::Instant;
 use palpate_core::{Method, Space, vec3};
 use serde::{Deserialize, Serialize};
 
-use super::measure::has_branch_jump;
+use super::branch_jump::has_branch_jump;
 use super::reference;
 use crate::num::sequence::{on_sphere, r3};
 use crate::num::vector::{cross, distance, dot, norm, unit};

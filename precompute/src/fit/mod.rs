@@ -26,8 +26,8 @@ pub(crate) use kernel_planes::KernelPlanes;
 pub(crate) use modes::PackedModes;
 pub(crate) use motion::ScatteredMotion;
 pub use motion::displacement_of_fit;
-pub use rbf_weights::{Centre, Kernel, RbfFit, fit_rbf};
 pub(crate) use rbf_weights::{FitError, SurfaceRbf};
+pub use rbf_weights::{Kernel, RbfFit, fit_rbf};
 
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
@@ -47,4 +47,19 @@ pub struct Sample {
     pub terminating: bool,
     /// Whether an element is inverted.
     pub inverted: bool,
+}
+
+/// A position and the force there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Centre {
+    /// Position in cells.
+    pub position: [f64; 3],
+    /// h, N.
+    pub force_n: [f64; 3],
+}
+
+impl From<&Sample> for Centre {
+    fn from(sample: &Sample) -> Self {
+        Self { position: sample.index.map(f64::from), force_n: sample.jet.force_n }
+    }
 }

@@ -14,7 +14,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::rbf_weights::Centre;
+use super::Centre;
 use crate::num::parallel::{Pool, ThreadError};
 use crate::num::vector::inner;
 

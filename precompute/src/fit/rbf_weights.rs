@@ -5,7 +5,7 @@ use faer::{Mat, Side};
 use palpate_core::RBF_LANES;
 use thiserror::Error;
 
-use super::Sample;
+use super::Centre;
 use super::rbf_iterative::solve_iteratively;
 use crate::num::parallel::ThreadError;
 
@@ -39,21 +39,6 @@ impl Kernel {
             Self::Linear => "rbf-linear",
             Self::Cubic => "rbf-cubic",
         }
-    }
-}
-
-/// A position and the force there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Centre {
-    /// Position in cells.
-    pub position: [f64; 3],
-    /// h, N.
-    pub force_n: [f64; 3],
-}
-
-impl From<&Sample> for Centre {
-    fn from(sample: &Sample) -> Self {
-        Self { position: sample.index.map(f64::from), force_n: sample.jet.force_n }
     }
 }
 

@@ -6,10 +6,12 @@
 //! [`crate::space::WalkJob`] solves a path or a single position in one job. `run` sends the walks to an
 //! executor and stores the outcomes in the store of the space. `summary` counts them.
 
+mod error;
 mod positions;
 mod run;
 mod summary;
 
+pub use error::HeldOutError;
 pub use positions::{Draw, is_on_training_lattice, regular_directions};
-pub use run::{HeldOut, HeldOutError, HeldOutProgress};
+pub use run::{HeldOut, HeldOutProgress};
 pub use summary::Summary;

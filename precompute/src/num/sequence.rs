@@ -21,7 +21,8 @@ pub(crate) fn on_sphere(z: f64, (sin, cos): (f64, f64)) -> [f64; 3] {
 /// Point `n` of an even distribution in the ball of this radius about the origin.
 pub fn in_ball(n: u32, shift: f64, radius_m: f64) -> [f64; 3] {
     let [r, z, turn] = r3(n, shift);
-    on_sphere(2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos()).map(|x| radius_m * r.cbrt() * x)
+    let azimuth = std::f64::consts::TAU * turn;
+    on_sphere(2.0 * z - 1.0, (libm::sin(azimuth), libm::cos(azimuth))).map(|x| radius_m * libm::cbrt(r) * x)
 }
 
 /// Step of the state of SplitMix64.

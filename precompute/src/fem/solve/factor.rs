@@ -8,8 +8,8 @@
 //!
 //! The saddle-point matrix of an incompressible body has zeros on the pressure diagonal. Subtracting delta_i
 //! = delta V_i / mu from them makes the matrix of a stable state quasi-definite, so that LDL^T exists for any
-//! order. Refinement then removes the effect of delta. If the measured residual shows that this fails (parts
-//! whose stiffnesses differ by eight orders of magnitude), an LU factorisation with pivoting is used.
+//! order. Refinement then removes the effect of delta. If the measured residual shows that this fails (a part
+//! of the body is about a million times softer than the rest), an LU factorisation with pivoting is used.
 
 mod symbolic;
 
