@@ -28,6 +28,8 @@ pub(crate) fn blob(data: &[u8]) {
         let mut derived = space.planes().flags.to_vec();
         flags::derive(space.lattice(), &mut derived);
         assert_eq!(derived, space.planes().flags, "inconsistent flags");
+        let of_solved = flags::TERMINATING | flags::INVERTED;
+        assert!(derived.iter().all(|bits| bits & flags::SOLVED != 0 || bits & of_solved == 0));
         let mut surface = vec![vec3::ZERO; organ.surface.node.len().min(1000)];
         for displacement_m in places(space) {
             space.displacement_into(displacement_m, &mut surface);

@@ -174,7 +174,7 @@ impl<'a> Space<'a> {
 
     /// Whether the planes of a method are present.
     pub fn has(&self, method: Method) -> bool {
-        self.force(method, vec3::ZERO).is_some()
+        (|| Some(with_interpolant!(self, method, |_interpolant, _domain| true)))().is_some()
     }
 
     /// Reaction force h at a displacement of the active node, metres in and newtons out.

@@ -211,7 +211,7 @@ pub struct SessionSummary {
     pub latency: LatencyReport,
     /// Records dropped because the queue was full.
     pub dropped_records: u64,
-    /// Device exchanges that failed with a transient error.
+    /// Device exchanges that failed.
     pub device_errors: u64,
     /// Forces, displacements, contacts.
     pub touch: TouchStatistics,

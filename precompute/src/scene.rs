@@ -180,7 +180,7 @@ impl ActiveNode {
 #[derive(Debug, thiserror::Error)]
 pub enum BodyError {
     /// An element has no positive volume.
-    #[error("{0}")]
+    #[error("{0}; reorder its vertices or mesh the body again")]
     Degenerate(MeshFault),
     /// The pressures of an incompressible part are not unique with the tool on this active node.
     #[error("with the tool on \"{0}\", {1}")]

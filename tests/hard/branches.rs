@@ -143,8 +143,6 @@ fn a_pressed_column_has_more_than_one_equilibrium() {
     assert!(ends.len() > 1, "large perturbations find other equilibria");
 }
 
-/// The path meets the end of a branch: there W is not the integral of h. The path continues on another branch
-/// and flags only this step.
 /// Larger residual of the interpolation of energy (per length) and force between two configurations, N.
 fn excess_n(a: &Configuration, b: &Configuration) -> f64 {
     let (a, b) = (a.jet(), b.jet());
@@ -156,6 +154,8 @@ fn excess_n(a: &Configuration, b: &Configuration) -> f64 {
     (energy_j.abs() / d.norm()).max(force_n.norm())
 }
 
+/// The path meets the end of a branch: there W is not the integral of h. The path continues on another branch
+/// and flags only this step.
 #[test]
 fn a_branch_jump_is_flagged_at_its_step() {
     let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");

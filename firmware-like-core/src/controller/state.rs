@@ -76,7 +76,7 @@ pub struct Command {
     pub phase: Phase,
     /// Whether the reaction exceeded the force limit.
     pub clamped: bool,
-    /// Work on the hand since first touch, joules in metres of the device; negative while it presses.
+    /// Work on the hand in this touch, joules in metres of the device; negative while it presses.
     pub hand_work_j: f32,
     /// Whether the passivity control added damping.
     pub damped: bool,

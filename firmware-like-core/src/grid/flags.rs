@@ -2,8 +2,7 @@
 //! complete.
 //!
 //! [`CELL`], [`SUPERCELL`] and [`INTERIOR`] follow from [`SOLVED`], and [`SMOOTH`] from [`BRANCH_JUMP`]. The
-//! writer derives them with [`derive()`], the reader verifies them with [`first_inconsistent`]; a query only
-//! looks them up.
+//! writer derives them with [`derive()`], the reader verifies them; a query only looks them up.
 
 use super::{BallLattice, CORNERS, Location, corner_weights};
 use crate::num::vec3::{self, Vec3};

@@ -51,7 +51,7 @@ impl HermitePlanes<'_> {
         Ok(())
     }
 
-    /// h of the cubics at a location, newtons.
+    /// h of the cubics at a location, newtons; finite if [`HermitePlanes::check`] accepts the planes.
     pub fn cubic_force(&self, lattice: &BallLattice, at: &Location) -> Vec3 {
         Hermite(self).force(Baseline, Ball { lattice, flags: &[] }, at)
     }

@@ -43,7 +43,8 @@ named! {
 impl Method {
     /// The methods whose tables consist of values at lattice points: all but the kernel.
     pub const OF_LATTICE: [Self; 7] = {
-        let [lattice @ .., _] = Self::ALL;
+        let [lattice @ .., last] = Self::ALL;
+        assert!(matches!(last, Self::Kernel));
         lattice
     };
 }

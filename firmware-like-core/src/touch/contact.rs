@@ -1,10 +1,10 @@
 //! Which active nodes the tool holds: engage, slide, release.
 //!
 //! A space defines the force for a displacement of its node, but not whether the tool touches it. The tool is
-//! one point, the HIP. It engages where its path crosses the surface of the organ at rest. A blob without a
-//! surface uses the plane of the nearest active node. While engaged, the displacement is measured from the
-//! anchor, which is at first the position of the HIP at first touch. Thus every touch starts at d = 0 and
-//! without force, at any point of a triangle.
+//! one point, the HIP. It engages where its path crosses the surface of the organ at rest; a controller
+//! without a [`TouchSurface`] uses the plane of the nearest active node. While engaged, the displacement is
+//! measured from the anchor, which is at first the position of the HIP at first touch. Thus every touch starts
+//! at d = 0 and without force, at any point of a triangle.
 //!
 //! - **Snap** (Peterlik 2010): the nearest active node is held, and the anchor stays.
 //! - **Slide**: where all three corners of the touched triangle are active nodes, the force is the sum of

@@ -24,6 +24,8 @@ pub const FIXED_COLOUR: u32 = 0x4a_6788;
 const GHOST_COLOUR: u32 = 0xdf_e9f2;
 /// Smallest force that is drawn as an arrow, N.
 const MIN_FORCE_N: f32 = 0.02;
+/// Full length of the force arrow for an organ without a force limit.
+const USUAL_MAX_FORCE_N: f32 = 5.0;
 
 /// Smallest displacement at which the ghost is drawn, as a share of the colour map's full scale.
 const MIN_GHOST: f32 = 0.06;
@@ -162,7 +164,8 @@ impl Scene {
         }
         let direction = force_n / size_n;
         // The square root keeps a small force visible and the largest force inside the picture.
-        let length_m = self.radius_m * 0.52 * (size_n / organ.max_force_n).min(1.5).sqrt();
+        let largest_n = if organ.max_force_n.is_finite() { organ.max_force_n } else { USUAL_MAX_FORCE_N };
+        let length_m = self.radius_m * 0.52 * (size_n / largest_n).min(1.5).sqrt();
         let gap_m = 0.040 * self.radius_m;
         let pushes = direction.dot(Vec3::from_array(space.active.outward_normal)) < 0.0;
         let ends = if pushes {

@@ -155,6 +155,7 @@ mod tests {
         let nodes = crate::fit::hermite_nodes(&on.grid, &on.samples, &[]);
         let lattice = &on.grid.lattice;
         let table = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
+        table.check(lattice).expect("a valid table");
         for n in 0..200 {
             let at = crate::fit::synthetic::spread(n, 0.99 * on.grid.radius_m);
             let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));

@@ -38,6 +38,9 @@ impl KernelPlanes {
         is_valid_at: impl Fn([f64; 3]) -> bool,
     ) -> Option<Self> {
         let KernelFit { length_m, rest_stiffness_n_m, centres, weights } = fit;
+        if centres.len() > kernel::MAX_CENTRES {
+            return None;
+        }
         let base = |[i, j]: [usize; 2]| length_m * rest_stiffness_n_m[(i, j)];
         let [xx, xy, xz, yy, yz, zz] = SECOND_INDICES.map(base);
         let scalars = [*length_m, xx, xy, xz, yy, yz, zz];

@@ -2,7 +2,7 @@
 //! errors (paper, 5.2 and 5.3).
 //!
 //! There are three kinds: regular paths in 26 directions and random paths, as in the paper, and independent
-//! uniform positions. Bounds come from the uniform positions alone. [`positions`] draws them from a seed.
+//! uniform positions. Bounds come from the uniform positions alone. `positions` draws them from a seed.
 //! [`crate::space::WalkJob`] solves a path or a single position in one job. `run` sends the walks to an
 //! executor and stores the outcomes in the store of the space. `summary` counts them.
 

@@ -1,7 +1,7 @@
 //! The expensive part of packing: the fits of each space, before the layout.
 //!
-//! The spaces are independent. Threads share them, each with its own connection to the store. The result does
-//! not depend on the number of threads.
+//! The spaces are independent. Threads share them; each space has its own connection to the store. The result
+//! does not depend on the number of threads.
 
 use palpate_core::Method;
 
@@ -75,7 +75,7 @@ impl Fitter<'_> {
         selected: &[SelectedSpace],
         threads: usize,
     ) -> Result<Vec<Fitted>, PackError> {
-        // Every thread has its own connection, which sees only committed rows.
+        // A connection serves one thread, so every space opens its own. It sees only committed rows.
         store.commit()?;
         let path = store.path();
         let one = |selected: &SelectedSpace| self.one(&Store::open(path)?, selected);

@@ -135,7 +135,7 @@ fn forces(
     let solve = |share: &&[Truth]| -> Solved {
         let mut solver = Solver::new(problem.clone());
         let Ok(rest) = solver.rest() else { return vec![None; share.len()] };
-        let mut force = |truth: &Truth| {
+        let force = |truth: &Truth| {
             if run.stop.load(Ordering::Relaxed) {
                 return None;
             }
@@ -143,7 +143,7 @@ fn forces(
             let at = solver.advance(&rest.seed, truth.displacement_m.map(f64::from)).ok()?;
             Some(SolvedPosition { force_n: at.jet().force_n, seconds: begun.elapsed().as_secs_f64() })
         };
-        share.iter().map(|truth| force(truth)).collect()
+        share.iter().map(force).collect()
     };
     Ok(in_parallel(&shares, run.threads, solve)?.concat())
 }

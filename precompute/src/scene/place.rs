@@ -77,7 +77,7 @@ impl Place {
                 _ => format!("`{key}`"),
             };
             (format!("{written} is missing"), format!("add {written}"))
-        } else if message.starts_with("invalid") {
+        } else if message.starts_with("invalid") || message.starts_with("wanted") {
             (message.to_owned(), "write a value of the expected type".into())
         } else {
             (format!("not valid TOML ({message})"), "correct the syntax".into())

@@ -132,10 +132,11 @@ pub fn with_threads<R, E: From<ExecutorError>>(
                     let mut worker = Worker::new(context, stop);
                     for piece in pieces {
                         // A panic is reported. Otherwise the pool would wait for a result that never arrives.
-                        // The run ends with it, so that no result of a half-changed worker is used.
+                        // The run ends with it, and the half-changed worker solves nothing more.
                         let done = catch_unwind(AssertUnwindSafe(|| worker.execute(&piece)));
                         let done = done.unwrap_or(Err(ExecutorError::Panicked));
-                        if sender.send((number, done)).is_err() {
+                        let panicked = matches!(done, Err(ExecutorError::Panicked));
+                        if sender.send((number, done)).is_err() || panicked {
                             break;
                         }
                     }

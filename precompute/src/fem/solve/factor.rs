@@ -305,6 +305,9 @@ impl Factor {
     /// x = factor^-1 right with the current factor, one column, without refinement and check. For steps that
     /// the residual of the equilibrium checks.
     pub(super) fn solve_unrefined(&mut self, symbolic: &SymbolicFactor, right: &[f64], x: &mut [f64]) {
+        if right.is_empty() {
+            return;
+        }
         self.correction[..right.len()].copy_from_slice(right);
         self.apply(symbolic, right.len(), right.len());
         x.copy_from_slice(&self.correction[..right.len()]);

@@ -72,6 +72,12 @@ impl Grid<'_> {
     pub fn encode(&self) -> io::Result<String> {
         let (per_cell, vtk_type) = self.cell.shape();
         let (points, cells) = (self.nodes_m.len(), self.connectivity.len() / per_cell);
+        if !self.connectivity.len().is_multiple_of(per_cell) {
+            let indices = self.connectivity.len();
+            return Err(inconsistent(format!(
+                "{indices} indices are no whole number of cells of {per_cell}"
+            )));
+        }
         if let Some(at) = self.connectivity.iter().position(|&node| node as usize >= points) {
             let (cell, node) = (at / per_cell, self.connectivity[at]);
             return Err(inconsistent(format!("cell {cell} names node {node}, which does not exist")));

@@ -9,6 +9,7 @@ use rusqlite::ErrorCode;
 #[error("{}: {fault}", path.display())]
 pub struct StoreError {
     path: PathBuf,
+    #[source]
     fault: StoreFault,
 }
 
@@ -17,10 +18,10 @@ pub struct StoreError {
 pub(in crate::space) enum StoreFault {
     /// SQLite reports an error.
     #[error("{}", of_sqlite(.0))]
-    Sqlite(rusqlite::Error),
+    Sqlite(#[source] rusqlite::Error),
     /// The operating system reports an error.
     #[error("{0}; check the name, the folder and its permissions")]
-    Io(std::io::Error),
+    Io(#[source] std::io::Error),
     /// The file has this write-ahead log and lies in a folder without write permission.
     #[error(
         "its last commits are in {}, and its folder is not writable; copy both files to a writable folder",

@@ -10,7 +10,7 @@ use crate::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
 const LAYOUT: &str = "5";
 
 /// Increased whenever the bits of the solver or the course of a search change.
-const SOLVER_REVISION: u32 = 8;
+const SOLVER_REVISION: u32 = 9;
 
 /// Inputs of a store. A resumed run must have the same.
 #[derive(Debug, Clone, PartialEq)]

@@ -231,21 +231,25 @@ impl Store {
     /// Intermediate states of transitions, each with target point and attempt, sorted by these and along the
     /// transition.
     pub fn intermediate(&self, active: usize) -> Result<Vec<(GridIndex, u32, EnergyJet)>, StoreError> {
-        let sql = "SELECT i, j, k, attempt, numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
         let mut states = Vec::new();
+        self.each_intermediate(active, |index, attempt, jet| states.push((index, attempt, jet)))?;
+        Ok(states)
+    }
+
+    fn each_intermediate(
+        &self,
+        active: usize,
+        mut take: impl FnMut(GridIndex, u32, EnergyJet),
+    ) -> Result<(), StoreError> {
+        let sql = "SELECT i, j, k, attempt, numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
         self.each_row(sql, active, |row| {
             let read =
                 || Ok(([row.get(0)?, row.get(1)?, row.get(2)?], row.get(3)?, row.get::<_, Vec<u8>>(4)?));
             let (index, attempt, bytes) = self.wrap(read())?;
             let state = rows::unpack_intermediate(&bytes);
-            states.push((
-                index,
-                attempt,
-                state.ok_or_else(|| self.corrupt("an intermediate state is damaged"))?,
-            ));
+            take(index, attempt, state.ok_or_else(|| self.corrupt("an intermediate state is damaged"))?);
             Ok(())
-        })?;
-        Ok(states)
+        })
     }
 
     /// Adds an outcome, and with the last outcome of a space the state of the space. Outcomes in quick
@@ -324,7 +328,7 @@ impl Store {
         if let Some(index) = self.wrap(stateless)? {
             return Err(self.corrupt(rows::damaged(&index)));
         }
-        self.intermediate(active).map(drop)
+        self.each_intermediate(active, |_, _, _| {})
     }
 
     /// The final state of one attempt at a point.

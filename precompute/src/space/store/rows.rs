@@ -79,14 +79,18 @@ pub(super) fn equilibrium(
         Some(tag) if tag.is_solved() => tag == ConfigTag::Terminating,
         _ => return Err(unreadable(tag, Type::Text)),
     };
-    let mut numbers = [0.0; 20];
+    let mut numbers = [0.0_f64; 20];
     for (column, number) in numbers[..10].iter_mut().enumerate() {
         *number = row.get(failure + 1 + column)?;
     }
-    // Only a failed solve can be without a residual.
-    let _: f64 = row.get(residual)?;
+    // Only a failed solve can be without a residual. The writer refuses what is not finite.
+    let residual_n: f64 = row.get(residual)?;
+    let min_jacobian: f64 = row.get(residual + 1)?;
+    if !(residual_n.is_finite() && min_jacobian.is_finite() && numbers.iter().all(|x| x.is_finite())) {
+        return Err(unreadable(residual, Type::Real));
+    }
     Ok(Ok(Equilibrium {
-        min_jacobian: row.get(residual + 1)?,
+        min_jacobian,
         inverted: row.get(residual + 2)?,
         unstable_modes: row.get(residual + 3)?,
         switched: row.get(residual + 4)?,

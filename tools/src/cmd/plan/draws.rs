@@ -114,7 +114,7 @@ impl Random {
     }
 
     /// Distributed with this minimum, these quartiles and this maximum, uniform in between.
-    fn from_quartiles(&mut self, quartiles: &[f64; 5]) -> f64 {
+    fn draw_by_quartiles(&mut self, quartiles: &[f64; 5]) -> f64 {
         let place = 4.0 * self.uniform();
         let n = (place as usize).min(3);
         quartiles[n] + (place - n as f64) * (quartiles[n + 1] - quartiles[n])
@@ -266,14 +266,14 @@ impl Outlook {
                     || (has_lost_probe && random.uniform() < JUMPS_IF_LOST);
                 let (repeats, point_s) = if has_jumps {
                     (
-                        random.from_quartiles(&REPEATS_PER_POINT),
-                        self.times.far_s * random.from_quartiles(&POINT_TIME),
+                        random.draw_by_quartiles(&REPEATS_PER_POINT),
+                        self.times.far_s * random.draw_by_quartiles(&POINT_TIME),
                     )
                 } else {
                     (REPEATS_WITHOUT_JUMPS * random.uniform(), self.times.near_s)
                 };
                 let (repeats, point_s) = ((kept * repeats).round(), increments * point_s);
-                let seconds = point_s * (kept + repeats * random.from_quartiles(&REPEAT_TIME));
+                let seconds = point_s * (kept + repeats * random.draw_by_quartiles(&REPEAT_TIME));
                 NodeDraw { tried: kept + repeats, kept, seconds, blob_bytes, ..NodeDraw::default() }
             }
         };
@@ -321,14 +321,14 @@ impl Outlook {
         let Fallback { points, blob_bytes } = fallback;
         let [shortest, longest] = SOLVES_BEFORE_TAKEOVER;
         let before = (shortest + (longest - shortest) * random.uniform()).round();
-        let repeats = (points * random.from_quartiles(&REPEATS_PER_POINT)).round();
-        let point_s = self.times.far_s * random.from_quartiles(&POINT_TIME);
+        let repeats = (points * random.draw_by_quartiles(&REPEATS_PER_POINT)).round();
+        let point_s = self.times.far_s * random.draw_by_quartiles(&POINT_TIME);
         let fitted = (before * (1.0 - search.failing)).round();
         NodeDraw {
             tried: before + points + repeats,
             kept: fitted + points,
             seconds: self.times.search_s(before)
-                + point_s * (points + repeats * random.from_quartiles(&REPEAT_TIME)),
+                + point_s * (points + repeats * random.draw_by_quartiles(&REPEAT_TIME)),
             blob_bytes,
             fitted,
             lattices: 1.0,

@@ -118,8 +118,6 @@ impl Tables {
     }
 }
 
-/// The planes of x, y and z.
-
 /// The smallest value that 99 % of the values do not exceed. Sorts them.
 pub(super) fn percentile_99(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
