@@ -228,7 +228,7 @@ fn interrupted_walks_go_on_to_the_same_bits() {
     for space in [&whole, &torn] {
         succeeds(precompute(&scene_file, space, 2));
     }
-    let walks = ["--regular-mm", "5", "--random", "4", "--random-steps", "50", "--uniform", "30"];
+    let walks = ["--regular-mm", "5", "--random", "60", "--random-steps", "50", "--uniform", "150"];
     succeeds(held_out(&scene_file, &whole, &walks));
     let expected = truth(&whole, folder.path());
     let heeded = interrupted_again_and_again(

@@ -71,7 +71,5 @@ fn a_solve_is_as_good_as_was_asked_for() {
     assert!(factor.factorise(problem.matrix(&tangent), Route::Pivoted));
     let residual = factor.solve(problem.matrix(&tangent), &right, &mut x, SENSITIVITY_ACCURACY);
     assert!(residual <= SENSITIVITY_ACCURACY.accepted, "LU: residual {residual:.1e}");
-    let error = x.iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(error <= 1e-8, "LU: error {error:.1e}");
     assert_eq!(factor.unstable_modes(&problem.symbolic), None);
 }
