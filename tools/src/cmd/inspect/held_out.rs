@@ -6,7 +6,7 @@ use palpate_precompute::held_out::is_on_training_lattice;
 use palpate_precompute::space::{Equilibrium, Store};
 use palpate_precompute::spec::Sampling;
 
-use super::space::{field, number, numbers};
+use super::columns::{field, number, numbers};
 use crate::failure::Failure;
 use crate::files::Output;
 

@@ -1,6 +1,7 @@
 //! `palpate inspect`: the content of a mesh, a scene, a space, a blob or a recording.
 
 pub(crate) mod certificate;
+mod columns;
 mod held_out;
 mod map;
 mod recording;

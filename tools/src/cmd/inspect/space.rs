@@ -11,6 +11,7 @@ use palpate_precompute::space::{Equilibrium, FallbackLattice, Record, Store, bra
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
+use super::columns::{field, number, numbers};
 use super::{Args, Shown, held_out, map, scattered};
 use crate::cmd::held_out::in_words;
 use crate::failure::Failure;
@@ -289,21 +290,6 @@ const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,p
                           iterations,increments,seconds,attempt,parent_attempt,counts,factorisations,unstable_modes,switched,\
                           fold_rho_n,fold_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
                           w112_n_m2,w122_n_m2,w222_n_m2";
-
-/// A number of a table.
-pub(super) fn number(x: f64) -> String {
-    format!("{x:?}")
-}
-
-/// A value of a table; empty if there is none.
-pub(super) fn field(value: Option<impl ToString>) -> String {
-    value.map_or(String::new(), |value| value.to_string())
-}
-
-/// Numbers of a table; empty if there are none.
-pub(super) fn numbers<const N: usize>(values: Option<[f64; N]>) -> [String; N] {
-    values.map_or([const { String::new() }; N], |values| values.map(number))
-}
 
 fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option<&[f64; 2]>) -> String {
     let ([i, j, k], [x, y, z]) = (r.index, grid.displacement_m(r.index));
