@@ -8,7 +8,7 @@ use heapless::String;
 
 use crate::displacement::{DisplacementPlanes, DisplacementTable};
 use crate::grid::BallLattice;
-use crate::grid::flags::{self, Ball, SOLVED};
+use crate::grid::flags::{Ball, SOLVED, first_inconsistent};
 use crate::method::baseline::rbf::{Rbf, RbfPlanes};
 use crate::method::baseline::{Hybrid, Tricubic, Trilinear};
 use crate::method::energy::Energy;
@@ -62,7 +62,11 @@ pub struct Space<'a> {
     /// The active node.
     pub active: ActiveNode,
     lattice: BallLattice,
-    planes: SpacePlanes<'a>,
+    flags: &'a [u8],
+    force_n: Option<&'a [Vec3]>,
+    rbf_linear: Option<RbfPlanes<'a, f32>>,
+    rbf_cubic: Option<RbfPlanes<'a, f64>>,
+    hermite: Option<HermitePlanes<'a>>,
     kernel: Option<KernelTable<'a>>,
     displacement: Option<DisplacementTable<'a>>,
 }
@@ -71,35 +75,35 @@ pub struct Space<'a> {
 /// if the planes of the method are absent.
 macro_rules! with_interpolant {
     ($space:expr, $method:expr, |$interpolant:ident, $domain:ident| $answer:expr) => {{
-        let Space { lattice, planes, kernel, .. } = $space;
-        let $domain = Ball { lattice, flags: planes.flags };
+        let Space { lattice, flags, force_n, rbf_linear, rbf_cubic, hermite, kernel, .. } = $space;
+        let $domain = Ball { lattice, flags };
         match $method {
             Method::Trilinear => {
-                let $interpolant = Trilinear(planes.force_n?);
+                let $interpolant = Trilinear((*force_n)?);
                 $answer
             }
             Method::Tricubic => {
-                let $interpolant = Tricubic(planes.force_n?);
+                let $interpolant = Tricubic((*force_n)?);
                 $answer
             }
             Method::Hybrid => {
-                let $interpolant = Hybrid(planes.force_n?);
+                let $interpolant = Hybrid((*force_n)?);
                 $answer
             }
             Method::RbfLinear => {
-                let $interpolant = Rbf(planes.rbf_linear.as_ref()?);
+                let $interpolant = Rbf(rbf_linear.as_ref()?);
                 $answer
             }
             Method::RbfCubic => {
-                let $interpolant = Rbf(planes.rbf_cubic.as_ref()?);
+                let $interpolant = Rbf(rbf_cubic.as_ref()?);
                 $answer
             }
             Method::Hermite => {
-                let $interpolant = Hermite(planes.hermite.as_ref()?);
+                let $interpolant = Hermite(hermite.as_ref()?);
                 $answer
             }
             Method::Energy => {
-                let $interpolant = Energy(Hermite(planes.hermite.as_ref()?));
+                let $interpolant = Energy(Hermite(hermite.as_ref()?));
                 $answer
             }
             Method::Kernel => {
@@ -122,34 +126,35 @@ impl<'a> Space<'a> {
         planes: SpacePlanes<'a>,
         vertices: usize,
     ) -> Result<Self, PlaneError> {
+        let SpacePlanes { flags, force_n, rbf_linear, rbf_cubic, hermite, .. } = planes;
         let rest = lattice.rest_slot();
-        check_len("flags", planes.flags, lattice.slots())?;
-        if let Some(slot) = flags::first_inconsistent(&lattice, planes.flags) {
+        check_len("flags", flags, lattice.slots())?;
+        if let Some(slot) = first_inconsistent(&lattice, flags) {
             return Err(PlaneProblem::Flags { slot }.of("flags"));
         }
-        if planes.flags.get(rest).is_none_or(|bits| bits & SOLVED == 0) {
+        if flags.get(rest).is_none_or(|bits| bits & SOLVED == 0) {
             return Err(PlaneProblem::RestPoint.of("flags"));
         }
-        if let Some(force_n) = planes.force_n {
+        if let Some(force_n) = force_n {
             check_len("force", force_n, lattice.slots())?;
             check_finite("force", force_n.as_flattened())?;
             if force_n.get(rest).is_none_or(|force_n| *force_n != vec3::ZERO) {
                 return Err(PlaneProblem::RestPoint.of("force"));
             }
         }
-        if let Some(rbf) = &planes.rbf_linear {
+        if let Some(rbf) = &rbf_linear {
             rbf.check("rbf-linear")?;
         }
-        if let Some(rbf) = &planes.rbf_cubic {
+        if let Some(rbf) = &rbf_cubic {
             rbf.check("rbf-cubic")?;
         }
-        if let Some(hermite) = &planes.hermite {
+        if let Some(hermite) = &hermite {
             hermite.check(&lattice)?;
         }
         let kernel = planes.kernel.map(|kernel| KernelTable::new(lattice.radius_m(), kernel)).transpose()?;
         let displacement =
             planes.displacement.map(|of| DisplacementTable::new(&lattice, of, vertices)).transpose()?;
-        Ok(Self { active, lattice, planes, kernel, displacement })
+        Ok(Self { active, lattice, flags, force_n, rbf_linear, rbf_cubic, hermite, kernel, displacement })
     }
 
     /// The grid of displacements.
@@ -168,8 +173,11 @@ impl<'a> Space<'a> {
     }
 
     /// All planes, for example for a reference evaluation.
-    pub const fn planes(&self) -> SpacePlanes<'a> {
-        self.planes
+    pub fn planes(&self) -> SpacePlanes<'a> {
+        let Self { flags, force_n, rbf_linear, rbf_cubic, hermite, .. } = *self;
+        let kernel = self.kernel.as_ref().map(KernelTable::planes);
+        let displacement = self.displacement.as_ref().map(|table| *table.planes());
+        SpacePlanes { flags, force_n, rbf_linear, rbf_cubic, hermite, kernel, displacement }
     }
 
     /// Whether the planes of a method are present.
@@ -223,7 +231,7 @@ impl<'a> Space<'a> {
     /// Returns false, and sets `out` to zero, where the space has no surface displacements.
     pub fn displacement_into(&self, displacement_m: Vec3, out: &mut [Vec3]) -> bool {
         match &self.displacement {
-            Some(table) => table.displacement_into(&self.lattice, self.planes.flags, displacement_m, out),
+            Some(table) => table.displacement_into(&self.lattice, self.flags, displacement_m, out),
             None => out.fill(vec3::ZERO),
         }
         self.displacement.is_some()

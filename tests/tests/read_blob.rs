@@ -30,7 +30,7 @@ fn blob(folder: &Path) -> (PathBuf, BlobFile) {
     let options = PackOptions { methods: &Method::OF_LATTICE, use_intermediate_states: false, threads: 1 };
     let mut packed = pack(&store, &options).expect("the space packs");
     let plain = BlobFile::of(&packed.bytes().expect("bytes"));
-    let organ: Organ<'_> = Organ::read(plain.bytes()).expect("readable");
+    let organ: Box<Organ<'_>> = Organ::read_boxed(plain.bytes()).expect("readable");
     let certificate = certify(&store, &organ).expect("certified");
     let json = serde_json::to_string(&certificate).expect("JSON");
     packed.certify(&json).expect("room");
@@ -65,7 +65,7 @@ fn points(space: &Space<'_>) -> Vec<[f32; 3]> {
 fn a_reader_written_from_the_documentation_gives_the_cores_forces() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, file) = blob(folder.path());
-    let organ: Organ<'_> = Organ::read(file.bytes()).expect("readable");
+    let organ: Box<Organ<'_>> = Organ::read_boxed(file.bytes()).expect("readable");
     let space = &organ.spaces[0];
     let table = space.displacement().expect("the space has displacements");
     assert!(table.planes().slopes > 0, "the blob must contain slopes");
@@ -74,7 +74,7 @@ fn a_reader_written_from_the_documentation_gives_the_cores_forces() {
     let text = String::from_utf8(shown.stdout).expect("text");
     assert!(shown.status.success(), "{}", String::from_utf8_lossy(&shown.stderr));
     let expected = [
-        format!("scene beam, law mooney-rivlin, f_max {:.5e} N, {} bytes", f32::MAX, file.bytes().len()),
+        format!("scene beam, law mooney-rivlin, f_max inf N, {} bytes", file.bytes().len()),
         "trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy".into(),
         format!(
             "displacements: {} modes, {} with slopes, {} outliers",
@@ -84,7 +84,7 @@ fn a_reader_written_from_the_documentation_gives_the_cores_forces() {
         ),
         "certificate of 1 spaces".into(),
     ];
-    for line in expected.map(|line: String| line.replace("e38", "e+38")) {
+    for line in expected {
         assert!(text.contains(&line), "{line} is not in\n{text}");
     }
 
@@ -160,7 +160,7 @@ fn the_reader_gives_the_cores_forces_of_a_kernel() {
     };
     let bytes = pack(&store, &options).expect("it packs").bytes().expect("bytes");
     let file = BlobFile::of(&bytes);
-    let organ: Organ<'_> = Organ::read(file.bytes()).expect("readable");
+    let organ: Box<Organ<'_>> = Organ::read_boxed(file.bytes()).expect("readable");
     let space = &organ.spaces[0];
     let [path, input, output] = ["a.blob", "in.csv", "out.csv"].map(|name| folder.path().join(name));
     std::fs::write(&path, &bytes).expect("written");

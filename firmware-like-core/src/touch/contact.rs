@@ -1,10 +1,10 @@
 //! Which active nodes the tool holds: engage, slide, release.
 //!
 //! A space defines the force for a displacement of its node, but not whether the tool touches it. The tool is
-//! one point, the HIP. It engages where its path crosses the surface of the organ at rest; a controller
+//! one point, the haptic interface point (HIP). It engages where its path crosses the surface of the organ at rest; a controller
 //! without a [`TouchSurface`] uses the plane of the nearest active node. While engaged, the displacement is
-//! measured from the anchor, which is at first the position of the HIP at first touch. Thus every touch starts
-//! at d = 0 and without force, at any point of a triangle.
+//! measured from the anchor: initially the point where the path crosses the surface, or for a grasp the HIP.
+//! Thus every touch starts at d = 0 and without force, at any point of a triangle.
 //!
 //! - **Snap** (Peterlik 2010): the nearest active node is held, and the anchor stays.
 //! - **Slide**: where all three corners of the touched triangle are active nodes, the force is the sum of
@@ -22,8 +22,8 @@ const MAX_SLIP_M: f32 = 2e-3;
 /// When contact begins and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactConfig {
-    /// Largest distance from the HIP to the rest position of a node that it may engage; also the largest
-    /// distance of the anchor beyond the active nodes. Metres.
+    /// Largest distance from the point of contact to the rest position of the node that is engaged, and
+    /// largest distance that the anchor slides beyond the edge of the active region, metres.
     pub capture_radius_m: f32,
     /// Tension h . n along the outward normal at which a pushing tool disengages, newtons.
     pub release_tension_n: f32,
@@ -33,8 +33,8 @@ pub struct ContactConfig {
     /// Coefficient of Coulomb friction of a pushing tool; infinite for a tool that sticks to the nearest
     /// node.
     pub friction: f32,
-    /// A grasp is lost if |d| exceeds this multiple of the grid radius, or the force for the hand this
-    /// multiple of its limit `max_force_n`.
+    /// A grasp is lost if |d| exceeds this multiple of the grid radius, or if the force for the hand before
+    /// limiting exceeds this multiple of `max_force_n`.
     pub grasp_slip: f32,
     /// Largest distance from the surface at which a grasp begins, metres.
     pub grasp_distance_m: f32,
@@ -99,7 +99,7 @@ impl Engaged {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Contact {
     engaged: Option<Engaged>,
-    /// HIP of the previous sample, if there was one: engaging needs a crossing.
+    /// HIP of the previous sample, if any. A push begins where the path from it crosses the surface.
     previous_hip_m: Option<Vec3>,
     buttons: u32,
 }

@@ -1,8 +1,8 @@
 //! The adaptive search: choose the position farthest from all known ones, predict, solve, compare, then add
 //! it to the fit.
 //!
-//! One fit chooses a whole batch of positions. The result is thus independent of the order and the place of
-//! the solves.
+//! One fit chooses a whole batch of positions. So the result depends neither on the order of the
+//! solves nor on the worker that makes them.
 //!
 //! The error of a prediction is measured as a share of the tolerance. The basic stopping criterion is a
 //! validation streak: the last [`STREAK`] predictions are within tolerance. Each prediction is made before
@@ -11,7 +11,7 @@
 //! Early predictions used fits with fewer data. A leave-one-out error tests the present data: a fit without
 //! one configuration predicts it. These errors modify the criterion:
 //!
-//! - All of at least ten are within tolerance: a streak of [`BATCH`] suffices.
+//! - There are at least ten, and all are within tolerance: a streak of [`BATCH`] suffices.
 //! - More than one in [`OUTLIER_DIVISOR`] is beyond the tolerance: no streak suffices.
 //! - Otherwise a streak of [`BATCH`] suffices if the kriging variance test passes ([`MAX_DEVIATION`]). At the
 //!   boundary of the data a leave-one-out prediction is an extrapolation and can fail although the fit is
@@ -96,7 +96,7 @@ pub struct Search {
     /// Positions outside the fit: force beyond the limit, other branch, failed, or singular matrix of the
     /// fit. New positions keep a distance from them.
     excluded: Vec<[f64; 3]>,
-    fits: Vec<Candidate>,
+    fits: Vec<CandidateFit>,
     /// Index of the fit that makes the predictions.
     chosen: usize,
     /// M of the distance |M (a - b)|: the fourth root of the normalised stiffness.
@@ -113,13 +113,13 @@ pub struct Search {
 
 /// A fit with its leave-one-out errors.
 #[derive(Debug, Clone)]
-struct Candidate {
+struct CandidateFit {
     system: KernelSystem,
     /// Leave-one-out errors of all configurations except rest, as shares of the tolerance.
     leave_one_out: Vec<f64>,
 }
 
-impl Candidate {
+impl CandidateFit {
     /// Mean of the leave-one-out errors. A mean of squares would be dominated by the boundary of the data and
     /// would select a long kernel, which oscillates in between.
     fn mean_left_out(&self) -> f64 {
@@ -138,14 +138,14 @@ impl Search {
         // measurements.
         let roots = eigen.eigenvalues.map(|k| (k.max(1e-2 * mean) / mean).sqrt().sqrt());
         let metric = eigen.eigenvectors * Matrix3::from_diagonal(&roots) * eigen.eigenvectors.transpose();
-        // Mean distance that a linear body would allow the device to reach.
+        // Mean displacement of a linear body at the force limit, at most the radius.
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m).max(UNIT_M);
-        let fits: Vec<Candidate> = LENGTH_SHARES
+        let fits: Vec<CandidateFit> = LENGTH_SHARES
             .iter()
             .filter_map(|share| {
                 let mut system = KernelSystem::new(share * reach, stiffness);
                 system.add(&[rest]).ok()?;
-                Some(Candidate { system, leave_one_out: Vec::new() })
+                Some(CandidateFit { system, leave_one_out: Vec::new() })
             })
             .collect();
         let system = &fits[INITIAL_LENGTH].system;
@@ -225,7 +225,7 @@ impl Search {
         }
     }
 
-    /// The result of the search, or the next batch and `None`.
+    /// Returns the result of the search. If it goes on, chooses the next batch and returns `None`.
     fn end(&mut self) -> Option<Verdict> {
         if self.fitted.displacement_in_softest_direction_m() < MIN_RADIUS_M {
             return Some(Verdict::TooStiff);
@@ -257,7 +257,8 @@ impl Search {
         agrees
     }
 
-    /// Chooses a batch: first the replacements for positions beyond the limit, then the farthest candidates.
+    /// Chooses a batch: first the replacements for positions that failed or exceed the limit, then the
+    /// farthest candidate positions.
     fn choose(&mut self) {
         for (at, parent) in std::mem::take(&mut self.replacements) {
             self.aim(at, parent);
@@ -269,7 +270,8 @@ impl Search {
         let taken: Vec<[f64; 3]> = self.taken().collect();
         let gap = |at: [f64; 3]| taken.iter().map(|&t| squared(at, t)).fold(f64::INFINITY, f64::min);
         let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
-        // At most the number of tests that the linear model, or the fit once that is excluded, still lacks.
+        // At most as many as the tests that are still missing: those of the linear model, or of the fit once
+        // the linear model is excluded.
         let most = self.linear.tests_missing().unwrap_or_else(|| self.predictions_missing()).min(BATCH);
         while self.batch.len() < most {
             let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b]).then(b.cmp(&a)));
@@ -350,7 +352,7 @@ impl Search {
         let best = (0..self.fits.len())
             .min_by(|&a, &b| self.fits[a].mean_left_out().total_cmp(&self.fits[b].mean_left_out()));
         self.chosen = best.unwrap_or(0);
-        let Candidate { system, leave_one_out } = &self.fits[self.chosen];
+        let CandidateFit { system, leave_one_out } = &self.fits[self.chosen];
         self.fitted.fit = system.fit.clone();
         self.fitted.leave_one_out.clone_from(leave_one_out);
         self.fitted.condition = system.condition();
@@ -368,12 +370,12 @@ impl Search {
         }
     }
 
-    /// Adds a point between parent and target: where the linearly interpolated force equals the limit, but at
-    /// 0.2 to 0.8 of the way; at 0.2 after a failure (`came_out_n` infinite).
-    fn add_replacement(&mut self, target: &Target, came_out_n: f64) {
+    /// Adds a point between parent and target: where the linearly interpolated force equals the limit,
+    /// clamped to 0.2 .. 0.8 of the way. `found_n` is the force at the target, infinite after a failure.
+    fn add_replacement(&mut self, target: &Target, found_n: f64) {
         let parent = &self.fitted.jets[target.parent];
         let (low, limit) = (norm(parent.force_n), self.fitted.wanted.max_force_n);
-        let share = ((limit - low) / (came_out_n - low)).clamp(0.2, 0.8);
+        let share = ((limit - low) / (found_n - low)).clamp(0.2, 0.8);
         let at = std::array::from_fn(|i| {
             parent.control_m[i] + share * (target.displacement_m[i] - parent.control_m[i])
         });

@@ -78,7 +78,7 @@ impl Analysis {
         Ok(Self { path: path.to_path_buf(), scene, body: Arc::new(body) })
     }
 
-    /// Restores the scene of a space from the space alone.
+    /// Restores scene and body from a `.space` file alone.
     pub(crate) fn of_store(store: &Store) -> Result<Self, PipelineError> {
         let (mesh, fixed) = store.body()?;
         let identity = store.identity()?;
@@ -101,7 +101,7 @@ impl Analysis {
         })
     }
 
-    /// The equilibrium problem of this active node's grasp.
+    /// The equilibrium problem with this active node, or its patch, prescribed.
     #[must_use]
     pub fn problem(&self, active: &ActiveNode) -> Arc<Problem> {
         Arc::new(self.scene.solver.problem(self.body.clone(), active))
@@ -134,8 +134,8 @@ impl Analysis {
         Ok(Store::salvage(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
     }
 
-    /// A store keeps the text of the scene, and its laws are built from this text. So only laws of the list
-    /// can be stored.
+    /// A store keeps the scene as text and rebuilds the laws from it. So it cannot hold a law of the user's
+    /// own.
     fn identity(&self) -> Result<StoreIdentity, PipelineError> {
         for region in &self.scene.materials {
             if let Material::Own(_) = region.material {

@@ -1,6 +1,6 @@
-//! Runs the plans of one or several spaces on an executor and stores the results.
+//! Solves one or several spaces on an executor and stores the results.
 //!
-//! A resumed run walks the same plans. A task that is already in the store is not solved again.
+//! The plan of a space chooses its next tasks. A resumed run goes through the same plans. A task that is already in the store is not solved again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::AtomicBool;
@@ -50,7 +50,7 @@ pub enum ExpansionError {
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The body has no equilibrium at rest: it is not fixed, or the mesh is unusable.
-    #[error("the body cannot be solved at rest: {0}; fix at least three nodes off one line")]
+    #[error("the body cannot be solved at rest: {0}; fix at least three nodes that are not on one line")]
     Rest(String),
     /// A stop was requested; all finished work is committed.
     #[error("interrupted; every finished configuration is kept, run the same command to continue")]
@@ -99,8 +99,8 @@ impl Space {
         self.plan.is_done().then(|| self.plan.state(0))
     }
 
-    /// Records an outcome. Returns the state of the space if this outcome was the last one. Looks for the
-    /// next task first, so that a last outcome is stored with the state.
+    /// Records an outcome and finds the next task. If there is none, returns the final state of the space,
+    /// which the caller stores together with this outcome.
     fn take(&mut self, record: &Record, store: &Store) -> Result<Option<SpaceState>, ExpansionError> {
         self.plan.decide(record);
         self.tried += 1;
@@ -139,7 +139,7 @@ fn expect_rest(record: &Record) -> Result<(), ExpansionError> {
     }
 }
 
-/// The finished spaces of an expansion, which predict the spaces that wait.
+/// Totals over the finished spaces; they estimate the solves of the spaces not yet begun.
 #[derive(Debug, Default)]
 struct Ended {
     spaces: usize,

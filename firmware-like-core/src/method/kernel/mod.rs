@@ -81,6 +81,7 @@ pub struct KernelPlanes<'a> {
 /// Checked planes of a kernel, ready for evaluation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KernelTable<'a> {
+    scalars: &'a [f64],
     length_m: f64,
     blocks: &'a [Block],
     reach: Reach<'a>,
@@ -130,7 +131,12 @@ impl<'a> KernelTable<'a> {
         // Evaluated with the arithmetic of the tick, so that the force at rest is zero and not a rounding
         // error.
         let rest_n = (sum::gradient(Baseline, blocks, [0.0; 3]), sum::derivatives(blocks, [0.0; 3]).0);
-        Ok(Self { length_m, blocks, reach, lengths_per_m: 1.0 / length_m, base_n, rest_n })
+        Ok(Self { scalars, length_m, blocks, reach, lengths_per_m: 1.0 / length_m, base_n, rest_n })
+    }
+
+    /// The planes.
+    pub(crate) fn planes(&self) -> KernelPlanes<'a> {
+        KernelPlanes { scalars: self.scalars, blocks: self.blocks, reach: self.reach.fractions() }
     }
 
     /// Distance from rest at which the domain ends in the direction of a finite vector, metres.

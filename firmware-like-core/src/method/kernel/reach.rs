@@ -32,6 +32,11 @@ impl<'a> Reach<'a> {
         Ok(Self { fractions, unit_m, min_m: 0.9999 * unit_m * f32::from(least) })
     }
 
+    /// The plane.
+    pub(super) const fn fractions(&self) -> &'a [u8] {
+        self.fractions
+    }
+
     /// A lower bound of [`Reach::range_along_m`] over all directions, metres.
     #[inline(always)]
     pub(super) const fn min_m(&self) -> f32 {

@@ -83,8 +83,8 @@ const FROZEN_FROM: f64 = 0.1;
 /// Frozen steps end if a step leaves at least this share of the residual.
 const MIN_GAIN: f64 = 0.3;
 /// Estimated costs, in units of a solve with the factor. A flop of the factorisation counts as half a flop of
-/// a solve. A Newton step has in addition the assembly of the tangent and the solve, a frozen step the
-/// residual and the solve.
+/// a solve. Besides the factorisation, a Newton step assembles the tangent and solves once. A frozen step
+/// evaluates the residual and solves once.
 const FACTOR_OPERATION_COST: f64 = 0.5;
 const NEWTON_STEP_COST: f64 = 2.0;
 const FROZEN_STEP_COST: f64 = 2.0;
@@ -101,7 +101,7 @@ impl Solver {
         self.attempt(pose, state)
     }
 
-    /// [`Solver::solve_at`], counted in addition to the earlier attempts of a transition.
+    /// Like [`Solver::solve_at`], but adds its counts to those of the earlier attempts of a transition.
     pub(super) fn attempt(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
         self.state.copy_from_slice(state);
         self.prescribe(pose);
@@ -213,8 +213,8 @@ impl Solver {
     }
 
     /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual; if it `may_rise`, a finite
-    /// residual is enough. Returns the new residual and whether the step was the full one. `None`, with an
-    /// unchanged state, without such a step.
+    /// residual is enough. Returns the new residual and whether the step was the full one. If no step
+    /// qualifies, restores the state and returns `None`.
     fn line_search(&mut self, residual_n: f64, may_rise: bool) -> Option<(f64, bool)> {
         let mut omega = 1.0;
         for halvings in 0..=self.newton.max_halvings {

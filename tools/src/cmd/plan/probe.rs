@@ -91,7 +91,7 @@ pub(super) fn probe(order: &Order, solved: &dyn Fn()) -> Result<Probed, Failure>
     let (rest, rest_s) = timed(|| solver.rest());
     let rest = rest.map_err(|failure| {
         Failure::input(format!(
-            "the body cannot be solved at rest: {failure}; fix at least three nodes off one line"
+            "the body cannot be solved at rest: {failure}; fix at least three nodes that are not on one line"
         ))
     })?;
     solved();
