@@ -31,6 +31,15 @@ impl Place {
         InputError::at(&self.path, self.line(span.start), what, fix)
     }
 
+    /// The line of a key in the table at `table`, for keys that are read without their places.
+    pub(super) fn key_in(&self, table: Range<usize>, key: &str) -> Range<usize> {
+        let mut lines = self.text[table.start..].split_inclusive('\n').scan(table.start, |start, line| {
+            *start += line.len();
+            Some((*start - line.len()..*start, line))
+        });
+        lines.find(|(_, line)| line.trim_start().starts_with(key)).map_or(table, |(span, _)| span)
+    }
+
     fn line(&self, offset: usize) -> usize {
         1 + self.text.as_bytes().iter().take(offset).filter(|&&b| b == b'\n').count()
     }

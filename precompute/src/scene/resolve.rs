@@ -115,7 +115,8 @@ fn solver(scene: &Scene, order: u8) -> Result<SolverOptions, InputError> {
     let Some(table) = &scene.file.solver else { return Ok(SolverOptions::default()) };
     if order == 2 && table.get_ref().pressure == PressurePair::Stabilised {
         let what = "`pressure` = \"stabilised\" is for `order` = 1: the pair of order 2 is stable by itself";
-        return Err(scene.place.error(table.span(), what, "leave `pressure` out"));
+        let at = scene.place.key_in(table.span(), "pressure");
+        return Err(scene.place.error(at, what, "leave `pressure` out"));
     }
     Ok(*table.get_ref())
 }

@@ -296,7 +296,14 @@ fn order_regions_body_force_patch_and_solver_are_read() {
     ] {
         let error = table(&format!("[solver]\n{key} = \"x\"")).unwrap_err();
         assert_eq!((&error.what[..], &error.fix[..], error.line), ("unknown word \"x\"", fix, Some(23)));
+        let error = table(&format!("[solver]\n{key} = 3")).unwrap_err();
+        assert_eq!((&error.fix[..], error.line), ("write a value of the expected type", Some(23)), "{error}");
     }
+    let text = SCENE.replace("order = 1", "order = 2");
+    let text =
+        text.replace("[device]", "[solver]\nreject_inverted = true\npressure = \"stabilised\"\n[device]");
+    let error = Scene::parse(&bench.path("block.toml"), text).expect("well-formed").resolve().unwrap_err();
+    assert_eq!((&error.fix[..], error.line), ("leave `pressure` out", Some(24)), "{error}");
 }
 
 /// A space contains the scene's text; the profile can later change or be deleted.
@@ -314,7 +321,7 @@ fn the_kept_text_of_a_scene_needs_no_profile() {
 }
 
 #[test]
-fn regions_are_resolved_for_the_day_the_solver_takes_them() {
+fn every_tet_has_exactly_one_region() {
     let bench = Bench::new();
     let resolve = |rest: &str| {
         let text = SCENE.replacen("[material]", "[[material]]\ngroup = \"corner\"", 1);
