@@ -96,7 +96,7 @@ impl Calls {
                     let called = matches!(tokens.get(n + 1), Some(TokenTree::Group(group))
                         if group.delimiter() == Delimiter::Parenthesis);
                     let of_float = is_punct(before(1), ':')
-                        && matches!(before(3), Some(TokenTree::Ident(kind)) if kind == "f64" || kind == "f32");
+                        && matches!(before(3), Some(TokenTree::Ident(kind)) if kind != "libm");
                     if (is_punct(before(1), '.') && called) || of_float {
                         self.report(name, name.span());
                     }
@@ -125,7 +125,7 @@ impl<'ast> Visit<'ast> for Calls {
     fn visit_path(&mut self, path: &'ast syn::Path) {
         let mut last = path.segments.iter().rev();
         if let (Some(name), Some(kind)) = (last.next(), last.next())
-            && (kind.ident == "f64" || kind.ident == "f32")
+            && kind.ident != "libm"
             && is_transcendental(&name.ident)
         {
             self.report(&name.ident, name.ident.span());

@@ -25,7 +25,8 @@ fn a_call_is_found_in_every_form_and_tests_are_skipped() {
     );
     write(
         "low.rs",
-        "fn f(x: f64) -> f64 { libm::exp(x).sqrt().powi(2) }\nfn g(x: f32) -> f32 { x.hypot(x) }",
+        "fn f(x: f64) -> f64 { libm::exp(x).sqrt().powi(2) }\nfn g(x: f32) -> f32 { x.hypot(x) }\nfn h(x: f64) -> \
+         f64 { nalgebra::ComplexField::exp(x) }",
     );
     write("made_up.rs", "fn f(x: f64) -> f64 { x.sinh() }");
     let found: Vec<String> = platform_calls(folder.path()).iter().map(ToString::to_string).collect();
@@ -35,6 +36,7 @@ fn a_call_is_found_in_every_form_and_tests_are_skipped() {
         ("lib.rs:6", "cbrt"),
         ("lib.rs:7", "sin"),
         ("low.rs:2", "hypot"),
+        ("low.rs:3", "exp"),
     ];
     assert_eq!(found, wanted.map(|(at, name)| format!("{at}: {name} of the platform: use the crate libm")));
 }

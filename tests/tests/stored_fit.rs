@@ -8,7 +8,8 @@ use palpate_host::BlobFile;
 use palpate_precompute::certificate::certify;
 use palpate_precompute::held_out::{Draw, HeldOut};
 use palpate_precompute::pack::{PackOptions, pack};
-use palpate_precompute::space::{replays, state, with_threads};
+use palpate_precompute::pipeline::{Analysis, Run, add_ledgers, certified, certified_blob};
+use palpate_precompute::space::{Store, replays, state, with_threads};
 use palpate_precompute::spec::{Sampling, Scattered, Tolerance};
 use palpate_tests::space_bench::SpaceBench;
 
@@ -49,4 +50,16 @@ fn a_finished_space_is_solved_packed_and_certified_without_a_replay() {
     let certificate = certify(&store, &organ).expect("measured");
     assert_eq!(certificate.spaces[0].methods[0].uniform.count, 10);
     assert_eq!(replays(), 1, "a finished space was replayed");
+
+    // The way of `palpate pack`, from a scene.
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/scenes/light-touch.toml");
+    let space = folder.path().join("two.space");
+    let analysis = Analysis::load(scene.as_ref()).expect("a scene");
+    analysis.solve_all(&space, Run::run_to_end()).expect("solved");
+    certified_blob(&space, &[Method::Energy], Some(10), Run::run_to_end()).expect("certified");
+    let store = Store::open(&space).expect("the space");
+    let options = PackOptions { methods: &[Method::Energy], use_intermediate_states: true, threads: 2 };
+    let (mut packed, mut measured) = certified(&store, &options).expect("certified");
+    add_ledgers(&store, (&mut packed, &mut measured), 0, Run::run_to_end(), |_| ()).expect("a ledger");
+    assert_eq!(replays(), 1, "`pack` replayed a finished space");
 }

@@ -72,7 +72,9 @@ pub enum PackError {
     #[error(transparent)]
     Threads(#[from] ThreadError),
     /// No space contains a configuration yet.
-    #[error("the store has no solved configuration; run `palpate precompute` first")]
+    #[error(
+        "no configuration of the space is solved; finish `palpate precompute`, and if all its solves failed, check the material"
+    )]
     Empty,
     /// A part exceeds the limits of the layout.
     #[error("{0} is too large for a blob; shorten it or pack fewer methods")]

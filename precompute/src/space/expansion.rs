@@ -50,7 +50,10 @@ pub enum ExpansionError {
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The body has no equilibrium at rest: it is not fixed, or the mesh is unusable.
-    #[error("the body cannot be solved at rest: {0}; fix at least three nodes that are not on one line")]
+    #[error(
+        "the body cannot be solved at rest ({0}); check the constants and units of the material, and fix at least three \
+         nodes that are not on one line"
+    )]
     Rest(String),
     /// A stop was requested; all finished work is committed.
     #[error("interrupted; every finished configuration is kept, run the same command to continue")]

@@ -28,8 +28,8 @@ impl Store {
     /// another name.
     ///
     /// Rows are read one by one, so that a damaged page costs only its own rows. Scene and mesh come from the
-    /// caller. Before the file is moved, its meta table is compared with them if it is readable. A file that
-    /// another process writes, and a file that is not a space, remain unchanged.
+    /// caller. Before the file is moved, its meta table is compared with them if it is readable. A file that is
+    /// not damaged, one that another process writes, and one that is not a space remain unchanged.
     pub fn salvage(
         path: &Path,
         identity: &StoreIdentity,
@@ -44,9 +44,12 @@ impl Store {
             let lock = lock(path)?;
             if let Ok(connection) = connection {
                 let old = Self::with(connection, path, Some(lock));
-                let differs = |error: &StoreError| matches!(error.fault(), StoreFault::Mismatch { .. });
-                if let Some(other) = old.expect_inputs(identity).err().filter(differs) {
-                    return Err(other);
+                match old.expect_inputs(identity) {
+                    Err(other) if matches!(other.fault(), StoreFault::Mismatch { .. }) => return Err(other),
+                    Ok(()) if old.is_intact(mesh, fixed, active.len()) => {
+                        return Err(StoreFault::NotDamaged.at(path));
+                    }
+                    _ => {}
                 }
             }
         }

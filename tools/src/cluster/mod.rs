@@ -127,9 +127,8 @@ fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
     match command {
         Command::Precompute(args) => {
             precompute::run_with(args, (&bench, &space), &stop, &team, |actives, store, stop, progress| {
-                Ok(with_threads(&context, threads, |executor| {
-                    expand(actives, store, executor, stop, progress)
-                })?)
+                let run = |executor: &mut Threads| expand(actives, store, executor, stop, progress);
+                with_threads(&context, threads, run).map_err(|error| precompute::of_scene(&bench, error))
             })
         }
         Command::HeldOut(args) => {
@@ -151,7 +150,8 @@ fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
     match command {
         Command::Precompute(args) => {
             precompute::run_with(args, (&bench, &space), &stop, &team, |actives, store, stop, progress| {
-                Ok(expand(actives, store, &mut ranks, stop, progress)?)
+                expand(actives, store, &mut ranks, stop, progress)
+                    .map_err(|error| precompute::of_scene(&bench, error))
             })
         }
         Command::HeldOut(args) => {

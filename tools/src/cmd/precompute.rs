@@ -7,7 +7,9 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_precompute::adaptive::Verdict;
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::space::{Progress, Store, TagCounts, expand, state, with_threads};
+use palpate_precompute::space::{
+    ExpansionError, Progress, Store, TagCounts, Threads, expand, state, with_threads,
+};
 use serde_json::json;
 
 use super::inspect::scattered;
@@ -97,14 +99,37 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let space = args.space()?;
     let bench = analysis::load(&args.scene)?;
     run_with(args, (&bench, &space), &stop, &Workers::threads(threads), |actives, store, stop, progress| {
-        Ok(with_threads(&bench.context()?, threads, |executor| {
-            expand(actives, store, executor, stop, progress)
-        })?)
+        let run = |executor: &mut Threads| expand(actives, store, executor, stop, progress);
+        with_threads(&bench.context()?, threads, run).map_err(|error| of_scene(&bench, error))
     })
 }
 
-/// Runs the command with `team`; `work` expands the spaces of these active nodes with it.
+/// A failed expansion, with the scene file if the scene is unusable.
+pub(crate) fn of_scene(bench: &Analysis, error: ExpansionError) -> Failure {
+    match error {
+        ExpansionError::Rest(_) => Failure::input(format!("{}: {error}", bench.path.display())),
+        error => error.into(),
+    }
+}
+
+/// Runs the command with `team`; `work` expands the spaces of these active nodes with it. A new file is removed
+/// if the scene turns out to be unusable.
 pub(crate) fn run_with(
+    args: &Args,
+    (bench, space): (&Analysis, &Output),
+    stop: &AtomicBool,
+    team: &Workers,
+    work: impl FnOnce(&[usize], &Store, &AtomicBool, &mut dyn FnMut(&Progress)) -> Result<Vec<TagCounts>, Failure>,
+) -> Result<(), Failure> {
+    let is_new = !space.path().exists();
+    let ended = solve(args, (bench, space), stop, team, work);
+    if is_new && matches!(ended, Err(Failure::Input(_))) {
+        let _ = std::fs::remove_file(space.path());
+    }
+    ended
+}
+
+fn solve(
     args: &Args,
     (bench, space): (&Analysis, &Output),
     stop: &AtomicBool,
@@ -133,6 +158,7 @@ pub(crate) fn run_with(
     }
     let names: Vec<&str> = chosen.iter().map(|&i| bench.scene.active[i].name.as_str()).collect();
     expect_movable(bench, &store, &chosen, &counts)?;
+    expect_solved(bench, &store, &chosen, &counts)?;
     if args.json {
         let spaces: Vec<_> = names
             .iter()
@@ -200,6 +226,27 @@ fn expect_movable(
         eprintln!("palpate: warning: {node}; it is omitted");
     }
     Ok(())
+}
+
+/// Fails if every solve of every node failed.
+fn expect_solved(
+    bench: &Analysis,
+    store: &Store,
+    chosen: &[usize],
+    counts: &[TagCounts],
+) -> Result<(), Failure> {
+    let failed: usize = counts.iter().map(|counts| counts.failed).sum();
+    if failed == 0 || counts.iter().any(|counts| counts.solved() > 0) {
+        return Ok(());
+    }
+    let attempts = store.attempts(chosen[0])?;
+    let why = attempts.iter().rev().find_map(|attempt| attempt.result.as_ref().err());
+    Err(Failure::work(format!(
+        "{}: all {failed} solves failed (the last one: {}); check the constants and units of the material, or take a \
+         smaller radius_m",
+        bench.path.display(),
+        why.map_or("unknown", |why| why)
+    )))
 }
 
 /// Points by tag, as text.

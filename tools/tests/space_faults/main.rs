@@ -2,6 +2,7 @@
 //! disk, read-only folders, damaged pages, an edited scene, a second writer. After each fault the same
 //! command ends with the same bits.
 
+mod columns;
 mod damage;
 mod disk;
 mod kills;

@@ -33,6 +33,9 @@ pub(in crate::space) enum StoreFault {
     Empty,
     #[error("is not a .space file; check the name, or choose another")]
     NotASpace,
+    /// A file that was to be salvaged.
+    #[error("is not damaged; run the same command without --salvage")]
+    NotDamaged,
     #[error("another process is writing it; wait for it or stop it")]
     InUse,
     /// The file belongs to another scene, mesh or solver.

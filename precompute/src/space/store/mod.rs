@@ -81,6 +81,7 @@ impl Store {
             store.initialise(identity, mesh, fixed, active)?;
         }
         store.check(identity, active)?;
+        store.expect_body(mesh, fixed)?;
         store.refresh(identity)?;
         Ok(store)
     }
@@ -178,6 +179,12 @@ impl Store {
         let mesh = TetMesh::new(nodes_m, tets)
             .map_err(|fault| self.corrupt(format!("its mesh is not a body ({fault:?})")))?;
         Ok((TetMesh { node_groups, tet_groups, ..mesh }, fixed))
+    }
+
+    /// Refuses a file whose mesh differs from that of the same scene.
+    fn expect_body(&self, mesh: &TetMesh, fixed: &[u32]) -> Result<(), StoreError> {
+        let (stored, held) = self.body()?;
+        if stored == *mesh && held == fixed { Ok(()) } else { Err(self.corrupt("its mesh is damaged")) }
     }
 
     /// All attempts at all points of one active node, sorted by grid index and attempt.
@@ -329,6 +336,20 @@ impl Store {
             return Err(self.corrupt(rows::damaged(&index)));
         }
         self.each_intermediate(active, |_, _, _| {})
+    }
+
+    /// Whether all pages and rows of the file are intact.
+    pub(in crate::space) fn is_intact(&self, mesh: &TetMesh, fixed: &[u32], actives: usize) -> bool {
+        let pages = self.connection.query_row("PRAGMA integrity_check(1)", [], |row| row.get::<_, String>(0));
+        let rows = |active| {
+            self.attempts(active)?;
+            self.check_states(active)?;
+            self.finished(active)?;
+            self.each_truth(active, |_, _, _| ())
+        };
+        pages.is_ok_and(|answer| answer == "ok")
+            && self.expect_body(mesh, fixed).is_ok()
+            && (0..actives).all(|n| rows(n).is_ok())
     }
 
     /// The final state of one attempt at a point.

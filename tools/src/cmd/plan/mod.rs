@@ -28,7 +28,7 @@ use palpate_core::Method;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::in_parallel;
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::space::Store;
+use palpate_precompute::space::{ExpansionError, Store};
 use palpate_precompute::spec::{Sampling, Tolerance};
 use serde_json::json;
 
@@ -38,6 +38,7 @@ use self::prediction::{Basis, Prediction};
 use self::probe::{MOST_SOLVES, Order, Probed, probe};
 use crate::analysis::{self, threads};
 use crate::cmd::inspect::certificate::significant;
+use crate::cmd::precompute;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 use crate::interrupt::end_when_interrupted;
@@ -149,6 +150,12 @@ fn run_check(args: &Args, space: &Path) -> Result<(), Failure> {
     let prediction = Prediction::load(path)?;
     check::expect_same_scene(&prediction, path, &store)?;
     let compared = check::compare(&prediction, &store, args.blob.as_deref())?;
+    if compared.lines.is_empty() {
+        return Err(Failure::input(format!(
+            "{}: no active node is finished; run `palpate precompute` to its end and check again",
+            store.path().display()
+        )));
+    }
     if args.json {
         return output::line(serde_json::to_string_pretty(&compared).map_err(Failure::work)?);
     }
@@ -181,7 +188,9 @@ impl Plan {
             });
             // A search may end before the largest number of solves.
             steps.done(MOST_SOLVES - solved.get());
-            probed
+            probed.map_err(|failure| {
+                precompute::of_scene(bench, ExpansionError::Rest(failure.reason.to_string()))
+            })
         });
         let probed = probed.map_err(Failure::work)?.into_iter().collect::<Result<Vec<Probed>, Failure>>()?;
         let bound = scene.visual.then_some(scene.displacement_bound);
@@ -355,7 +364,7 @@ impl<'p> Steps<'p> {
 }
 
 /// Warns of nodes that the largest force cannot move, which a space of scattered positions omits. Fails if
-/// none remains.
+/// none remains, or if every probe failed.
 fn expect_movable(bench: &Analysis, nodes: &[NodePlan]) -> Result<(), Failure> {
     let why = |node: &NodePlan| {
         let why = node.probed.too_stiff.as_ref()?;
@@ -373,6 +382,13 @@ fn expect_movable(bench: &Analysis, nodes: &[NodePlan]) -> Result<(), Failure> {
     }
     for node in too_stiff {
         eprintln!("palpate: warning: {node}; it is omitted");
+    }
+    let failed: usize = nodes.iter().map(|node| node.probed.failed).sum();
+    if failed > 0 && failed == nodes.iter().map(|node| node.probed.far_s.len()).sum::<usize>() {
+        return Err(Failure::work(format!(
+            "{}: all {failed} probes failed; check the constants and units of the material, or take a smaller radius_m",
+            bench.path.display()
+        )));
     }
     Ok(())
 }

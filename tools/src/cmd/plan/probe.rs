@@ -8,13 +8,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate_precompute::adaptive::{Search, SolveResult, Step, Verdict};
-use palpate_precompute::fem::{Configuration, Problem, Seed, Solver};
+use palpate_precompute::fem::{Configuration, Problem, Seed, SolveFailure, Solver};
 use palpate_precompute::fit::SurfaceMotionSample;
 use palpate_precompute::num::{EnergyJet, distance, norm};
 use palpate_precompute::spec::Requirements;
 
 use crate::cmd::inspect::scattered::too_stiff;
-use crate::failure::Failure;
 
 /// Minimum number of probes of a node, for any time limit.
 const MIN_PROBES: usize = 2;
@@ -85,15 +84,11 @@ pub(super) struct Order {
 pub(super) const MOST_SOLVES: usize = 1 + MAX_PROBES + 2;
 
 /// Probes one active node. Calls `solved` after each of the first [`MOST_SOLVES`] solves.
-pub(super) fn probe(order: &Order, solved: &dyn Fn()) -> Result<Probed, Failure> {
+pub(super) fn probe(order: &Order, solved: &dyn Fn()) -> Result<Probed, SolveFailure> {
     let begun = Instant::now();
     let mut solver = Solver::new(order.problem.clone());
     let (rest, rest_s) = timed(|| solver.rest());
-    let rest = rest.map_err(|failure| {
-        Failure::input(format!(
-            "the body cannot be solved at rest: {failure}; fix at least three nodes that are not on one line"
-        ))
-    })?;
+    let rest = rest?;
     solved();
     let problem = &order.problem;
     let (matrix, factor) = problem.entries();
