@@ -37,7 +37,7 @@ impl InputError {
     /// A file that cannot be opened or read; contains the operating system's message.
     pub(crate) fn unreadable(file: &Path, error: &std::io::Error) -> Self {
         let fix = match error.kind() {
-            std::io::ErrorKind::NotFound => "check the path (it is relative to the scene file)",
+            std::io::ErrorKind::NotFound => "check the path",
             std::io::ErrorKind::PermissionDenied => "make the file readable for this user",
             _ => "check that it is a readable file",
         };

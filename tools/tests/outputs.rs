@@ -174,6 +174,17 @@ fn outputs_with_names_of_their_own_are_looked_at_too() {
 }
 
 #[test]
+fn a_file_is_no_folder_of_outputs() {
+    let bench = Bench::new();
+    bench.put("notes", b"my notes\n");
+    let run = format!("{RUN} --pictures notes");
+    for line in ["demo --headless --out notes", "report beam.toml --small --out notes", &run] {
+        bench.refuses(line, &["notes: is a file; give a folder"]);
+    }
+    bench.refuses("inspect nowhere", &["nowhere: cannot read the file", "; check the path\n"]);
+}
+
+#[test]
 fn two_outputs_of_a_command_are_two_files() {
     let bench = Bench::new();
     std::os::unix::fs::symlink("new.csv", bench.at("link.csv")).expect("a link");

@@ -58,7 +58,13 @@ pub(super) fn profile_file(place: &Place, name: &Spanned<String>) -> Option<Path
 fn of_profile(place: &Place, name: &Spanned<String>) -> Result<f64, InputError> {
     let word = name.get_ref();
     if let Some(path) = profile_file(place, name) {
-        let text = std::fs::read_to_string(&path).map_err(|error| InputError::unreadable(&path, &error))?;
+        let text = std::fs::read_to_string(&path).map_err(|error| {
+            let mut unreadable = InputError::unreadable(&path, &error);
+            if error.kind() == std::io::ErrorKind::NotFound {
+                unreadable.fix.push_str(" (it is relative to the scene file)");
+            }
+            unreadable
+        })?;
         return force_in(Place { path, text });
     }
     let bundled = palpate_devices::PROFILES.into_iter().find(|(known, _)| known == word);

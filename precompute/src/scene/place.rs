@@ -86,8 +86,8 @@ impl Place {
                 _ => format!("`{key}`"),
             };
             (format!("{written} is missing"), format!("add {written}"))
-        } else if message.starts_with("invalid") || message.starts_with("wanted") {
-            (message.to_owned(), "write a value of the expected type".into())
+        } else if let Some(what) = wrong_type(message) {
+            (what, "correct the value".into())
         } else {
             (format!("not valid TOML ({message})"), "correct the syntax".into())
         };
@@ -96,6 +96,42 @@ impl Place {
             None => InputError::at(&self.path, 1, what, fix),
         }
     }
+}
+
+/// serde's message of a value of the wrong type, in the words of a scene; `None` for other messages.
+fn wrong_type(message: &str) -> Option<String> {
+    // Only a word of a fixed list gets this message.
+    if message.starts_with("wanted") {
+        return Some("a text in quotes is expected here".into());
+    }
+    let (found, expected) = message.strip_prefix("invalid ")?.rsplit_once(", expected ")?;
+    let expected = match expected {
+        "f64" => "a number".into(),
+        "i64" | "u64" | "u32" => "a whole number".into(),
+        "a boolean" => "true or false".into(),
+        "a string" => "a text in quotes".into(),
+        "a sequence" => "a list".into(),
+        "a map" => "a table".into(),
+        _ if expected.starts_with("struct ") => "a table".into(),
+        _ => match expected.strip_prefix("an array of length ") {
+            Some(length) => format!("a list of {length}"),
+            None => expected.to_owned(),
+        },
+    };
+    let found = if let Some(length) = found.strip_prefix("length ") {
+        format!("a list of {length}")
+    } else {
+        let value = found.strip_prefix("type: ").or_else(|| found.strip_prefix("value: "))?;
+        match value.split_once('`').map(|(kind, rest)| (kind.trim_end(), rest.trim_end_matches('`'))) {
+            Some(("integer" | "floating point", number)) => format!("the number {number}"),
+            Some(("boolean", word)) => word.to_owned(),
+            _ if value.starts_with("string ") => format!("the {value}"),
+            _ if value == "sequence" => "a list".into(),
+            _ if value == "map" => "a table".into(),
+            _ => value.to_owned(),
+        }
+    };
+    Some(format!("{expected} is expected here, not {found}"))
 }
 
 pub(super) fn check_name(

@@ -237,8 +237,17 @@ fn wrong_keys_and_syntax_name_the_key_and_what_is_allowed() {
     );
     refuses("node = 63", "nodes = [63]", "block.toml:15", "unknown key `nodes`", "did you mean `node`?");
     refuses("[needs]", "[need]", "block.toml:24", "unknown key `need`", "did you mean `needs`?");
-    refuses("visual = false", "visual = 0", "block.toml:25", "invalid type", "expected type");
-    refuses("node = 63", "node = 63.0", "block.toml:15", "invalid type", "expected type");
+    let wrong = |from: &str, to: &str, line: usize, what: &str| {
+        bench.refuses(from, to, &format!("block.toml:{line}"), what, "correct the value");
+    };
+    wrong("visual = false", "visual = 0", 25, "true or false is expected here, not the number 0");
+    wrong("node = 63", "node = 63.0", 15, "a whole number is expected here, not the number 63.0");
+    wrong("c10_pa = 1300.0", "c10_pa = \"1300\"", 8, "a number is expected here, not the string \"1300\"");
+    wrong("c10_pa = 1300.0", "c10_pa = true", 8, "a number is expected here, not true");
+    wrong("c10_pa = 1300.0", "c10_pa = [1.0]", 8, "a number is expected here, not a list");
+    wrong("law = \"mooney-rivlin\"", "law = 3", 7, "a text in quotes is expected here, not the number 3");
+    wrong("group = \"left\"", "nodes = 3", 12, "a list is expected here, not the number 3");
+    wrong("group = \"left\"", "box = 3", 12, "a table is expected here, not the number 3");
     refuses("law = \"mooney-rivlin\"", "", "block.toml:6", "`law` is missing", "add `law`");
     refuses("[fixed]\ngroup = \"left\"", "", "block.toml:1", "[fixed] is missing", "add [fixed]");
     refuses("file = \"cube.msh\"", "file = ", "block.toml:3", "not valid TOML", "correct the syntax");
@@ -297,7 +306,8 @@ fn order_regions_body_force_patch_and_solver_are_read() {
         let error = table(&format!("[solver]\n{key} = \"x\"")).unwrap_err();
         assert_eq!((&error.what[..], &error.fix[..], error.line), ("unknown word \"x\"", fix, Some(23)));
         let error = table(&format!("[solver]\n{key} = 3")).unwrap_err();
-        assert_eq!((&error.fix[..], error.line), ("write a value of the expected type", Some(23)), "{error}");
+        let found = (&error.what[..], &error.fix[..], error.line);
+        assert_eq!(found, ("a text in quotes is expected here", "correct the value", Some(23)), "{error}");
     }
     let text = SCENE.replace("order = 1", "order = 2");
     let text =

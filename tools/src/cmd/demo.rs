@@ -92,6 +92,7 @@ impl Outputs {
     fn of(args: &Args) -> Result<Self, Failure> {
         let mut files = Files::new(args.replace);
         let folder = files.folder("--out", &args.out, |_| None)?;
+        Files::not_a_file("--out", &args.out.join("frames"))?;
         let mut at = |name: &str, kind| files.write("--out", &folder.path().join(name), kind);
         Ok(Self {
             scene: at("liver-small.toml", FileKind::Toml)?,

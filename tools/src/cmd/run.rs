@@ -279,6 +279,7 @@ impl Outputs {
         let device = args.device.strip_prefix("replay:").or_else(|| args.device.strip_prefix("falcon:"));
         device.iter().for_each(|path| files.read(Path::new(path)));
         args.profile.iter().for_each(|name| files.read(Path::new(name)));
+        Files::not_a_file("--pictures", &args.pictures)?;
         Ok(Self {
             record: args.record.as_ref().map(|path| files.write_new("--record", path)).transpose()?,
             gif: args.gif.as_ref().map(|path| files.write_new("--gif", path)).transpose()?,

@@ -159,6 +159,14 @@ impl Files {
         Ok(output)
     }
 
+    /// Refuses a folder of outputs at `path` if a file is there.
+    pub(crate) fn not_a_file(option: &'static str, path: &Path) -> Result<(), Failure> {
+        if path.is_file() {
+            return Err(Failure::input(format!("{option} {}: is a file; give a folder", path.display())));
+        }
+        Ok(())
+    }
+
     /// A folder of outputs, created if it does not exist. `kind_of` gives the kind of each file name that the
     /// command may write; existing files of these names are checked like single outputs.
     pub(crate) fn folder(
@@ -167,6 +175,7 @@ impl Files {
         path: &Path,
         kind_of: impl Fn(&str) -> Option<FileKind>,
     ) -> Result<Folder, Failure> {
+        Self::not_a_file(option, path)?;
         let named = |error: &io::Error| Failure::file(path, error);
         std::fs::create_dir_all(path).map_err(|error| named(&error))?;
         let mut names = std::fs::read_dir(path)

@@ -116,6 +116,8 @@ fn places_that_take_no_file_are_refused_before_the_work() {
     assert!(write(shelf.0.path()).contains("is a folder"));
     assert!(write(&shelf.at("nowhere/a.csv")).contains("nowhere/a.csv: No such file or directory"));
     assert!(write(&shelf.at("table.csv/a.csv")).contains("Not a directory"));
+    let folder = Files::new(FORCE).folder("--out", &shelf.at("table.csv"), |_| None);
+    assert!(folder.expect_err("refused").line().ends_with("table.csv: is a file; give a folder"));
 }
 
 #[test]

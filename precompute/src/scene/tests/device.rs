@@ -28,8 +28,13 @@ fn a_device_profile_gives_the_force_limit() {
         "did you mean \"falcon\"?",
     );
     refuses("profile = \"spoon\"", "block.toml:23", "no device profile \"spoon\"", "touch");
-    refuses("profile = \"none.toml\"", "none.toml", "cannot read the file", "check the path");
-    refuses("profile = 3", "block.toml:23", "invalid type", "expected type");
+    refuses("profile = \"none.toml\"", "none.toml", "cannot read the file", "relative to the scene file");
+    refuses(
+        "profile = 3",
+        "block.toml:23",
+        "a text in quotes is expected here, not the number 3",
+        "correct the value",
+    );
     let beyond = "profile = \"touch\"\nmax_force_n = 8";
     refuses(beyond, "block.toml:24", "`max_force_n` = 8 is beyond the 3.3 N of \"touch\"", "3.3 or less");
     for (text, place, what) in [

@@ -40,7 +40,12 @@ fn fixed_nodes_in_every_way() {
         "set is empty",
         "to [0.3, 0.3, 0.3] in metres",
     );
-    refuses("box = { min = [0, 0], max = [1, 1, 1] }", "block.toml:12", "invalid length 2", "expected type");
+    refuses(
+        "box = { min = [0, 0], max = [1, 1, 1] }",
+        "block.toml:12",
+        "a list of 3 is expected here, not a list of 2",
+        "correct the value",
+    );
     refuses("file = \"sets.json\"", "block.toml:11", "both `file` and `key`", "add the other");
     refuses(
         "file = \"no.json\"\nkey = \"F1\"",
