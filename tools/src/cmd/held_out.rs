@@ -42,7 +42,8 @@ pub(crate) struct Args {
     /// Steps of a random path
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.random_steps)]
     random_steps: u32,
-    /// Uniform reachable positions per node (299 without one too large certify 99 % at 95 % confidence)
+    /// Uniform reachable positions per node (if all 299 are within the tolerance, 99 % of the positions are,
+    /// with 95 % confidence)
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.uniform)]
     uniform: u32,
     /// Length of a step, mm; if not given, 1, or a tenth of a grid's radius below 10
