@@ -311,7 +311,7 @@ fn picture(bench: &Analysis, pull: &Pull, outcomes: &[Outcome]) -> Comparison {
         values: vec![
             ["force |h|".into(), format!("{:.2} N", row.force_norm_n)],
             ["volume".into(), percent(row.volume_change)],
-            ["least J".into(), format!("{:.2}", row.min_jacobian).replace('-', "\u{2212}")],
+            ["smallest J".into(), format!("{:.2}", row.min_jacobian).replace('-', "\u{2212}")],
         ],
         note: note(row),
     });
@@ -391,12 +391,12 @@ fn table(outcomes: &[Outcome]) -> String {
 fn text(rows: &[&Row]) -> String {
     let wide = rows.iter().map(|row| row.law.len()).max().unwrap_or(0);
     let mut lines = vec![format!(
-        "{:wide$}  {:>8}  {:>8}  {:>11}  {:>8}  {:>8}  {:>10}",
-        "law", "mm", "|h| N", "volume %", "least J", "inverted", "iterations"
+        "{:wide$}  {:>8}  {:>8}  {:>11}  {:>10}  {:>8}  {:>10}",
+        "law", "mm", "|h| N", "volume %", "smallest J", "inverted", "iterations"
     )];
     for row in rows {
         lines.push(format!(
-            "{:wide$}  {:>8.2}  {:>8.3}  {:>+11.4}  {:>8.3}  {:>8}  {:>10}{}",
+            "{:wide$}  {:>8.2}  {:>8.3}  {:>+11.4}  {:>10.3}  {:>8}  {:>10}{}",
             row.law,
             1e3 * row.length_m,
             row.force_norm_n,

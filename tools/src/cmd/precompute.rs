@@ -253,7 +253,7 @@ fn expect_solved(
 pub(crate) fn in_words(counts: &TagCounts, points: Option<usize>) -> String {
     let (of, behind) = match points {
         Some(points) => (format!(" of {points} points"), format!(", {} not reached", counts.unknown)),
-        None => (" scattered positions".into(), String::new()),
+        None => (" configurations of adaptive sampling".into(), String::new()),
     };
     format!(
         "{}{of} solved ({} reachable, {} beyond f_max), {} failed{behind}",

@@ -170,7 +170,7 @@ fn left_out_of(store: &Store) -> Result<Unreachable, Failure> {
     Ok(Scene::parse(store.path(), store.identity()?.scene)?.resolve_in(mesh, fixed)?.unreachable)
 }
 
-/// The sampling parameters of scattered positions, as text.
+/// The parameters of adaptive sampling, as text.
 fn in_words(scattered: &Scattered) -> String {
     let Scattered { radius_m, tolerance: Tolerance { relative, absolute_n }, only_push, workspace_m } =
         scattered;
@@ -178,7 +178,7 @@ fn in_words(scattered: &Scattered) -> String {
     let within = workspace_m
         .map_or_else(String::new, |[low, high]| format!(", in the workspace from {low:?} to {high:?} m"));
     format!(
-        "scattered within r_G {radius_m} m{contact}{within}, error at most the larger of {} % of |h| and {} mN",
+        "adaptive sampling within r_G {radius_m} m{contact}{within}, error at most the larger of {} % of |h| and {} mN",
         certificate::significant(1e2 * relative),
         certificate::significant(1e3 * absolute_n)
     )

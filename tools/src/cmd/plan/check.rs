@@ -135,7 +135,7 @@ impl Comparison {
             };
             slowest_ns = Some(slowest_ns.unwrap_or(0.0).max(measured.probe.nanoseconds));
             if let Some(p99_n) = prediction.of_node(&space.active).and_then(|line| line.p99_n) {
-                let away = if measured.folded.count > 0 { " away from branch jumps" } else { "" };
+                let away = if measured.at_branch_jumps.count > 0 { " away from branch jumps" } else { "" };
                 self.add(format!("{}: error at p99{away}", space.active), p99_n, measured.uniform.p99_n, "N");
             }
         }

@@ -35,7 +35,7 @@ use serde_json::json;
 use self::model::{ComparedModel, Model};
 use self::node::{NodePlan, mean};
 use self::prediction::{Basis, Prediction};
-use self::probe::{MOST_SOLVES, Order, Probed, probe};
+use self::probe::{MAX_SOLVES, Order, Probed, probe};
 use crate::analysis::{self, threads};
 use crate::cmd::inspect::certificate::significant;
 use crate::cmd::precompute;
@@ -62,7 +62,7 @@ const CELLS_PER_STEP: f64 = 5.0;
 /// surrogate that interpolates the probes. Errors are against the finite elements of the same model; the
 /// column `stiffer` is the additional error of its discretisation.
 ///
-/// For the sampling that the scene asks for, intervals are given that hold 8 of 10 outcomes. They include the
+/// For the sampling that the scene asks for, 80 % prediction intervals are given. They include the
 /// lattice that takes over a search at branch jumps, with its probability and cost. `--out` saves them, and
 /// `--check` later compares them with the solved space.
 ///
@@ -179,7 +179,7 @@ impl Plan {
         let tolerance =
             sampling.scattered().map_or(Tolerance::IMPERCEPTIBLE, |scattered| scattered.tolerance);
         let orders = orders(bench, &sampling, tolerance, &surface, threads);
-        let steps = Steps::new(progress, "probing solves", orders.len() * MOST_SOLVES);
+        let steps = Steps::new(progress, "probing solves", orders.len() * MAX_SOLVES);
         let probed = in_parallel(&orders, threads, |order| {
             let solved = Cell::new(0);
             let probed = probe(order, &|| {
@@ -187,7 +187,7 @@ impl Plan {
                 steps.done(1);
             });
             // A search may end before the largest number of solves.
-            steps.done(MOST_SOLVES - solved.get());
+            steps.done(MAX_SOLVES - solved.get());
             probed.map_err(|failure| {
                 precompute::of_scene(bench, ExpansionError::Rest(failure.reason.to_string()))
             })
@@ -269,7 +269,7 @@ impl Plan {
             let NodePlan { probed, linear, .. } = node;
             let [near, far] = probed.reach_m();
             text.push_str(&format!(
-                "  {}: {:.0} N/m at rest; {} probes reach {:.0} to {:.0} mm ({} beyond f_max, {} lost, {} of {} forked), {:.2} s each; error of a linear body \
+                "  {}: {:.0} N/m at rest; {} probes reach {:.0} to {:.0} mm ({} beyond f_max, {} failed, {} on another branch; {} of {} on another branch from another start), {:.2} s each; error of a linear body \
                  {:.0} mN (p99)\n",
                 scene.active[probed.active].name,
                 probed.jets[0].stiffness_n_m.trace() / 3.0,
@@ -277,8 +277,9 @@ impl Plan {
                 1e3 * near,
                 1e3 * far,
                 probed.beyond,
-                probed.lost,
-                probed.forked,
+                probed.failed,
+                probed.lost - probed.failed,
+                probed.elsewhere,
                 probed.again,
                 mean(&probed.far_s),
                 1e3 * linear.p99_n
@@ -303,8 +304,10 @@ impl Plan {
                 })
                 .collect();
             json!({
-                "name": bench.scene.active[probed.active].name, "probes": probed.far_s.len(), "lost": probed.lost,
-                "beyond": probed.beyond, "again": probed.again, "forked": probed.forked, "reach_m": probed.reach_m(), "rest_s": probed.rest_s, "far_s": probed.far_s,
+                "name": bench.scene.active[probed.active].name, "probes": probed.far_s.len(), "failed": probed.failed,
+                "on_another_branch": probed.lost - probed.failed,
+                "beyond": probed.beyond, "again": probed.again, "again_on_another_branch": probed.elsewhere,
+                "reach_m": probed.reach_m(), "rest_s": probed.rest_s, "far_s": probed.far_s,
                 "near_s": probed.near_s, "unknowns": probed.size[0], "entries": probed.size[1], "factor": probed.size[2],
                 "linear_p99_n": linear.p99_n, "linear_within": linear.within, "eye": eye, "choices": choices,
             })

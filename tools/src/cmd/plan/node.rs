@@ -124,7 +124,7 @@ pub(super) fn plan(
                 points: choice.configurations,
                 domain: own.grid.points(own.complete_cells).len() as f64,
                 search_solves: search.configurations,
-                has_lost_probe: probed.lost + probed.forked > 0,
+                has_lost_probe: probed.lost + probed.elsewhere > 0,
                 increments: f64::from(own.increments.unwrap_or(1)),
                 blob_bytes: choice.bytes(&[Method::Energy], eye.as_ref()) as f64,
             }
@@ -218,7 +218,7 @@ fn of_search(
         tried,
         solves: [search.solved as f64, search.configurations],
         failing: probed.failed as f64 / (tried + MAX_SEPARATE_NODES),
-        has_lost_probe: probed.lost + probed.forked > 0,
+        has_lost_probe: probed.lost + probed.elsewhere > 0,
         cells: grid.radius_m / grid.spacing_m,
         bytes: (2..=12).map(with_cells).filter(|bytes| bytes.is_finite()).collect(),
         fallback,

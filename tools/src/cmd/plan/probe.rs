@@ -2,7 +2,7 @@
 //! lattice steps, and the probes again from other starts. A different solution there shows a branch jump of
 //! the space.
 //!
-//! A scattered space begins with the same solves, so their reach and time predict those of the space.
+//! A space of adaptive sampling begins with the same solves, so their reach and time predict those of the space.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -48,7 +48,7 @@ pub(super) struct Probed {
     /// Number of probes that were solved again from another start.
     pub again: usize,
     /// Number of these with a different solution.
-    pub forked: usize,
+    pub elsewhere: usize,
     /// Why the largest force cannot move the node as far as a space needs; `None` if it can.
     pub too_stiff: Option<String>,
     /// Unknowns, entries of the matrix and of its factor.
@@ -81,9 +81,9 @@ pub(super) struct Order {
 }
 
 /// Largest number of solves of [`probe`] before the probes are solved again, with rest and lattice steps.
-pub(super) const MOST_SOLVES: usize = 1 + MAX_PROBES + 2;
+pub(super) const MAX_SOLVES: usize = 1 + MAX_PROBES + 2;
 
-/// Probes one active node. Calls `solved` after each of the first [`MOST_SOLVES`] solves.
+/// Probes one active node. Calls `solved` after each of the first [`MAX_SOLVES`] solves.
 pub(super) fn probe(order: &Order, solved: &dyn Fn()) -> Result<Probed, SolveFailure> {
     let begun = Instant::now();
     let mut solver = Solver::new(order.problem.clone());
@@ -105,7 +105,7 @@ pub(super) fn probe(order: &Order, solved: &dyn Fn()) -> Result<Probed, SolveFai
         failed: 0,
         beyond: 0,
         again: 0,
-        forked: 0,
+        elsewhere: 0,
         too_stiff: None,
         size: [problem.unknowns(), matrix, factor],
     };
@@ -227,7 +227,8 @@ impl Probing<'_> {
             if let Some(Ok(other)) = found {
                 let apart: [f64; 3] = std::array::from_fn(|i| other.jet().force_n[i] - probe.at.force_n[i]);
                 probed.again += 1;
-                probed.forked += usize::from(norm(apart) > self.order.wanted.tolerance.at(probe.at.force_n));
+                probed.elsewhere +=
+                    usize::from(norm(apart) > self.order.wanted.tolerance.at(probe.at.force_n));
             }
         }
     }

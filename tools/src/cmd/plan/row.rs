@@ -48,7 +48,7 @@ impl Row {
     pub(super) fn in_words(&self) -> String {
         let sampling = match self.spacing_m {
             Some(spacing_m) => format!("spacing_m = {spacing_m:.4}"),
-            None => "scattered positions".into(),
+            None => "adaptive sampling".into(),
         };
         format!("{}, {sampling}, {}", self.model, self.method)
     }
@@ -158,7 +158,8 @@ pub(super) fn table(rows: &[Row], threads: usize) -> String {
         "stiffer"
     );
     for row in rows {
-        let sampling = row.spacing_m.map_or("scattered".into(), |s| format!("lattice {:.2} mm", 1e3 * s));
+        let sampling =
+            row.spacing_m.map_or("adaptive sampling".into(), |s| format!("lattice {:.2} mm", 1e3 * s));
         let mark = if row.recommended { '>' } else { ' ' };
         let about = if row.extrapolated { "~" } else { "" };
         let stiffer = row.stiffer.map_or("-".into(), |s| format!("{:+.0} %", 100.0 * s));

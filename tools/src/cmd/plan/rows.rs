@@ -110,14 +110,14 @@ impl Plan {
     fn signs(&self) -> String {
         let count = |figure: fn(&NodePlan) -> usize| self.nodes.iter().map(figure).sum::<usize>();
         let (lost, probes) = (count(|n| n.probed.lost), count(|n| n.probed.far_s.len()));
-        let (forked, again) = (count(|n| n.probed.forked), count(|n| n.probed.again));
+        let (elsewhere, again) = (count(|n| n.probed.elsewhere), count(|n| n.probed.again));
         let mut signs = Vec::new();
         if lost > 0 {
             signs.push(format!("{lost} of {probes} probes found no solution on their branch"));
         }
-        if forked > 0 {
+        if elsewhere > 0 {
             signs.push(format!(
-                "{forked} of {again} probes have another solution when they are solved from another start"
+                "{elsewhere} of {again} probes have another solution when they are solved from another start"
             ));
         }
         if signs.is_empty() {

@@ -219,7 +219,7 @@ pub(super) mod tests {
             has_ended: false,
             beyond: 0,
             again: 0,
-            forked: 0,
+            elsewhere: 0,
             too_stiff: None,
             size: [3000, 100_000, 400_000],
         }

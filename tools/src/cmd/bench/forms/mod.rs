@@ -20,7 +20,7 @@ use crate::failure::Failure;
 use crate::output;
 use cell::CellTable;
 
-/// Compare the storage forms of the fitted energy of a scattered space.
+/// Compare the storage forms of the fitted energy of a space of adaptive sampling.
 ///
 /// The forms are one polynomial per cell (not in blobs), the derivatives at nodes (`energy`), and the fit
 /// itself (`kernel`).
@@ -30,7 +30,7 @@ use cell::CellTable;
 /// more), and the difference from the fit in f64.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// The .space file of a scattered space
+    /// The .space file of a space of adaptive sampling
     space: PathBuf,
     /// Active node; all nodes with a fit if not given
     #[arg(long, value_name = "NAME")]
@@ -77,7 +77,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let rows = measure(&store, args.active.as_deref(), args.rounds.max(1))?;
     if rows.is_empty() {
         return Err(Failure::input(format!(
-            "{}: no such active node has a fit of scattered positions",
+            "{}: no such active node has a fit of adaptive sampling",
             args.space.display()
         )));
     }
@@ -102,7 +102,7 @@ pub(crate) fn measure(store: &Store, wanted: Option<&str>, rounds: usize) -> Res
         let places: Vec<Vec3> =
             fit.places(4_000).into_iter().map(|at| at.map(|x| x as f32)).filter(within(space)).collect();
         let mut truths = answers(store, active, space, Method::Energy)?;
-        truths.retain(|answer| answer.walk.kind == Kind::Uniform && !answer.folded);
+        truths.retain(|answer| answer.walk.kind == Kind::Uniform && !answer.near_branch_jump);
         rows.extend(of_space(&name, space, &fit.fit, (&places, &truths), rounds));
     }
     Ok(rows)
