@@ -52,10 +52,10 @@ fn the_certificate_separates_good_tables_from_bad_ones() {
     assert_eq!(organ.max_force_n, f32::INFINITY, "the scene has no force limit");
     let good = certify(&store, &organ).expect("intact");
     let space = &good.spaces[0];
-    assert_eq!((space.active.as_str(), space.cost.configurations, space.fold_pairs), ("A", 125, 0));
-    assert_eq!(space.folded_volume, 0.0);
+    assert_eq!((space.active.as_str(), space.cost.configurations, space.branch_jump_pairs), ("A", 125, 0));
+    assert_eq!(space.branch_jump_volume, 0.0);
     for m in &space.methods {
-        assert_eq!((m.uniform.count, m.random.count, m.folded.count), (40, 120, 0), "{}", m.method);
+        assert_eq!((m.uniform.count, m.random.count, m.at_branch_jumps.count), (40, 120, 0), "{}", m.method);
         // 26 paths of ten steps of 1 mm. Along the six axes, steps 5 and 10 are grid points. Step 10 is on
         // the rim, so rounding determines on which side it lies.
         assert!((26 * 9 - 6..=26 * 10 - 12).contains(&m.regular.count), "{}: {}", m.method, m.regular.count);
@@ -69,8 +69,8 @@ fn the_certificate_separates_good_tables_from_bad_ones() {
     assert!(energy.uniform.mean_n < hermite.uniform.mean_n && hermite.uniform.mean_n < cubic.uniform.mean_n);
     assert!(cubic.uniform.mean_n < linear.uniform.mean_n);
     assert!(energy.probe.work.max < 1e-4 && linear.probe.work.max > 10.0 * energy.probe.work.max);
-    assert_eq!(energy.uniform.not_felt, 40);
-    assert!((energy.not_felt_certified - 0.05f64.powf(1.0 / 40.0)).abs() < 1e-9, "0 of 40");
+    assert_eq!(energy.uniform.below_jnd, 40);
+    assert!((energy.below_jnd_certified - 0.05f64.powf(1.0 / 40.0)).abs() < 1e-9, "0 of 40");
 
     // The same positions in a blob of a body 10 % stiffer: every method has a relative error of 10 %.
     let (stiffer, _) = bench(1.1).solve(&folder.path().join("stiffer.space"), 2);
@@ -80,11 +80,11 @@ fn the_certificate_separates_good_tables_from_bad_ones() {
     for m in &bad.spaces[0].methods {
         assert!((m.uniform.relative_mean - 0.1).abs() < 0.02, "{}: {:?}", m.method, m.uniform);
         assert!(
-            m.uniform.mean_n > Tolerance::IMPERCEPTIBLE.absolute_n && m.uniform.not_felt < 10,
+            m.uniform.mean_n > Tolerance::IMPERCEPTIBLE.absolute_n && m.uniform.below_jnd < 10,
             "{}: {:?}",
             m.method,
             m.uniform
         );
-        assert!(m.not_felt_certified < 0.5, "{}", m.method);
+        assert!(m.below_jnd_certified < 0.5, "{}", m.method);
     }
 }

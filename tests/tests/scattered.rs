@@ -186,7 +186,7 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
     // The certificate uses the scene's tolerance, which is a quarter of the human just-noticeable difference.
     let tolerated = energy(space).tolerated.expect("the certificate has a tolerance");
     assert_eq!(tolerated.tolerance, TOLERANCE);
-    assert!(tolerated.count >= 57 && tolerated.count <= uniform.not_felt, "{tolerated:?}");
+    assert!(tolerated.count >= 57 && tolerated.count <= uniform.below_jnd, "{tolerated:?}");
     // The table differs from the kernel fit by at most a tenth of the tolerance.
     let of = |method: Method| space.methods.iter().find(|m| m.method == method.name()).expect("packed");
     let (energy, kernel) = (of(Method::Energy), of(Method::Kernel));

@@ -51,9 +51,10 @@ fn the_six_scenes_cannot_be_felt_and_none_is_red() {
             println!("{scene} {}: {colour} {why}", space["active"]);
             assert_ne!(colour, "red", "{scene}: {why}");
             let uniform = uniform(&space);
-            let [count, not_felt] = ["count", "not_felt"].map(|key| uniform[key].as_u64().expect("a number"));
+            let [count, below_jnd] =
+                ["count", "below_jnd"].map(|key| uniform[key].as_u64().expect("a number"));
             // One position in a hundred may exceed it; two of sixty are improbable.
-            assert!(count >= 40 && not_felt + 2 >= count, "{scene}: {not_felt} of {count}");
+            assert!(count >= 40 && below_jnd + 2 >= count, "{scene}: {below_jnd} of {count}");
         }
     }
 }
@@ -65,7 +66,7 @@ fn a_light_touch_is_linear_and_palpation_is_not() {
     let uniform = uniform(&spaces[0]);
     println!("{linear} {uniform}");
     assert!(linear["tests"] == 10 && linear["worst"].as_f64().is_some_and(|worst| worst < 1.0), "{linear}");
-    assert!(uniform["count"] == uniform["not_felt"] && spaces[0]["health"]["verdict"] == "green");
+    assert!(uniform["count"] == uniform["below_jnd"] && spaces[0]["health"]["verdict"] == "green");
     assert!(certified("palpation", "20")[0]["linear"].is_null());
 }
 

@@ -36,7 +36,8 @@ pub struct DisplacementCertificate {
     /// The same positions without the slopes.
     pub uniform_trilinear: SurfaceDistances,
     /// Uniform positions near branch jumps.
-    pub folded: SurfaceDistances,
+    #[serde(alias = "folded")]
+    pub at_branch_jumps: SurfaceDistances,
     /// Median time to evaluate one surface, us, on the machine that packed the blob.
     pub microseconds: f64,
 }
@@ -92,7 +93,7 @@ pub(super) fn measure(
         configurations.add(misfit(&exact, &found));
     }
 
-    let (mut uniform, mut uniform_trilinear, mut folded) =
+    let (mut uniform, mut uniform_trilinear, mut at_branch_jumps) =
         <(SurfaceDistances, SurfaceDistances, SurfaceDistances)>::default();
     let trilinear = table.without_slopes();
     let mut visited = Vec::new();
@@ -100,7 +101,7 @@ pub(super) fn measure(
         visited.push(at);
         table.displacement_into(space.lattice(), space.planes().flags, at, &mut found);
         if has_branch_jump {
-            folded.add(misfit(exact, &found));
+            at_branch_jumps.add(misfit(exact, &found));
             return;
         }
         uniform.add(misfit(exact, &found));
@@ -123,7 +124,7 @@ pub(super) fn measure(
         configurations,
         uniform,
         uniform_trilinear,
-        folded,
+        at_branch_jumps,
         microseconds: microseconds(space, table, &visited, &mut found),
     })
 }

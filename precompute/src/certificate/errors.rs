@@ -59,7 +59,8 @@ pub struct Errors {
     /// Mean absolute error of the smaller components, N.
     pub small_mean_n: f64,
     /// Number of positions with an imperceptible error.
-    pub not_felt: usize,
+    #[serde(alias = "not_felt")]
+    pub below_jnd: usize,
 }
 
 impl Errors {
@@ -70,7 +71,7 @@ impl Errors {
         for c in compared {
             errors.count += 1;
             errors.covered += usize::from(c.covered);
-            errors.not_felt += usize::from(c.is_imperceptible());
+            errors.below_jnd += usize::from(c.is_imperceptible());
             sizes.push(c.error_n());
             for (truth, found) in c.truth_n.iter().zip(c.found_n) {
                 let error = (truth - found).abs();
@@ -194,7 +195,7 @@ mod tests {
             compared([-4.0, 0.0, 3.0], [-4.0, 0.12, 3.16]),
         ];
         let e = Errors::of(&all);
-        assert_eq!((e.count, e.covered, e.not_felt), (3, 2, 1));
+        assert_eq!((e.count, e.covered, e.below_jnd), (3, 2, 1));
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
         near(e.mean_n, 0.1);
         near(e.max_n, 0.2);

@@ -181,12 +181,12 @@ impl Health {
     fn judge_branches(&self, found: &SpaceCertificate, say: &mut impl FnMut(Verdict, String)) {
         let of_all = self.of_all();
         say(
-            BRANCHES.of(found.folded_volume),
+            BRANCHES.of(found.branch_jump_volume),
             format!(
                 "{:.1} % of the volume lies at branch jumps ({} pairs of neighbours on different branches): the force there depends on the path; \
                  take a smaller radius_m",
-                100.0 * found.folded_volume,
-                found.fold_pairs
+                100.0 * found.branch_jump_volume,
+                found.branch_jump_pairs
             ),
         );
         let BranchDifference { points, apart_n } = found.two_solutions;
@@ -253,16 +253,16 @@ impl Health {
 /// Errors at independent positions, and rounding.
 fn judge_errors(methods: &[MethodCertificate], say: &mut impl FnMut(Verdict, String)) {
     let measured = || methods.iter().filter(|method| method.uniform.count > 0);
-    let felt = |m: &MethodCertificate| 1.0 - m.uniform.not_felt as f64 / m.uniform.count as f64;
-    let best = measured().min_by(|a, b| felt(a).total_cmp(&felt(b)));
+    let perceptible = |m: &MethodCertificate| 1.0 - m.uniform.below_jnd as f64 / m.uniform.count as f64;
+    let best = measured().min_by(|a, b| perceptible(a).total_cmp(&perceptible(b)));
     if let Some(best) = best {
         // A scene's own tolerance may permit a perceptible error. Errors beyond that tolerance are judged
         // below. A single perceptible error can be chance for any number of positions.
-        let is_sure = best.uniform.count > best.uniform.not_felt + 1;
+        let is_sure = best.uniform.count > best.uniform.below_jnd + 1;
         let most = if best.tolerated.is_some() || !is_sure { Verdict::Yellow } else { Verdict::Red };
-        let percent = 100.0 * felt(best);
+        let percent = 100.0 * perceptible(best);
         say(
-            PERCEPTIBLE.of(felt(best)).min(most),
+            PERCEPTIBLE.of(perceptible(best)).min(most),
             format!(
                 "the error is perceptible at {percent:.1} % of {} independent positions ({}, the best method)",
                 best.uniform.count, best.method
@@ -312,8 +312,8 @@ mod tests {
     }
 
     /// With `count` independent positions.
-    fn method(count: usize, not_felt: usize, tolerated: Option<Within>) -> MethodCertificate {
-        let uniform = Errors { count, not_felt, ..Errors::default() };
+    fn method(count: usize, below_jnd: usize, tolerated: Option<Within>) -> MethodCertificate {
+        let uniform = Errors { count, below_jnd, ..Errors::default() };
         MethodCertificate { method: "energy".into(), uniform, tolerated, ..MethodCertificate::default() }
     }
 
@@ -358,7 +358,7 @@ mod tests {
         let nothing = |_: &mut SpaceCertificate| {};
         assert_eq!(judge(&sound, &[], &nothing), (Verdict::Yellow, 1));
         let tolerance = Tolerance { relative: 0.0, absolute_n: 0.5 };
-        for (of, not_felt, tolerated, verdict) in [
+        for (of, below_jnd, tolerated, verdict) in [
             (5, 4, None, Verdict::Yellow),
             (5, 3, None, Verdict::Red),
             (300, 290, None, Verdict::Yellow),
@@ -367,8 +367,8 @@ mod tests {
             (300, 300, Some(250), Verdict::Red),
         ] {
             let tolerated = tolerated.map(|count| Within { tolerance, count, certified: 0.0 });
-            let judged = judge(&sound, &[method(of, not_felt, tolerated)], &nothing);
-            assert_eq!(judged, (verdict, 1), "{not_felt} of {of}, {tolerated:?}");
+            let judged = judge(&sound, &[method(of, below_jnd, tolerated)], &nothing);
+            assert_eq!(judged, (verdict, 1), "{below_jnd} of {of}, {tolerated:?}");
         }
         assert_eq!(judged(&sound, &nothing), (Verdict::Green, 0));
         for (health, verdict) in [
@@ -385,8 +385,8 @@ mod tests {
         ] {
             assert_eq!(judged(&health, &nothing), (verdict, 1), "{health:?}");
         }
-        let folded = |found: &mut SpaceCertificate| found.folded_volume = 0.2;
-        assert_eq!(judged(&sound, &folded), (Verdict::Red, 1));
+        let jumps = |found: &mut SpaceCertificate| found.branch_jump_volume = 0.2;
+        assert_eq!(judged(&sound, &jumps), (Verdict::Red, 1));
         let buckled =
             |found: &mut SpaceCertificate| found.two_solutions = BranchDifference { points: 1, apart_n: 0.5 };
         assert_eq!(judged(&sound, &buckled), (Verdict::Yellow, 1));

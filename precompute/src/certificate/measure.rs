@@ -23,7 +23,7 @@ pub(crate) struct Truth {
     pub(crate) displacement_m: [f32; 3],
     pub(crate) force_n: [f64; 3],
     /// Whether it is near a branch jump.
-    pub(crate) folded: bool,
+    pub(crate) near_branch_jump: bool,
 }
 
 /// Forces of a method of `space`, packed from active node number `active` of `store`, at every held-out
@@ -41,14 +41,14 @@ pub fn answers(
 
 pub(crate) fn answered(space: &Space<'_>, method: Method, truths: &[Truth]) -> Vec<Answer> {
     let answer = |truth: &Truth| {
-        let Truth { walk, step, displacement_m, force_n, folded } = *truth;
+        let Truth { walk, step, displacement_m, force_n, near_branch_jump } = *truth;
         let found = space.force(method, displacement_m)?;
         let compared = Compared {
             truth_n: force_n,
             found_n: found.force_n.map(f64::from),
             covered: found.coverage != Coverage::Extrapolated,
         };
-        Some(Answer { walk, step, displacement_m, compared, folded })
+        Some(Answer { walk, step, displacement_m, compared, near_branch_jump })
     };
     truths.iter().filter_map(answer).collect()
 }
@@ -62,14 +62,14 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let records = store.records(active)?;
         let truths = truths(store, active, space, sampling)?;
         // Adaptive sampling has neither table points nor neighbours.
-        let (samples, mut folded) = sampling.lattice().map_or_else(Default::default, |lattice| {
+        let (samples, mut jumps) = sampling.lattice().map_or_else(Default::default, |lattice| {
             (samples(&lattice.grid, &records), branch_jumps(&lattice.grid, &records))
         });
         let state = sampling.scattered().map(|_| state(store, active)).transpose()?;
         let fallback = state.as_ref().and_then(SpaceState::fallback);
         let fit = state.and_then(|state| state.fit);
         if let Some(lattice) = &fallback {
-            folded = branch_jumps(&lattice.grid, &lattice.records(&records));
+            jumps = branch_jumps(&lattice.grid, &lattice.records(&records));
         }
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
         let displacement = space.displacement().as_ref().map(|table| {
@@ -87,14 +87,14 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         // judged.
         let kept_in = fit.as_ref().filter(|fit| fit.wanted.is_kept_in());
         let in_reach = |at: [f32; 3]| kept_in.is_none_or(|fit| fit.is_reachable(at.map(f64::from)));
-        let folded_volume = share_of_part(space, in_reach, |at| has_branch_jump(space, at));
+        let branch_jump_volume = share_of_part(space, in_reach, |at| has_branch_jump(space, at));
         let linear = fit.as_ref().filter(|fit| fit.verdict == Some(Verdict::Linear)).map(|fit| fit.linear);
         let mut certificate = SpaceCertificate {
             active: name,
             node,
             cost,
-            fold_pairs: folded.len(),
-            folded_volume,
+            branch_jump_pairs: jumps.len(),
+            branch_jump_volume,
             two_solutions,
             methods,
             displacement: displacement.transpose()?,
@@ -141,7 +141,8 @@ pub(crate) fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<(u
     let mut counts = Vec::new();
     for (active, _, _, space) in packed(store, organ)? {
         let truths = truths(store, active, space, &sampling)?;
-        let clear = truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.folded).count();
+        let clear =
+            truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.near_branch_jump).count();
         counts.push((active, clear));
     }
     Ok(counts)
@@ -191,8 +192,14 @@ pub(crate) fn truths(
             && workspace.is_none_or(|workspace| is_within(&workspace, &at))
             && !seen(at);
         if let Some(found) = reachable.filter(|_| usable) {
-            let folded = found.switched || has_branch_jump(space, displacement_m);
-            truths.push(Truth { walk: *walk, step, displacement_m, force_n: found.force_n, folded });
+            let near_branch_jump = found.switched || has_branch_jump(space, displacement_m);
+            truths.push(Truth {
+                walk: *walk,
+                step,
+                displacement_m,
+                force_n: found.force_n,
+                near_branch_jump,
+            });
         }
     })?;
     Ok(truths)
@@ -210,7 +217,7 @@ fn measure(
     };
     let radius_m = f64::from(space.lattice().radius_m());
     let share = |at: &Answer| norm(at.displacement_m.map(f64::from)) / radius_m;
-    let clear = |at: &Answer, kind| at.walk.kind == kind && !at.folded;
+    let clear = |at: &Answer, kind| at.walk.kind == kind && !at.near_branch_jump;
     let ring =
         |from: f64, to: f64| errors(&|at| clear(at, Kind::Uniform) && share(at) > from && share(at) <= to);
     let uniform = errors(&|at| clear(at, Kind::Uniform));
@@ -218,8 +225,8 @@ fn measure(
     MethodCertificate {
         method: method.name().into(),
         by_radius: [ring(-1.0, 0.5), ring(0.5, 0.75), ring(0.75, 2.0)],
-        folded: errors(&|at| at.folded && at.walk.kind == Kind::Uniform),
-        not_felt_certified: certified_share(uniform.count, uniform.count - uniform.not_felt),
+        at_branch_jumps: errors(&|at| at.near_branch_jump && at.walk.kind == Kind::Uniform),
+        below_jnd_certified: certified_share(uniform.count, uniform.count - uniform.below_jnd),
         tolerated: tolerance.map(|tolerance| {
             let clear = answers.iter().filter(|at| clear(at, Kind::Uniform));
             Within::of(tolerance, clear.map(|answer| &answer.compared))
@@ -227,7 +234,7 @@ fn measure(
         uniform,
         regular: errors(&|at| clear(at, Kind::Regular)),
         random: errors(&|at| clear(at, Kind::Random)),
-        paths_folded: errors(&|at| at.folded && at.walk.kind != Kind::Uniform),
+        paths_at_branch_jumps: errors(&|at| at.near_branch_jump && at.walk.kind != Kind::Uniform),
         probe: probe(space, method, &visited),
     }
 }

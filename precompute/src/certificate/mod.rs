@@ -32,7 +32,7 @@ use crate::spec::Scattered;
 /// positions, and the bounds hold for all of them together.
 pub(crate) const MAX_SEPARATE_NODES: usize = 8;
 
-/// All measurements of a blob.
+/// All measurements of a blob. An alias is the name of a field in earlier blobs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Certificate {
     /// Scene, mesh, law and solver of the blob.
@@ -74,10 +74,12 @@ pub struct SpaceCertificate {
     /// Cost of the space.
     pub cost: Cost,
     /// Number of neighbour pairs on different branches.
-    pub fold_pairs: usize,
+    #[serde(alias = "fold_pairs")]
+    pub branch_jump_pairs: usize,
     /// Share of the ball's volume within a cell of such a pair. If a workspace or a tool that only pushes
     /// limits the reach, the share of the reachable part.
-    pub folded_volume: f64,
+    #[serde(alias = "folded_volume")]
+    pub branch_jump_volume: f64,
     /// Points with two stable solutions.
     pub two_solutions: BranchDifference,
     /// Every packed method.
@@ -133,10 +135,12 @@ pub struct MethodCertificate {
     /// The same by distance from rest: up to 1/2, up to 3/4, and up to 1 of r_G.
     pub by_radius: [Errors; 3],
     /// Uniform positions near branch jumps.
-    pub folded: Errors,
+    #[serde(alias = "folded")]
+    pub at_branch_jumps: Errors,
     /// Share of positions with an imperceptible error, with 95 % confidence, from the uniform positions away
     /// from branch jumps.
-    pub not_felt_certified: f64,
+    #[serde(alias = "not_felt_certified")]
+    pub below_jnd_certified: f64,
     /// The same positions against the scene's own tolerance; `None` if the scene uses the perceptual one.
     pub tolerated: Option<Within>,
     /// Positions of regular paths within the grid and f_max, without grid points, away from branch jumps.
@@ -144,7 +148,8 @@ pub struct MethodCertificate {
     /// The same for random paths.
     pub random: Errors,
     /// Positions of paths near branch jumps.
-    pub paths_folded: Errors,
+    #[serde(alias = "paths_folded")]
+    pub paths_at_branch_jumps: Errors,
     /// Work, face jumps, rounding and time.
     pub probe: Probe,
 }
@@ -161,7 +166,7 @@ pub struct Answer {
     /// Reference and computed force.
     pub compared: Compared,
     /// Whether it is near a branch jump.
-    pub folded: bool,
+    pub near_branch_jump: bool,
 }
 
 /// The ledger of a space: approximations of its blob, with the measured change and saving of each.

@@ -18,7 +18,8 @@ pub struct Probe {
     /// Circles away from branch jumps.
     pub work: Work,
     /// Circles that touch a cell with a branch jump.
-    pub work_folded: Work,
+    #[serde(alias = "work_folded")]
+    pub work_at_branch_jumps: Work,
     /// Largest jump of the force across a cell face or the rim of the ball, N.
     pub seam_n: f64,
     /// Largest difference of the core's f32 arithmetic from f64, N.
@@ -52,12 +53,12 @@ const REPEATS: usize = 15;
 
 /// Runs all measurements. The time is measured as in [`nanoseconds`].
 pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
-    let (work, work_folded) = work(space, method);
+    let (work, work_at_branch_jumps) = work(space, method);
     let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space.lattice().radius_m(), n)).collect();
     let rounding_n = points.iter().map(|&at| rounding_n(space, method, at)).fold(0.0, f64::max);
     Probe {
         work,
-        work_folded,
+        work_at_branch_jumps,
         seam_n: seam_n(space, method),
         rounding_n,
         rounding_bound_n: 2.0 * rounding_n,

@@ -42,7 +42,7 @@ pub fn ledger(
     let mut methods = [Method::Energy].into_iter().chain(Method::ALL).filter(|&method| space.has(method));
     let Some(method) = methods.find(|&method| is_certified(method)) else { return Ok(None) };
     let mut all = truths(store, active, space, &store.identity()?.sampling)?;
-    all.retain(|truth| truth.walk.kind == Kind::Uniform && !truth.folded);
+    all.retain(|truth| truth.walk.kind == Kind::Uniform && !truth.near_branch_jump);
     if all.is_empty() {
         return Ok(None);
     }

@@ -91,9 +91,9 @@ fn kept(space: &Path, aside: &Path) -> Vec<String> {
         return Vec::new();
     }
     let mut rows = rows(space, aside, true);
-    // `counts` and the `fold_` columns of a row change with its neighbours.
+    // `counts` and the `jump_` columns of a row change with its neighbours.
     let head: Vec<String> = rows.remove(0).split(',').map(String::from).collect();
-    let of_the_row = |column: usize| head[column] != "counts" && !head[column].starts_with("fold_");
+    let of_the_row = |column: usize| head[column] != "counts" && !head[column].starts_with("jump_");
     let mut rows: Vec<String> = rows
         .iter()
         .map(|row| {

@@ -59,7 +59,7 @@ struct Row {
     factorisations: f64,
     /// Share of the workers' time that is spent solving.
     busy: f64,
-    folds: usize,
+    branch_jumps: usize,
     peak_mb: Option<u64>,
     store_mb: f64,
 }
@@ -159,7 +159,8 @@ fn measure(
     let attempts = store.attempts(0)?;
     let sum =
         |value: fn(&palpate_precompute::space::Record) -> f64| -> f64 { attempts.iter().map(value).sum() };
-    let folds = palpate_precompute::space::branch_jumps(&bench.lattice()?.grid, &store.records(0)?).len();
+    let branch_jumps =
+        palpate_precompute::space::branch_jumps(&bench.lattice()?.grid, &store.records(0)?).len();
     let points = bench.sampling()?.points().unwrap_or(0);
     drop(store);
     let solved = counts.solved().max(1) as f64;
@@ -175,7 +176,7 @@ fn measure(
         iterations: sum(|r| f64::from(r.iterations)) / solved,
         factorisations: sum(|r| f64::from(r.factorisations)) / solved,
         busy: sum(|r| r.seconds) / (seconds * threads as f64),
-        folds,
+        branch_jumps,
         peak_mb,
         store_mb: std::fs::metadata(space.path()).map_or(0.0, |m| m.len() as f64 / 1e6),
     })
@@ -183,12 +184,12 @@ fn measure(
 
 fn table(rows: &[Row]) -> String {
     let mut text = String::from(
-        "case             threads  points  solved  failed  tries  seconds  a second  iterations  factors   busy  folds  \
+        "case             threads  points  solved  failed  tries  seconds  a second  iterations  factors   busy  branch jumps  \
          peak MB  store MB",
     );
     for row in rows {
         text += &format!(
-            "\n{:16} {:>7} {:>7} {:>7} {:>7} {:>6} {:>8.1} {:>9.1} {:>11.2} {:>8.2} {:>5.1}% {:>6} {:>8} {:>9.1}",
+            "\n{:16} {:>7} {:>7} {:>7} {:>7} {:>6} {:>8.1} {:>9.1} {:>11.2} {:>8.2} {:>5.1}% {:>13} {:>8} {:>9.1}",
             row.case,
             row.threads,
             row.points,
@@ -200,7 +201,7 @@ fn table(rows: &[Row]) -> String {
             row.iterations,
             row.factorisations,
             100.0 * row.busy,
-            row.folds,
+            row.branch_jumps,
             shown(row.peak_mb),
             row.store_mb
         );

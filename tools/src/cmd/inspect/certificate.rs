@@ -34,7 +34,7 @@ pub(crate) fn as_text(certificate: &Certificate) -> String {
     }
     let mut text = together(certificate);
     let felt = |space: &&SpaceCertificate| {
-        let of = |m: &MethodCertificate| m.uniform.count - m.uniform.not_felt;
+        let of = |m: &MethodCertificate| m.uniform.count - m.uniform.below_jnd;
         space.methods.iter().map(of).min().unwrap_or(0)
     };
     let verdict = |space: &&SpaceCertificate| space.health.as_ref().map_or(Verdict::Green, |h| h.verdict);
@@ -78,15 +78,15 @@ fn together(certificate: &Certificate) -> String {
             spaces.iter().flat_map(|s| &s.methods).filter(|m| m.method == method.name()).map(|m| &m.uniform)
         };
         let sum = |number: fn(&Errors) -> usize| of().map(number).sum::<usize>();
-        let (positions, not_felt) = (sum(|e| e.count), sum(|e| e.not_felt));
+        let (positions, below_jnd) = (sum(|e| e.count), sum(|e| e.below_jnd));
         let mean = of().map(|e| e.mean_n * e.count as f64).sum::<f64>() / positions.max(1) as f64;
         let _ = writeln!(
             text,
             "  {:<12} error below JND at {:.1} % of {positions} independent positions away from branch jumps ({:.1} % certified of a random such position \
              of a random node); mean {} mN, largest {} mN",
             method.name(),
-            100.0 * not_felt as f64 / positions.max(1) as f64,
-            100.0 * certified_share(positions, positions - not_felt),
+            100.0 * below_jnd as f64 / positions.max(1) as f64,
+            100.0 * certified_share(positions, positions - below_jnd),
             mn(mean),
             mn(of().map(|e| e.max_n).fold(0.0, f64::max))
         );
@@ -124,7 +124,7 @@ fn together(certificate: &Certificate) -> String {
     }
     let switched = spaces.iter().filter(|space| space.switched_to_spacing_m.is_some());
     let at = |space: &SpaceCertificate| {
-        format!("{} ({:.0} % of its ball at branch jumps)", space.active, 100.0 * space.folded_volume)
+        format!("{} ({:.0} % of its ball at branch jumps)", space.active, 100.0 * space.branch_jump_volume)
     };
     let switched: Vec<String> = switched.map(at).collect();
     if !switched.is_empty() {
@@ -160,12 +160,12 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
         let _ = writeln!(
             text,
             "  branch jumps: {} pairs of neighbours, {:.1} % of the volume in cells with them{}",
-            space.fold_pairs,
-            100.0 * space.folded_volume,
-            if space.folded_volume > 0.0 { "; the certified errors exclude this volume" } else { "" }
+            space.branch_jump_pairs,
+            100.0 * space.branch_jump_volume,
+            if space.branch_jump_volume > 0.0 { "; the certified errors exclude this volume" } else { "" }
         );
-        for method in space.methods.iter().filter(|method| method.probe.work_folded.circles > 0) {
-            let work = &method.probe.work_folded;
+        for method in space.methods.iter().filter(|method| method.probe.work_at_branch_jumps.circles > 0) {
+            let work = &method.probe.work_at_branch_jumps;
             let _ = writeln!(
                 text,
                 "  work around circles through branch jumps, {}: mean {:.2} %, maximum {:.2} % of the energy exchanged",
@@ -263,13 +263,13 @@ fn pair(errors: &Errors) -> String {
 }
 
 fn line(method: &MethodCertificate) -> String {
-    let MethodCertificate { uniform: e, folded, .. } = method;
+    let MethodCertificate { uniform: e, at_branch_jumps, .. } = method;
     if e.count == 0 {
         return format!(
             "    {:<14}no independent position away from branch jumps: no bound                {:>8} positions: {}\n",
             method.method,
-            folded.count,
-            pair(folded)
+            at_branch_jumps.count,
+            pair(at_branch_jumps)
         );
     }
     let percent = |n: usize| 100.0 * n as f64 / e.count.max(1) as f64;
@@ -279,10 +279,10 @@ fn line(method: &MethodCertificate) -> String {
         "    {:<14}{numbers}  {:6.1}%  {:6.1}% ({:.1}%)  {:>8} positions: {}\n",
         method.method,
         percent(e.covered),
-        percent(e.not_felt),
-        100.0 * method.not_felt_certified,
-        folded.count,
-        pair(folded)
+        percent(e.below_jnd),
+        100.0 * method.below_jnd_certified,
+        at_branch_jumps.count,
+        pair(at_branch_jumps)
     )
 }
 
@@ -323,7 +323,7 @@ fn of_ledger(ledger: &Ledger) -> String {
                 "{:>15} {:>8} {relative:>10} {:>7.1} %",
                 mn(e.mean_n),
                 mn(e.max_n),
-                100.0 * e.not_felt as f64 / e.count as f64
+                100.0 * e.below_jnd as f64 / e.count as f64
             ),
             Some(e) => format!("{:>15} {:>8} {:>10} {:>9}", "", mn(e.max_n), "", ""),
             None => format!("{:>15} {:>8} {:>10} {:>9}", "-", "-", "", ""),
@@ -365,7 +365,7 @@ fn of_surface(surface: &DisplacementCertificate) -> String {
         ("configurations", &surface.configurations),
         ("held-out", &surface.uniform),
         ("  without slopes", &surface.uniform_trilinear),
-        ("held-out at jumps", &surface.folded),
+        ("held-out at jumps", &surface.at_branch_jumps),
     ];
     for (name, apart) in rows {
         let SurfaceDistances { count, rms_mean_mm, rms_max_mm, max_mean_mm, max_mm } = apart;

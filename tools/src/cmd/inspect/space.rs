@@ -144,7 +144,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
 fn in_units(lattice: &FallbackLattice, records: &[Record]) -> Vec<BranchJump> {
     let own = |index: GridIndex| index.map(|n| n * lattice.spacing);
     let found = branch_jumps(&lattice.grid, &lattice.records(records));
-    found.into_iter().map(|fold| BranchJump { from: own(fold.from), to: own(fold.to), ..fold }).collect()
+    found.into_iter().map(|jump| BranchJump { from: own(jump.from), to: own(jump.to), ..jump }).collect()
 }
 
 /// `dir/file-NAME.vtu` for `dir/file.vtu`.
@@ -213,7 +213,7 @@ impl Space {
         let figures = json!({
             "name": self.name, "node": self.node, "complete": self.open == 0, "expandable": expandable,
             "terminating": terminating, "failed": failed, "unknown": unknown, "failures": reasons,
-            "solved_again": again, "superseded": superseded, "folds": self.branch_jumps.len(), "inverted": inverted,
+            "solved_again": again, "superseded": superseded, "branch_jumps": self.branch_jumps.len(), "inverted": inverted,
             "unstable": unstable, "max_force_n": largest, "max_residual_n": residual, "iterations": iterations,
             "factorisations": factorisations, "seconds": seconds,
         });
@@ -223,10 +223,10 @@ impl Space {
     /// Largest excesses (rho, rho_h) of the flagged pairs of each point.
     fn excesses(&self) -> HashMap<GridIndex, [f64; 2]> {
         let mut worst: HashMap<GridIndex, [f64; 2]> = HashMap::new();
-        for fold in &self.branch_jumps {
-            for end in [fold.from, fold.to] {
+        for jump in &self.branch_jumps {
+            for end in [jump.from, jump.to] {
                 let here = worst.entry(end).or_default();
-                *here = [here[0].max(fold.rho_n), here[1].max(fold.rho_h_n)];
+                *here = [here[0].max(jump.rho_n), here[1].max(jump.rho_h_n)];
             }
         }
         worst
@@ -237,8 +237,8 @@ impl Space {
         let kept: HashMap<GridIndex, u32> = self.records.iter().map(|r| (r.index, r.attempt)).collect();
         for record in if all_tries { &self.attempts } else { &self.records } {
             let counts = kept.get(&record.index) == Some(&record.attempt);
-            let fold = excesses.get(&record.index).filter(|_| counts);
-            table.push_str(&csv_row(&self.name, grid, record, counts, fold));
+            let jump = excesses.get(&record.index).filter(|_| counts);
+            table.push_str(&csv_row(&self.name, grid, record, counts, jump));
         }
     }
 
@@ -275,8 +275,8 @@ impl Space {
                 field("attempt", 1, &attempt),
                 field("iterations", 1, &iterations),
                 field("seconds", 1, &seconds),
-                field("fold_rho_n", 1, &rho),
-                field("fold_rho_h_n", 1, &rho_h),
+                field("jump_rho_n", 1, &rho),
+                field("jump_rho_h_n", 1, &rho_h),
             ],
             cell_data: &[],
             field_data: &[],
@@ -288,10 +288,10 @@ impl Space {
 const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,parent_k,failure,energy_j,fx_n,fy_n,fz_n,\
                           sxx_n_m,sxy_n_m,sxz_n_m,syy_n_m,syz_n_m,szz_n_m,residual_n,min_jacobian,inverted,volume_m3,\
                           iterations,increments,seconds,attempt,parent_attempt,counts,factorisations,unstable_modes,switched,\
-                          fold_rho_n,fold_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
+                          jump_rho_n,jump_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
                           w112_n_m2,w122_n_m2,w222_n_m2";
 
-fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option<&[f64; 2]>) -> String {
+fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, jump: Option<&[f64; 2]>) -> String {
     let ([i, j, k], [x, y, z]) = (r.index, grid.displacement_m(r.index));
     let (solution, at) = (r.result.as_ref().ok(), r.equilibrium());
     let mut cells = vec![active.to_string()];
@@ -307,7 +307,7 @@ fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option
     cells.extend([r.attempt.to_string(), field(r.parent.map(|(_, attempt)| attempt))]);
     cells.extend([u32::from(counts).to_string(), r.factorisations.to_string()]);
     cells.extend([field(at.and_then(|at| at.unstable_modes)), field(at.map(|at| u32::from(at.switched)))]);
-    cells.extend(numbers(fold.copied()));
+    cells.extend(numbers(jump.copied()));
     cells.extend(numbers(solution.map(|s| s.third_n_m2)));
     cells.join(",") + "\n"
 }

@@ -27,8 +27,8 @@ pub(super) struct HardRow {
     /// Number of points in the fit.
     pub configurations: usize,
     pub missing_share: f64,
-    pub fold_pairs: usize,
-    pub folded_volume: f64,
+    pub branch_jump_pairs: usize,
+    pub branch_jump_volume: f64,
     /// Largest force difference between neighbours, beyond that of the stiffness.
     pub largest_jump_n: f64,
     /// Number of points whose attempts found two stable solutions, and the largest difference of these.
@@ -45,11 +45,11 @@ pub(super) struct HardRow {
     pub mean_n: f64,
     pub p99_n: f64,
     pub max_n: f64,
-    pub not_felt_share: f64,
+    pub below_jnd_share: f64,
     /// Positions at branch jumps, and the errors there.
-    pub folded_positions: usize,
-    pub folded_mean_n: f64,
-    pub folded_max_n: f64,
+    pub branch_jump_positions: usize,
+    pub branch_jump_mean_n: f64,
+    pub branch_jump_max_n: f64,
     /// Largest force jump at cell faces.
     pub seam_n: f64,
 }
@@ -191,14 +191,16 @@ impl Hard {
         let rows = all_fitted.iter().map(|fitted| {
             let (figures, space) = (fitted.figures(), fitted.space());
             let asked = fitted.with_space(|space| answers(store, 0, space, fitted.method))??;
-            let errors = |folded: bool| {
+            let errors = |near_branch_jump: bool| {
                 let is_asked = |at: &&Answer| {
                     let squared: f64 = at.displacement_m.iter().map(|&x| f64::from(x).powi(2)).sum();
-                    at.walk.kind == Kind::Uniform && at.folded == folded && squared <= within_m * within_m
+                    at.walk.kind == Kind::Uniform
+                        && at.near_branch_jump == near_branch_jump
+                        && squared <= within_m * within_m
                 };
                 Errors::of(asked.iter().filter(is_asked).map(|at| &at.compared))
             };
-            let (clear, folded) = (errors(false), errors(true));
+            let (clear, at_branch_jumps) = (errors(false), errors(true));
             Ok(HardRow {
                 scene: family.name.clone(),
                 case: what.clone(),
@@ -207,8 +209,8 @@ impl Hard {
                 grid: *grid,
                 configurations: there,
                 missing_share: 1.0 - there as f64 / all.max(1) as f64,
-                fold_pairs: space.fold_pairs,
-                folded_volume: space.folded_volume,
+                branch_jump_pairs: space.branch_jump_pairs,
+                branch_jump_volume: space.branch_jump_volume,
                 largest_jump_n: jump,
                 two_solutions: space.two_solutions.points,
                 apart_n: space.two_solutions.apart_n,
@@ -221,10 +223,10 @@ impl Hard {
                 mean_n: some(clear.count, clear.mean_n),
                 p99_n: some(clear.count, clear.p99_n),
                 max_n: some(clear.count, clear.max_n),
-                not_felt_share: clear.not_felt as f64 / clear.count as f64,
-                folded_positions: folded.count,
-                folded_mean_n: some(folded.count, folded.mean_n),
-                folded_max_n: some(folded.count, folded.max_n),
+                below_jnd_share: clear.below_jnd as f64 / clear.count as f64,
+                branch_jump_positions: at_branch_jumps.count,
+                branch_jump_mean_n: some(at_branch_jumps.count, at_branch_jumps.mean_n),
+                branch_jump_max_n: some(at_branch_jumps.count, at_branch_jumps.max_n),
                 seam_n: figures.probe.seam_n,
             })
         });

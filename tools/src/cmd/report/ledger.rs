@@ -34,7 +34,7 @@ pub(super) struct LedgerRow {
     /// Whether only a bound of the largest difference is known.
     pub is_bound: bool,
     /// Share of the positions with a difference below the just-noticeable difference.
-    pub not_felt_share: Option<f64>,
+    pub below_jnd_share: Option<f64>,
     /// Difference of the surface, mm.
     pub surface_rms_mm: Option<f64>,
     pub unit: String,
@@ -56,7 +56,7 @@ impl LedgerRow {
             force_mean_n: mean,
             force_max_n: force.map(|errors| errors.max_n),
             is_bound: force.is_some() && mean.is_none(),
-            not_felt_share: counted.map(|errors| errors.not_felt as f64 / errors.count as f64),
+            below_jnd_share: counted.map(|errors| errors.below_jnd as f64 / errors.count as f64),
             surface_rms_mm: surface.map(|apart| apart.rms_mean_mm),
             unit,
             cost_with,

@@ -34,8 +34,8 @@ pub(super) struct SpaceRow {
     pub iterations: u64,
     pub factorisations: u64,
     pub largest_residual_n: f64,
-    pub fold_pairs: usize,
-    pub folded_volume: f64,
+    pub branch_jump_pairs: usize,
+    pub branch_jump_volume: f64,
     pub held_out_positions: u32,
     pub held_out_seconds: f64,
     pub space_bytes: u64,
@@ -64,17 +64,17 @@ pub(super) struct MethodRow {
     pub max_n: f64,
     /// Mean over positions in cells with complete data of the method.
     pub covered_mean_n: f64,
-    pub not_felt_share: f64,
-    pub not_felt_certified: f64,
+    pub below_jnd_share: f64,
+    pub below_jnd_certified: f64,
     /// Uniform positions at branch jumps, which are excluded from the means.
-    pub folded_positions: usize,
-    pub folded_mean_n: f64,
-    pub folded_max_n: f64,
+    pub branch_jump_positions: usize,
+    pub branch_jump_mean_n: f64,
+    pub branch_jump_max_n: f64,
     pub work_mean_share: f64,
     pub work_max_share: f64,
     /// Around circles that touch branch jumps; NaN if there are none.
-    pub work_folded_mean_share: f64,
-    pub work_folded_max_share: f64,
+    pub work_at_branch_jumps_mean_share: f64,
+    pub work_at_branch_jumps_max_share: f64,
     pub seam_n: f64,
     pub rounding_n: f64,
 }
@@ -88,7 +88,7 @@ pub(super) struct PathRow {
     pub kind: &'static str,
     pub number: u32,
     pub positions: usize,
-    pub folded_positions: usize,
+    pub branch_jump_positions: usize,
     pub mean_n: f64,
     pub mean_relative: f64,
     pub max_n: f64,
@@ -192,8 +192,8 @@ pub(super) fn measured(
             iterations: attempts.iter().map(|r| u64::from(r.iterations)).sum(),
             factorisations: attempts.iter().map(|r| u64::from(r.factorisations)).sum(),
             largest_residual_n: cost.residual_n,
-            fold_pairs: first.fold_pairs,
-            folded_volume: first.folded_volume,
+            branch_jump_pairs: first.branch_jump_pairs,
+            branch_jump_volume: first.branch_jump_volume,
             held_out_positions: cost.held_out,
             held_out_seconds: cost.held_out_seconds,
             space_bytes: std::fs::metadata(&path).map_or(0, |m| m.len()),
@@ -218,7 +218,7 @@ impl Measured {
     fn take(&mut self, scene: &str, grid: u32, fitted: Fitted, found: &[Answer]) {
         let method = fitted.method.name();
         let (figures, cost) = (fitted.figures(), fitted.space().cost);
-        let uniform = |answer: &&Answer| answer.walk.kind == Kind::Uniform && !answer.folded;
+        let uniform = |answer: &&Answer| answer.walk.kind == Kind::Uniform && !answer.near_branch_jump;
         let covered = Errors::of(found.iter().filter(uniform).map(|a| &a.compared).filter(|c| c.covered));
         let e = figures.uniform;
         let share = |n: usize| n as f64 / e.count.max(1) as f64;
@@ -240,15 +240,21 @@ impl Measured {
             p99_n: some(e.count, e.p99_n),
             max_n: some(e.count, e.max_n),
             covered_mean_n: some(covered.count, covered.mean_n),
-            not_felt_share: some(e.count, share(e.not_felt)),
-            not_felt_certified: figures.not_felt_certified,
-            folded_positions: figures.folded.count,
-            folded_mean_n: some(figures.folded.count, figures.folded.mean_n),
-            folded_max_n: some(figures.folded.count, figures.folded.max_n),
+            below_jnd_share: some(e.count, share(e.below_jnd)),
+            below_jnd_certified: figures.below_jnd_certified,
+            branch_jump_positions: figures.at_branch_jumps.count,
+            branch_jump_mean_n: some(figures.at_branch_jumps.count, figures.at_branch_jumps.mean_n),
+            branch_jump_max_n: some(figures.at_branch_jumps.count, figures.at_branch_jumps.max_n),
             work_mean_share: figures.probe.work.mean,
             work_max_share: figures.probe.work.max,
-            work_folded_mean_share: some(figures.probe.work_folded.circles, figures.probe.work_folded.mean),
-            work_folded_max_share: some(figures.probe.work_folded.circles, figures.probe.work_folded.max),
+            work_at_branch_jumps_mean_share: some(
+                figures.probe.work_at_branch_jumps.circles,
+                figures.probe.work_at_branch_jumps.mean,
+            ),
+            work_at_branch_jumps_max_share: some(
+                figures.probe.work_at_branch_jumps.circles,
+                figures.probe.work_at_branch_jumps.max,
+            ),
             seam_n: figures.probe.seam_n,
             rounding_n: figures.probe.rounding_n,
         });
@@ -291,7 +297,7 @@ fn path_rows(scene: &str, grid: u32, method: &'static str, found: &[Answer]) -> 
     }
     let row = |(walk, steps): (Walk, Vec<&Answer>)| {
         let clear: Vec<_> =
-            steps.iter().filter(|answer| !answer.folded).map(|answer| &answer.compared).collect();
+            steps.iter().filter(|answer| !answer.near_branch_jump).map(|answer| &answer.compared).collect();
         let e = Errors::of(clear.iter().copied());
         PathRow {
             scene: scene.into(),
@@ -300,7 +306,7 @@ fn path_rows(scene: &str, grid: u32, method: &'static str, found: &[Answer]) -> 
             kind: walk.kind.name(),
             number: walk.number,
             positions: clear.len(),
-            folded_positions: steps.len() - clear.len(),
+            branch_jump_positions: steps.len() - clear.len(),
             mean_n: some(e.count, e.component_mean_n),
             mean_relative: some(e.count, e.relative_mean),
             max_n: some(e.count, e.component_max_n),

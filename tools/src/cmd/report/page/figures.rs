@@ -64,12 +64,12 @@ fn error_table(cases: &[Measured]) -> String {
             error(|row| row.p95_n),
             error(|row| row.p99_n),
             error(|row| row.max_n),
-            percent(row.not_felt_share).into(),
+            percent(row.below_jnd_share).into(),
             percent(row.covered_share).into(),
             milli(row.covered_mean_n).into(),
-            count(row.folded_positions).into(),
-            milli(row.folded_mean_n).into(),
-            milli(row.folded_max_n).into(),
+            count(row.branch_jump_positions).into(),
+            milli(row.branch_jump_mean_n).into(),
+            milli(row.branch_jump_max_n).into(),
         ]
     };
     let rows: Vec<Vec<Cell>> =
@@ -86,7 +86,7 @@ fn cost_table(cases: &[Measured]) -> String {
         "tables",
         "work, mean %",
         "max",
-        "at folds, mean %",
+        "at branch jumps, mean %",
         "max",
         "seam, mN",
         "f32, mN",
@@ -100,8 +100,8 @@ fn cost_table(cases: &[Measured]) -> String {
             marked(case, row, |row| row.table_bytes as f64, |n| bytes(n as usize)),
             figure(100.0 * row.work_mean_share).into(),
             figure(100.0 * row.work_max_share).into(),
-            share(row.work_folded_mean_share).into(),
-            share(row.work_folded_max_share).into(),
+            share(row.work_at_branch_jumps_mean_share).into(),
+            share(row.work_at_branch_jumps_max_share).into(),
             milli(row.seam_n).into(),
             milli(row.rounding_n).into(),
         ]
@@ -123,7 +123,7 @@ fn space_table(cases: &[Measured]) -> String {
         "factorisations",
         "residual up to, N",
         "jump pairs",
-        "volume at folds",
+        "volume at branch jumps",
         "held-out solves",
         "store",
     ];
@@ -138,8 +138,8 @@ fn space_table(cases: &[Measured]) -> String {
             count(space.iterations as usize).into(),
             count(space.factorisations as usize).into(),
             figure(space.largest_residual_n).into(),
-            count(space.fold_pairs).into(),
-            percent(space.folded_volume).into(),
+            count(space.branch_jump_pairs).into(),
+            percent(space.branch_jump_volume).into(),
             count(space.held_out_positions as usize).into(),
             bytes(space.space_bytes as usize).into(),
         ]

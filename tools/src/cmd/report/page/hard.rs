@@ -21,7 +21,7 @@ pub(super) fn section(report: &Report) -> String {
         "f_max, N",
         "configurations",
         "jump pairs",
-        "volume at folds",
+        "volume at branch jumps",
         "jump up to, N",
         "two solutions",
         "branch changes",
@@ -31,8 +31,8 @@ pub(super) fn section(report: &Report) -> String {
             row.case.clone().into(),
             row.max_force_n.map_or("none".into(), figure).into(),
             count(row.configurations).into(),
-            count(row.fold_pairs).into(),
-            percent(row.folded_volume).into(),
+            count(row.branch_jump_pairs).into(),
+            percent(row.branch_jump_volume).into(),
             figure(row.largest_jump_n).into(),
             match row.two_solutions {
                 0 => "none".into(),
@@ -88,12 +88,16 @@ fn matrix(rows: &[HardRow], cases: &[&HardRow]) -> String {
             std::iter::once(Cell::from(name)).chain(all.iter().map(cell)).collect()
         };
         lines.push(line(case.case.clone(), &|row| (row.positions > 0).then_some([row.mean_n, row.p99_n])));
-        if rows.iter().any(|row| row.case == case.case && row.folded_positions > 0) {
-            let at_folds =
-                |row: &HardRow| (row.folded_positions > 0).then_some([row.folded_mean_n, row.folded_max_n]);
+        if rows.iter().any(|row| row.case == case.case && row.branch_jump_positions > 0) {
+            let at_branch_jumps = |row: &HardRow| {
+                (row.branch_jump_positions > 0).then_some([row.branch_jump_mean_n, row.branch_jump_max_n])
+            };
             lines.push(line(
-                format!("\u{2014} {} positions at branch jumps: mean / max", count(case.folded_positions)),
-                &at_folds,
+                format!(
+                    "\u{2014} {} positions at branch jumps: mean / max",
+                    count(case.branch_jump_positions)
+                ),
+                &at_branch_jumps,
             ));
         }
     }
@@ -162,35 +166,37 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
                 best.method,
                 percent(best.covered_share)
             ));
-        } else if case.fold_pairs > 0 {
-            let mut at_folds: Vec<_> = of_case.iter().filter(|row| row.folded_positions > 0).collect();
-            at_folds.sort_by(|a, b| a.folded_mean_n.total_cmp(&b.folded_mean_n));
-            let folded = at_folds.first().zip(at_folds.last()).map_or(String::new(), |(low, high)| {
-                format!(
-                    "; at branch jumps the mean is {} mN ({}) to {} mN ({})",
-                    milli(low.folded_mean_n),
-                    low.method,
-                    milli(high.folded_mean_n),
-                    high.method
-                )
-            });
+        } else if case.branch_jump_pairs > 0 {
+            let mut at_branch_jumps: Vec<_> =
+                of_case.iter().filter(|row| row.branch_jump_positions > 0).collect();
+            at_branch_jumps.sort_by(|a, b| a.branch_jump_mean_n.total_cmp(&b.branch_jump_mean_n));
+            let jumps =
+                at_branch_jumps.first().zip(at_branch_jumps.last()).map_or(String::new(), |(low, high)| {
+                    format!(
+                        "; at branch jumps the mean is {} mN ({}) to {} mN ({})",
+                        milli(low.branch_jump_mean_n),
+                        low.method,
+                        milli(high.branch_jump_mean_n),
+                        high.method
+                    )
+                });
             let elsewhere = match best.positions {
                 0 => "every position is at a branch jump".into(),
                 n => format!(
                     "elsewhere {} has the smallest error, {} mN, and is below JND at {} of {} positions",
                     best.method,
                     milli(best.mean_n),
-                    percent(best.not_felt_share),
+                    percent(best.below_jnd_share),
                     count(n)
                 ),
             };
             lines.push(format!(
                 "{}: {} pairs of neighbours lie on different branches, with jumps up to {} N, and {} of the volume is in cells with them; \
-                 {elsewhere}{folded}.",
+                 {elsewhere}{jumps}.",
                 case.case,
-                count(case.fold_pairs),
+                count(case.branch_jump_pairs),
                 figure(case.largest_jump_n),
-                percent(case.folded_volume)
+                percent(case.branch_jump_volume)
             ));
         } else {
             lines.push(format!(
@@ -198,7 +204,7 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
                 case.case,
                 best.method,
                 milli(best.mean_n),
-                percent(best.not_felt_share),
+                percent(best.below_jnd_share),
                 count(best.positions)
             ));
         }

@@ -76,7 +76,7 @@ pub(super) fn section(report: &Report) -> String {
 
 /// A sentence on whether the linear body suffices.
 fn linear_words(row: &LedgerRow) -> Option<String> {
-    let share = row.not_felt_share.filter(|_| row.is_linear_body())?;
+    let share = row.below_jnd_share.filter(|_| row.is_linear_body())?;
     Some(if share >= 1.0 {
         "Linear model suffices: its error is below JND at all held-out positions.".into()
     } else {
@@ -136,7 +136,7 @@ mod tests {
             force_mean_n: Some(change_n),
             force_max_n: Some(change_n),
             is_bound: false,
-            not_felt_share: Some(0.75),
+            below_jnd_share: Some(0.75),
             surface_rms_mm: None,
             unit: "configurations".into(),
             cost_with: cost[0],
@@ -160,7 +160,7 @@ mod tests {
         }
         assert!(linear_words(&sound).is_some_and(|words| words.contains("perceptible at 25 %")));
         assert!(
-            linear_words(&LedgerRow { not_felt_share: Some(1.0), ..sound })
+            linear_words(&LedgerRow { below_jnd_share: Some(1.0), ..sound })
                 .is_some_and(|w| w.contains("suffices"))
         );
     }
