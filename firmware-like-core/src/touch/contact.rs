@@ -1,10 +1,10 @@
 //! Which active nodes the tool holds: engage, slide, release.
 //!
 //! A space defines the force for a displacement of its node, but not whether the tool touches it. The tool is
-//! one point, the haptic interface point (HIP). It engages where its path crosses the surface of the organ at rest; a controller
-//! without a [`TouchSurface`] uses the plane of the nearest active node. While engaged, the displacement is
-//! measured from the anchor: initially the point where the path crosses the surface, or for a grasp the HIP.
-//! Thus every touch starts at d = 0 and without force, at any point of a triangle.
+//! one point, the haptic interface point (HIP). It engages where its path crosses the surface of the organ at
+//! rest; a controller without a [`TouchSurface`] uses the plane of the nearest active node. While engaged,
+//! the displacement is measured from the anchor: initially the point where the path crosses the surface, or
+//! for a grasp the HIP. Thus every touch starts at d = 0 and without force, at any point of a triangle.
 //!
 //! - **Snap** (Peterlik 2010): the nearest active node is held, and the anchor stays.
 //! - **Slide**: where all three corners of the touched triangle are active nodes, the force is the sum of

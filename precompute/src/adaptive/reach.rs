@@ -16,7 +16,8 @@ const LIMIT_FACTOR: f64 = 1.02;
 const SHARES: [f64; 3] = [1.0, 0.6, 0.2];
 
 impl AdaptiveFit {
-    /// About `count` displacements, m, distributed over the reachable set, different from those of the search.
+    /// About `count` displacements, m, distributed over the reachable set, different from those of the
+    /// search.
     pub fn places(&self, count: u32) -> Vec<[f64; 3]> {
         let rounds = count.div_ceil(RAYS * SHARES.len() as u32);
         (0..rounds).flat_map(|round| self.candidates(1000 + round)).collect()

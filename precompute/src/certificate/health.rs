@@ -115,7 +115,8 @@ const ROUNDING_N: Limits =
 const CONDITION: Limits = Limits { yellow: 1e13, red: 1e16 };
 
 impl Health {
-    /// Health of the records of a space, of its other measurements and of its fit, if it was sampled adaptively.
+    /// Health of the records of a space, of its other measurements and of its fit, if it was sampled
+    /// adaptively.
     pub(super) fn of(records: &[Record], found: &SpaceCertificate, fit: Option<&AdaptiveFit>) -> Self {
         let solved = records.iter().filter_map(|r| Some((r, r.equilibrium()?)));
         let reachable: Vec<(&Record, &Equilibrium)> = solved.filter(|(_, at)| !at.terminating).collect();

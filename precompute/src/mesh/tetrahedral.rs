@@ -41,8 +41,8 @@ pub enum MeshFault {
         /// The node index.
         node: u32,
     },
-    /// A tet has no positive volume; from [`TetMesh::new`] exactly zero: two vertices coincide, or all four lie
-    /// in a plane.
+    /// A tet has no positive volume; from [`TetMesh::new`] exactly zero: two vertices coincide, or all four
+    /// lie in a plane.
     #[error("tet {tet} has no positive volume")]
     Flat {
         /// The tet.

@@ -59,8 +59,8 @@ impl Packed {
         assemble(&self.preamble, &self.spaces, &self.planes)
     }
 
-    /// For a blob with the method `kernel`: refuses it if a node has no kernel, because its space is a lattice
-    /// or its fit exceeds the limits of the core.
+    /// For a blob with the method `kernel`: refuses it if a node has no kernel, because its space is a
+    /// lattice or its fit exceeds the limits of the core.
     pub fn expect_kernels(&self) -> Result<(), PackError> {
         match self.spaces.iter().find(|space| space.kernel.is_none()) {
             None => Ok(()),

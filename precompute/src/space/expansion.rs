@@ -1,6 +1,7 @@
 //! Solves one or several spaces on an executor and stores the results.
 //!
-//! The plan of a space chooses its next tasks. A resumed run goes through the same plans. A task that is already in the store is not solved again.
+//! The plan of a space chooses its next tasks. A resumed run goes through the same plans. A task that is
+//! already in the store is not solved again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::AtomicBool;

@@ -30,8 +30,9 @@ use crate::output;
 
 /// Count the configurations that a scene needs until the error is imperceptible.
 ///
-/// Lattices and radial basis functions are compared with adaptive sampling. All methods are evaluated at the same new random reachable positions. The counts of the lattices and of
-/// the centres are given with and without restriction to the reachable set.
+/// Lattices and radial basis functions are compared with adaptive sampling. All methods are evaluated at the
+/// same new random reachable positions. The counts of the lattices and of the centres are given with and
+/// without restriction to the reachable set.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scenes with adaptive sampling

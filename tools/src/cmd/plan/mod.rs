@@ -62,9 +62,9 @@ const CELLS_PER_STEP: f64 = 5.0;
 /// surrogate that interpolates the probes. Errors are against the finite elements of the same model; the
 /// column `stiffer` is the additional error of its discretisation.
 ///
-/// For the sampling that the scene asks for, 80 % prediction intervals are given. They include the
-/// lattice that takes over a search at branch jumps, with its probability and cost. `--out` saves them, and
-/// `--check` later compares them with the solved space.
+/// For the sampling that the scene asks for, 80 % prediction intervals are given. They include the lattice
+/// that takes over a search at branch jumps, with its probability and cost. `--out` saves them, and `--check`
+/// later compares them with the solved space.
 ///
 /// Example: palpate plan liver.toml --out plan.json; then, after precompute and pack,
 /// palpate plan --check liver.space --prediction plan.json --blob liver.blob

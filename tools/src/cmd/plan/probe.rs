@@ -2,7 +2,8 @@
 //! lattice steps, and the probes again from other starts. A different solution there shows a branch jump of
 //! the space.
 //!
-//! A space of adaptive sampling begins with the same solves, so their reach and time predict those of the space.
+//! A space of adaptive sampling begins with the same solves, so their reach and time predict those of the
+//! space.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
