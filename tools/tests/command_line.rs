@@ -132,7 +132,7 @@ fn a_path_is_a_series_for_paraview() {
     let taken = at("taken.pvd");
     let arguments =
         ["path", text(&scene), "--direction=0,0,-1", "--steps", "1", "--displacements", text(&taken)];
-    refused(&arguments, &["taken", "check the name"]);
+    refused(&arguments, &["taken", "give a folder"]);
 }
 
 #[test]
