@@ -19,7 +19,7 @@ use clap::{Parser, Subcommand};
 use mpi::Threading;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::Communicator;
-use palpate_precompute::space::{expand, with_threads};
+use palpate_precompute::space::{Threads, expand, with_threads};
 
 use crate::analysis;
 use crate::analysis::threads_or;
