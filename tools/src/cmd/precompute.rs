@@ -122,7 +122,9 @@ pub(crate) fn run_with(
     work: impl FnOnce(&[usize], &Store, &AtomicBool, &mut dyn FnMut(&Progress)) -> Result<Vec<TagCounts>, Failure>,
 ) -> Result<(), Failure> {
     let is_new = !space.path().exists();
-    let ended = solve(args, (bench, space), stop, team, work);
+    let store = open_space(bench, space, args.salvage)?;
+    let ended = solve(args, (bench, &store), stop, team, work);
+    // While the store is open, no other process uses the file.
     if is_new && matches!(ended, Err(Failure::Input(_))) {
         let _ = std::fs::remove_file(space.path());
     }
@@ -131,7 +133,7 @@ pub(crate) fn run_with(
 
 fn solve(
     args: &Args,
-    (bench, space): (&Analysis, &Output),
+    (bench, store): (&Analysis, &Store),
     stop: &AtomicBool,
     team: &Workers,
     work: impl FnOnce(&[usize], &Store, &AtomicBool, &mut dyn FnMut(&Progress)) -> Result<Vec<TagCounts>, Failure>,
@@ -140,12 +142,11 @@ fn solve(
         Some(name) => vec![bench.active(Some(name))?.0],
         None => (0..bench.scene.active.len()).collect(),
     };
-    let store = open_space(bench, space, args.salvage)?;
     let start = Instant::now();
     let points = bench.sampling()?.points();
     let mut progress = WorkProgress::new(&bench.scene.name, "solves");
     let mut solved_now = 0;
-    let counts = work(&chosen, &store, stop, &mut |p| {
+    let counts = work(&chosen, store, stop, &mut |p| {
         solved_now = p.solved_now;
         progress.spaces(p);
     });
@@ -157,8 +158,8 @@ fn solve(
         store.note_peak(bytes)?;
     }
     let names: Vec<&str> = chosen.iter().map(|&i| bench.scene.active[i].name.as_str()).collect();
-    expect_movable(bench, &store, &chosen, &counts)?;
-    expect_solved(bench, &store, &chosen, &counts)?;
+    expect_movable(bench, store, &chosen, &counts)?;
+    expect_solved(bench, store, &chosen, &counts)?;
     if args.json {
         let spaces: Vec<_> = names
             .iter()
@@ -177,7 +178,7 @@ fn solve(
     }
     for ((name, counts), active) in names.iter().zip(&counts).zip(&chosen) {
         output::line(format!("{name}: {}", in_words(counts, points)))?;
-        let Some(fit) = state(&store, *active)?.fit else { continue };
+        let Some(fit) = state(store, *active)?.fit else { continue };
         let what = match fit.verdict {
             Some(Verdict::Linear) => {
                 output::line(format!("{name}: {}", scattered::in_words(&fit.linear)))?;
