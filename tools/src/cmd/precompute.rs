@@ -126,7 +126,9 @@ pub(crate) fn run_with(
     let ended = solve(args, (bench, &store), stop, team, work);
     // While the store is open, no other process uses the file.
     if is_new && matches!(ended, Err(Failure::Input(_))) {
-        let _ = std::fs::remove_file(space.path());
+        for suffix in ["", "-wal", "-shm"] {
+            let _ = std::fs::remove_file(format!("{}{suffix}", space.path().display()));
+        }
     }
     ended
 }
