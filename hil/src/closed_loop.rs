@@ -16,7 +16,7 @@
 
 use crate::mechanism::Waypoint;
 use crate::rig::{self, OpenError, Rig, RigKind};
-use crate::session::{self, on_organ, settings, with_owned_loop};
+use crate::session::{self, with_owned_loop};
 use crate::shadow::Shadow;
 use crate::supervised::DeviceOwner;
 use crate::tick::TICK_US;
@@ -157,15 +157,15 @@ pub fn palpate(
 ) -> Result<ClosedLoopResult, OpenError> {
     let owner = rig.traits().owner();
     let profile = owner.loop_side_profile(rig.profile());
-    let workspace = on_organ(organ, &profile);
-    let capped = settings(organ, &profile, workspace, method);
-    let mut ideal = capped;
-    ideal.limits.max_stiffness_n_m = f32::INFINITY;
-    // The force of the organ without a history.
-    ideal.limits.max_slew_n_per_s = 1e9;
-    ideal.limits.fade_s = 0.0;
-    let mut shadows = [Shadow::new(organ, ideal)?, Shadow::new(organ, capped)?, Shadow::new(organ, capped)?];
     with_owned_loop(rig, organ, method, owner, |bench| {
+        let (capped, workspace) = (bench.config(), bench.workspace());
+        let mut ideal = capped;
+        ideal.limits.max_stiffness_n_m = f32::INFINITY;
+        // The force of the organ without a history.
+        ideal.limits.max_slew_n_per_s = 1e9;
+        ideal.limits.fade_s = 0.0;
+        let mut shadows =
+            [Shadow::new(organ, ideal)?, Shadow::new(organ, capped)?, Shadow::new(organ, capped)?];
         let mut result = ClosedLoopResult {
             rig: if owner == DeviceOwner::Supervisor { format!("{name}, supervised") } else { name.into() },
             strokes: seconds * 1_000_000 / STROKE_US,

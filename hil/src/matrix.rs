@@ -62,8 +62,8 @@ pub fn run(kind: RigKind, fault: FaultKind, seed: u64, organ: &Organ<'_>) -> Res
     };
     let depth_m = 1e-3 * draws.draw(4, 8, 18) as f32;
     let approach_ticks = draws.draw(5, 600, 720);
-    let mut reference = ReferenceController::of(&*rig, organ)?;
     let mut run = with_loop(&mut *rig, organ, Method::Energy, |bench| {
+        let mut reference = ReferenceController::of(bench, organ)?;
         let path = session::press(bench.rig, 0.006, depth_m);
         bench.rig.follow(path);
         bench.controls.arm();

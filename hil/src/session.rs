@@ -10,6 +10,7 @@ use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use palpate_host::device::{DeviceState, DeviceWrapper};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::settings::controller_config;
 use palpate_host::{BlobFile, Device, DeviceError};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,24 +44,6 @@ pub fn on_organ(organ: &Organ<'_>, profile: &Profile) -> Workspace {
         model_origin_m: node.active.rest_position_m,
         ..profile.workspace
     }
-}
-
-/// The controller settings of `palpate run` for this profile and workspace.
-#[must_use]
-pub fn settings(organ: &Organ<'_>, profile: &Profile, workspace: Workspace, method: Method) -> Config {
-    /// Release height in encoder counts.
-    const HYSTERESIS_COUNTS: f32 = 2.0;
-    let profile = Profile { workspace, ..profile.clone() };
-    let mut config = Config::new(method);
-    config.limits.max_force_n = config.limits.max_force_n.min(organ.max_force_n);
-    profile.lower_limits(&mut config.limits);
-    config.limits.max_position_m = profile.largest_position_m();
-    let scale = workspace.scale;
-    config.passivity.workspace_scale = scale;
-    config.limits.max_speed_m_s *= scale;
-    let counts_m = HYSTERESIS_COUNTS * scale * profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
-    config.contact.release_height_m = config.contact.release_height_m.max(counts_m);
-    config
 }
 
 /// A driver on its rig, without a loop.
@@ -210,11 +193,25 @@ pub struct Bench<'l, 'o> {
     clock: &'l VirtualClock,
     records: rtrb::Consumer<TickRecord>,
     panic_flag: Arc<AtomicBool>,
+    config: Config,
+    workspace: Workspace,
     index: u64,
     last_received_us: Option<u64>,
 }
 
 impl Bench<'_, '_> {
+    /// The settings of the loop's controller, as `palpate run` makes them.
+    #[must_use]
+    pub const fn config(&self) -> Config {
+        self.config
+    }
+
+    /// Placement of the device's workspace in the model.
+    #[must_use]
+    pub const fn workspace(&self) -> Workspace {
+        self.workspace
+    }
+
     /// [`Rig::last_received_us`] after the last exchange: its sample is no newer.
     #[must_use]
     pub const fn last_received_us(&self) -> Option<u64> {
@@ -286,16 +283,17 @@ pub fn with_owned_loop<T>(
 ) -> Result<T, OpenError> {
     let profile = owner.loop_side_profile(rig.profile());
     let workspace = on_organ(organ, &profile);
+    let profile = Profile { workspace, ..profile };
     let (device, now_us) = Session::homed(rig, workspace)?.into_device();
-    let controller = Controller::new(organ, settings(organ, &profile, workspace, method))?;
+    let config = controller_config(&[organ], method, &device.info(), Some(&profile));
+    let controller = Controller::new(organ, config)?;
     let (producer, records) = rtrb::RingBuffer::new(4);
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let outputs = Outputs { records: producer, latest };
     let (clock, controls, panic_flag) = (VirtualClock::default(), Controls::default(), Arc::default());
     let panicking = PanicOnDemand { inner: owner.wrap(device), panic_flag: Arc::clone(&panic_flag) };
-    let compensation_n = Profile { workspace, ..profile }.gravity_compensation_n();
     let haptic = HapticLoop::new(controller, panicking, &clock, LoopConfig::default(), &controls, outputs)
-        .with_gravity_compensation(compensation_n);
+        .with_gravity_compensation(profile.gravity_compensation_n());
     let index = now_us.div_ceil(TICK_US);
     let mut bench = Bench {
         rig,
@@ -304,6 +302,8 @@ pub fn with_owned_loop<T>(
         clock: &clock,
         records,
         panic_flag,
+        config,
+        workspace,
         index,
         last_received_us: None,
     };
@@ -336,4 +336,26 @@ pub fn press(rig: &dyn Rig, above_m: f32, below_m: f32) -> Vec<Waypoint> {
         position_m: vec3::add(middle_m, [0.0, 0.0, height_m / scale]),
     };
     vec![at(0, 0.0), at(100_000, above_m), at(200_000, above_m), at(600_000, -below_m)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::FalconRig;
+
+    /// The settings once drifted from those of `palpate run`: half the hysteresis, and an energy guard without
+    /// encoder step and delay.
+    #[test]
+    fn the_bench_runs_the_settings_of_a_session() {
+        let blob = golden_organ();
+        let organ: Organ<'_> = Organ::read(blob.bytes()).expect("the golden blob is valid");
+        let mut rig = FalconRig::new(1);
+        let profile = rig.profile().clone();
+        let config = with_loop(&mut rig, &organ, Method::Energy, |bench| bench.config()).expect("it opens");
+        let count_m = profile.workspace.scale * profile.mechanism.encoder_quantum_m.expect("stated");
+        assert!(config.contact.release_height_m >= 4.0 * count_m, "{config:?}");
+        assert!(config.passivity.position_step_m >= count_m, "{config:?}");
+        assert_eq!(config.passivity.force_delay_us, profile.force_delay_us);
+        assert_eq!(config.passivity.workspace_scale, profile.workspace.scale);
+    }
 }

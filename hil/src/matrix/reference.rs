@@ -5,10 +5,10 @@
 //! force at the motors is compared with that of a second controller, which receives the true position of the
 //! grip from the rig instead of the position from driver and link.
 
-use crate::rig::{OpenError, Rig};
-use crate::session::{Bench, on_organ, settings};
+use crate::rig::OpenError;
+use crate::session::Bench;
 use crate::shadow::Shadow;
-use palpate_core::{Method, Organ, Vec3, vec3};
+use palpate_core::{Organ, Vec3, vec3};
 use palpate_host::device::workspace::Workspace;
 
 /// Largest error of the force at the motors: absolute in N, and relative to the organ's force. Two ticks of a
@@ -33,10 +33,10 @@ pub(super) struct ForcePair {
 }
 
 impl<'o> ReferenceController<'o> {
-    pub(super) fn of(rig: &dyn Rig, organ: &'o Organ<'o>) -> Result<Self, OpenError> {
-        let workspace = on_organ(organ, rig.profile());
-        let config = settings(organ, rig.profile(), workspace, Method::Energy);
-        Ok(Self { organ: Shadow::new(organ, config)?, workspace, by_encoders: false })
+    /// With the settings of the loop.
+    pub(super) fn of(bench: &Bench<'_, '_>, organ: &'o Organ<'o>) -> Result<Self, OpenError> {
+        let organ = Shadow::new(organ, bench.config())?;
+        Ok(Self { organ, workspace: bench.workspace(), by_encoders: false })
     }
 
     /// From now on uses the reported position, because the loop cannot detect a small miscount.
