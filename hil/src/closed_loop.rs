@@ -6,9 +6,6 @@
 //!       error             delay, motors         encoder steps       cap, slew, fade
 //! ```
 //!
-//! A device that runs under a supervisor in the product has one here: its samples arrive one tick later
-//! ([`crate::supervised`]).
-//!
 //! `ideal` is the organ's force at the true position and time, within the force limit. `capped` adds the
 //! stiffness cap, the slew limit and the fade. `stepped` adds the rounding of the position by the encoders.
 //! Each is a controller of its own with its own contact state, so that a difference in the start of contact
@@ -16,9 +13,8 @@
 
 use crate::mechanism::Waypoint;
 use crate::rig::{self, OpenError, Rig, RigKind};
-use crate::session::{self, with_owned_loop};
+use crate::session::{self, with_loop};
 use crate::shadow::Shadow;
-use crate::supervised::DeviceOwner;
 use crate::tick::TICK_US;
 use core::fmt;
 use palpate_core::{Method, Organ, Phase, vec3};
@@ -155,9 +151,8 @@ pub fn palpate(
     method: Method,
     seconds: u64,
 ) -> Result<ClosedLoopResult, OpenError> {
-    let owner = rig.traits().owner();
-    let profile = owner.loop_side_profile(rig.profile());
-    with_owned_loop(rig, organ, method, owner, |bench| {
+    let profile = rig.profile().clone();
+    with_loop(rig, organ, method, |bench| {
         let (capped, workspace) = (bench.config(), bench.workspace());
         let mut ideal = capped;
         ideal.limits.max_stiffness_n_m = f32::INFINITY;
@@ -167,7 +162,7 @@ pub fn palpate(
         let mut shadows =
             [Shadow::new(organ, ideal)?, Shadow::new(organ, capped)?, Shadow::new(organ, capped)?];
         let mut result = ClosedLoopResult {
-            rig: if owner == DeviceOwner::Supervisor { format!("{name}, supervised") } else { name.into() },
+            rig: name.into(),
             strokes: seconds * 1_000_000 / STROKE_US,
             touches: 0,
             touching_us: 0,

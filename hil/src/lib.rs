@@ -40,7 +40,6 @@ pub mod port;
 pub mod rig;
 pub mod session;
 mod shadow;
-pub mod supervised;
 pub mod tick;
 pub mod transport;
 pub mod usbredir;

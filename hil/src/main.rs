@@ -13,7 +13,7 @@ use palpate_hil::emulate::{self, Stroke};
 use palpate_hil::{EmulatedLink, EmulatedPolhem, Faults, closed_loop, hosts, matrix, rig};
 use palpate_host::BlobFile;
 use palpate_host::device::profile::Profile;
-use palpate_host::supervisor::DEFAULT_LIMIT_MS;
+use palpate_host::guard::DEFAULT_LIMIT_MS;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -49,10 +49,10 @@ enum Command {
     Matrix(Matrix),
     /// Repeat one run of the matrix from its line in --csv, and print the injected faults and the result.
     Once(Once),
-    /// A host or supervisor process of the matrix, started by this program.
+    /// A host or guard process of the matrix, started by this program.
     #[command(hide = true)]
     Process {
-        /// ROLE DEVICE ADDRESS LIMIT_MS FORCE: the limit is the supervisor's, the force has three components.
+        /// ROLE DEVICE ADDRESS LIMIT_MS FORCE: the limit is the guard's, the force has three components.
         #[arg(allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
@@ -117,7 +117,8 @@ struct Matrix {
     /// Number of runs over a pseudo terminal.
     #[arg(long, default_value_t = 50)]
     pty: usize,
-    /// Number of runs with killed and stopped hosts, over all devices in turn; each takes about a second.
+    /// Number of runs with killed and stopped hosts and guards, over all devices in turn; each takes about a
+    /// second.
     #[arg(long, default_value_t = 20)]
     hosts: usize,
     /// Seed of all runs.
@@ -237,7 +238,7 @@ fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
         bail!("{} of {} runs violated a limit:\n{}", violation.len(), runs.len(), violation.join("\n"));
     }
     if !medians.is_empty() {
-        println!("\ntime from the last request of a killed or stopped host to zero force, median:");
+        println!("\ntime from the loss of a host or guard to zero force, median:");
     }
     for (device, median) in &medians {
         println!("{:>14} {:.1} ms", device.name(), median.as_secs_f64() * 1e3);

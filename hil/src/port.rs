@@ -5,6 +5,7 @@
 //! with a zero timeout does not advance it.
 
 use crate::transport::{MemoryTransport, Transport};
+use palpate_host::device::serial::Port;
 use serialport::{ClearBuffer, DataBits, FlowControl, Parity, Result as SerialResult, SerialPort, StopBits};
 use std::io::{self, Read, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,7 +26,8 @@ pub trait FarEnd: Send {
     fn advance(&mut self, until_us: u64);
 }
 
-/// An open port.
+/// An open port; a clone is a second handle of it.
+#[derive(Clone)]
 pub struct MemoryPort {
     wire: MemoryTransport,
     far: Arc<Mutex<dyn FarEnd>>,
@@ -80,6 +82,8 @@ impl Write for MemoryPort {
         self.check()
     }
 }
+
+impl Port for MemoryPort {}
 
 /// The modem lines and settings have no effect on USB CDC, and none here.
 impl SerialPort for MemoryPort {
@@ -180,12 +184,7 @@ impl SerialPort for MemoryPort {
 
     fn try_clone(&self) -> SerialResult<Box<dyn SerialPort>> {
         self.check()?;
-        Ok(Box::new(Self {
-            wire: self.wire.clone(),
-            far: Arc::clone(&self.far),
-            plugged: Arc::clone(&self.plugged),
-            timeout: self.timeout,
-        }))
+        Ok(Box::new(self.clone()))
     }
 
     fn set_break(&self) -> SerialResult<()> {

@@ -3,9 +3,9 @@
 
 use crate::mechanism::Waypoint;
 use crate::rig::{OpenError, Rig};
-use crate::supervised::DeviceOwner;
 use crate::tick::TICK_US;
 use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3, vec3};
+use palpate_host::device::fence::{Fence, GuardPath, MAX_ZERO_MESSAGE};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use palpate_host::device::{DeviceState, DeviceWrapper};
@@ -144,6 +144,16 @@ impl<'r> Session<'r> {
         self.now_us = until_us;
     }
 
+    /// Writes the zero message past the driver, as a guard does.
+    pub fn guard_zero(&mut self, fence: &Fence, path: Option<&GuardPath>) -> Result<(), OpenError> {
+        let Some(path) = path else {
+            let mut message = [0; MAX_ZERO_MESSAGE];
+            let len = fence.page().zero_message(&mut message);
+            return self.rig.write_past_driver(&message[..len]);
+        };
+        Ok(path.send_zero(fence.page())?)
+    }
+
     /// Drops the driver.
     pub fn close(&mut self) {
         self.device = None;
@@ -261,29 +271,15 @@ impl Bench<'_, '_> {
 }
 
 /// Opens and homes the device of a rig on an organ, and runs `test` with the disarmed loop. The hand waits in
-/// the middle of the workspace, on the surface.
-///
-/// There is no supervisor, so that the test sees the driver and the loop without it.
+/// the middle of the workspace, on the surface. There is no guard: it does not act while the loop beats.
 pub fn with_loop<T>(
     rig: &mut dyn Rig,
     organ: &Organ<'_>,
     method: Method,
     test: impl FnOnce(&mut Bench<'_, '_>) -> T,
 ) -> Result<T, OpenError> {
-    with_owned_loop(rig, organ, method, DeviceOwner::Loop, test)
-}
-
-/// The same with a given owner of the device.
-pub fn with_owned_loop<T>(
-    rig: &mut dyn Rig,
-    organ: &Organ<'_>,
-    method: Method,
-    owner: DeviceOwner,
-    test: impl FnOnce(&mut Bench<'_, '_>) -> T,
-) -> Result<T, OpenError> {
-    let profile = owner.loop_side_profile(rig.profile());
-    let workspace = on_organ(organ, &profile);
-    let profile = Profile { workspace, ..profile };
+    let workspace = on_organ(organ, rig.profile());
+    let profile = Profile { workspace, ..rig.profile().clone() };
     let (device, now_us) = Session::homed(rig, workspace)?.into_device();
     let config = controller_config(&[organ], method, &device.info(), Some(&profile));
     let controller = Controller::new(organ, config)?;
@@ -291,7 +287,7 @@ pub fn with_owned_loop<T>(
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let outputs = Outputs { records: producer, latest };
     let (clock, controls, panic_flag) = (VirtualClock::default(), Controls::default(), Arc::default());
-    let panicking = PanicOnDemand { inner: owner.wrap(device), panic_flag: Arc::clone(&panic_flag) };
+    let panicking = PanicOnDemand { inner: device, panic_flag: Arc::clone(&panic_flag) };
     let haptic = HapticLoop::new(controller, panicking, &clock, LoopConfig::default(), &controls, outputs)
         .with_gravity_compensation(profile.gravity_compensation_n());
     let index = now_us.div_ceil(TICK_US);

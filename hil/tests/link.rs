@@ -2,7 +2,7 @@
 
 use palpate_core::{Method, Organ, Phase as Control, Vec3, vec3};
 use palpate_hil::fault::Faults;
-use palpate_hil::hosts::{self, Device};
+use palpate_hil::hosts::{self, Device, Role};
 use palpate_hil::link::WATCHDOG_US;
 use palpate_hil::matrix::{Ended, FaultKind};
 use palpate_hil::rig::{Cut, HardwareFault, Rig, SerialRig, Wire};
@@ -10,9 +10,11 @@ use palpate_hil::session::{Session, golden_organ, press, with_loop};
 use palpate_hil::{EmulatedLink, PtyTransport};
 use palpate_host::DeviceErrorKind;
 use palpate_host::device::DeviceState;
+use palpate_host::device::fence::Fence;
 use palpate_host::device::link::{Link, LinkConfig, LinkError};
+use palpate_host::device::nonblocking_port::NonBlockingPort;
 use palpate_host::device::profile::Profile;
-use palpate_host::supervisor::DEFAULT_LIMIT_MS;
+use palpate_host::guard::DEFAULT_LIMIT_MS;
 use palpate_link::DeviceFault;
 use std::path::Path;
 use std::time::Duration;
@@ -98,9 +100,10 @@ fn a_restarted_device_is_a_fault_and_renders_only_after_a_reset() {
 fn a_disabled_device_is_a_fault() {
     let mut rig = rig();
     let mut session = homed(&mut rig);
-    let mut second = session.device().emergency_stop().expect("a second handle");
+    let fence = Fence::default();
+    let path = session.device().guard_path(&fence).expect("it is open");
     forced(&mut session);
-    second.zero().expect("the port is open");
+    session.guard_zero(&fence, path.as_ref()).expect("the port is open");
     pushed(&mut session, 300);
     assert_eq!(session.rig.force_record().force_n, vec3::ZERO, "the driver must not enable it again");
     assert!(session.device().was_zeroed());
@@ -256,7 +259,8 @@ fn a_silent_terminal_is_an_error_within_the_timeout() {
     let (_silent, driver) = PtyTransport::pair().expect("a pseudo terminal");
     let profile = Profile::bundled("link").expect("bundled");
     let config = LinkConfig::of(&profile, Duration::from_millis(100)).expect("it has a [capstan]");
-    let opened = Link::with_port(Box::new(driver), config);
+    let port = NonBlockingPort::from_port(driver).expect("it is open");
+    let opened = Link::with_port(Box::new(port), config);
     assert_eq!(opened.err(), Some(LinkError::Silent));
     let mut rig = rig();
     rig.unplug(Cut::Between);
@@ -264,7 +268,7 @@ fn a_silent_terminal_is_an_error_within_the_timeout() {
     assert!(rig.open(workspace).is_err(), "no cable, no port");
 }
 
-/// A real process is killed or stopped, without a supervisor. Only the device acts after its last command, so
+/// A real process is killed or stopped, without a guard. Only the device acts after its last command, so
 /// the times are the device's.
 #[test]
 fn a_killed_or_stopped_host_is_zeroed_by_the_device() {
@@ -272,6 +276,7 @@ fn a_killed_or_stopped_host_is_zeroed_by_the_device() {
         let run = hosts::run(
             Path::new(env!("CARGO_BIN_EXE_palpate-hil")),
             DEFAULT_LIMIT_MS,
+            Role::Unguarded,
             Device::Link,
             fault,
             5,

@@ -9,13 +9,11 @@ mod synthetic;
 use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Vec3, vec3};
 use palpate_hil::hosts::wait;
 use palpate_hil::{EmulatedPolhem, Faults, Faulty, Handle, PtyTransport, Waypoint};
-use palpate_host::device::EmergencyStop;
+use palpate_host::device::fence::{Fence, GuardPath};
+use palpate_host::device::nonblocking_port::NonBlockingPort;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::workspace::Workspace;
-use palpate_host::rt::watchdog::WatchdogStatus;
-use palpate_host::rt::{
-    Clock, Controls, HapticLoop, Heartbeat, LoopConfig, Outputs, TickRecord, VirtualClock, Watchdog,
-};
+use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::{Device, DeviceError, DeviceErrorKind};
 use serialport::{SerialPort, TTYPort};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -64,21 +62,13 @@ struct Bench<'l, 'o> {
     device: EmulatedPolhem,
     link: Faulty<PtyTransport>,
     driver_end: TTYPort,
-    second_path: Option<Box<dyn EmergencyStop>>,
+    fence: Fence,
+    path: GuardPath,
     index: u64,
 }
 
 impl<'l, 'o> Bench<'l, 'o> {
     fn new(organ: &'o Organ<'o>, clock: &'l VirtualClock, controls: &'l Controls) -> Self {
-        Self::watched(organ, clock, controls, None)
-    }
-
-    fn watched(
-        organ: &'o Organ<'o>,
-        clock: &'l VirtualClock,
-        controls: &'l Controls,
-        heartbeat: Option<&'l Heartbeat>,
-    ) -> Self {
         let (link, driver) = PtyTransport::pair().expect("a pseudo terminal");
         let driver_end = driver.try_clone_native().expect("a second handle");
         let (mut link, mut device) =
@@ -92,7 +82,8 @@ impl<'l, 'o> Bench<'l, 'o> {
                 }
             });
             let config = PolhemConfig { workspace: workspace(organ), ..PolhemConfig::default() };
-            let polhem = Polhem::with_port(Box::new(driver), config);
+            let port = NonBlockingPort::from_port(driver).expect("it is open");
+            let polhem = Polhem::with_port(Box::new(port), config);
             woken.store(true, Ordering::Relaxed);
             polhem.expect("the emulator wakes up")
         });
@@ -101,12 +92,11 @@ impl<'l, 'o> Bench<'l, 'o> {
         let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let outputs = Outputs { records: producer, latest };
         // Through the same boxes as in a session.
-        let second_path = (&mut polhem as &mut dyn Device).emergency_stop();
-        let mut haptic = HapticLoop::new(controller, polhem, clock, LoopConfig::default(), controls, outputs);
-        if let Some(heartbeat) = heartbeat {
-            haptic = haptic.with_heartbeat(heartbeat);
-        }
-        Self { haptic, clock, records, device, link, driver_end, second_path, index: 0 }
+        let fence = Fence::default();
+        let path = (&mut polhem as &mut dyn Device).guard_path(&fence);
+        let path = path.expect("it is open").expect("a serial port has a path");
+        let haptic = HapticLoop::new(controller, polhem, clock, LoopConfig::default(), controls, outputs);
+        Self { haptic, clock, records, device, link, driver_end, fence, path, index: 0 }
     }
 
     fn now_us(&self) -> u64 {
@@ -233,50 +223,39 @@ fn a_silent_link_latches_zero_until_reset_and_arming() {
     });
 }
 
-/// The loop stops for 60 ms while the hand presses on the organ; only the watchdog thread runs.
+/// The loop stops for 60 ms while the hand presses on the organ; only the guard writes to the line.
 #[test]
-fn a_stalled_loop_is_zeroed_through_the_emergency_handle_until_reset() {
-    let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
-    let (clock, controls, heartbeat) = (VirtualClock::default(), Controls::default(), Heartbeat::default());
-    let mut bench = Bench::watched(&organ, &clock, &controls, Some(&heartbeat));
-    let path = bench.second_path.take().expect("a serial port has an emergency handle");
-    let mut watchdog = Watchdog::new(&heartbeat, path, 20_000_000);
-    controls.arm();
-    for _ in 0..1_400 {
-        bench.step().expect("the device is connected");
-        assert_eq!(watchdog.check(clock.now_ns()), WatchdogStatus::Alive);
-    }
-    assert!(bench.device.force_n()[2] > 1.0, "the hand presses on the organ");
-
-    let mut zeroed_after_ms = None;
-    for ms in 1..=60 {
-        bench.index += 1;
-        clock.wait_until(bench.now_us() * 1_000, 0);
-        if watchdog.check(clock.now_ns()) == WatchdogStatus::Zeroed {
-            bench.serve();
-            zeroed_after_ms.get_or_insert(ms);
+fn a_stalled_loop_is_zeroed_past_the_driver_until_the_fence_opens() {
+    with_bench(|bench, controls| {
+        controls.arm();
+        for _ in 0..1_400 {
+            bench.step().expect("the device is connected");
         }
-        // The emulated device has no watchdog, so only the host's watchdog removes the force.
-        assert_eq!(bench.device.force_n() == vec3::ZERO, zeroed_after_ms.is_some(), "{ms} ms");
-    }
-    assert_eq!((zeroed_after_ms, heartbeat.fired()), (Some(20), 1));
-
-    // The loop resumes. It learns of the stall only from the heartbeat; the device answers as before.
-    let mut after = Vec::new();
-    for _ in 0..300 {
-        after.push(bench.step().expect("the device is connected"));
-        assert_eq!(bench.device.force_n(), vec3::ZERO, "not for a single tick");
-    }
-    assert!(after.iter().all(|record| record.phase == Phase::SafeZero(Fault::Watchdog)));
-    assert_eq!(bench.device.refused(), 0, "the lines of both handles stay separate");
-
-    controls.reset();
-    controls.arm();
-    let again = bench.run(900);
-    assert_safe(&again);
-    assert!(again.iter().all(|record| record.phase == Phase::Active));
-    assert_eq!(watchdog.check(clock.now_ns()), WatchdogStatus::Alive);
+        assert!(bench.device.force_n()[2] > 1.0, "the hand presses on the organ");
+        for ms in 1..=60 {
+            bench.index += 1;
+            bench.clock.wait_until(bench.now_us() * 1_000, 0);
+            if ms == 10 {
+                bench.fence.page().close();
+                bench.path.send_zero(bench.fence.page()).expect("room");
+                bench.serve();
+            }
+            // The emulated device has no watchdog.
+            assert_eq!(bench.device.force_n() == vec3::ZERO, ms >= 10, "{ms} ms");
+        }
+        // The loop resumes and sends its force as before.
+        for _ in 0..300 {
+            bench.step().expect("the device is connected");
+            assert_eq!(bench.device.force_n(), vec3::ZERO, "not for a single tick");
+        }
+        assert_eq!(bench.device.refused(), 0, "the lines of driver and guard stay separate");
+        bench.fence.open();
+        controls.reset();
+        controls.arm();
+        let again = bench.run(900);
+        assert_safe(&again);
+        assert!(again.iter().all(|record| record.phase == Phase::Active));
+    });
 }
 
 /// A fault hits one frame about every 50 ms, a request and a reply in turn. Two faults within a few
@@ -380,7 +359,8 @@ fn an_unplugged_device_ends_the_loop() {
 fn a_device_that_never_wakes_is_a_timeout() {
     let (_link, driver) = PtyTransport::pair().expect("a pseudo terminal");
     let config = PolhemConfig { wake_timeout: Duration::from_millis(250), ..PolhemConfig::default() };
-    let refused = Polhem::with_port(Box::new(driver), config);
+    let port = NonBlockingPort::from_port(driver).expect("it is open");
+    let refused = Polhem::with_port(Box::new(port), config);
     assert_eq!(refused.err().map(|error| error.kind()), Some(DeviceErrorKind::Timeout));
 }
 
@@ -401,7 +381,8 @@ fn forces_arrive_on_the_right_axes() {
         });
         let mut config = PolhemConfig { max_stiffness_n_m: 2_000.0, ..PolhemConfig::default() };
         config.workspace.scale = 2.0;
-        let polhem = Polhem::with_port(Box::new(driver), config);
+        let port = NonBlockingPort::from_port(driver).expect("it is open");
+        let polhem = Polhem::with_port(Box::new(port), config);
         woken.store(true, Ordering::Relaxed);
         polhem.expect("wakes up")
     });

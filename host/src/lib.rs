@@ -22,6 +22,7 @@ pub mod blob_file;
 pub mod deformation;
 pub mod device;
 pub mod doctor;
+pub mod guard;
 pub mod instructions;
 pub mod model;
 pub mod recording;
@@ -30,7 +31,6 @@ pub mod rt;
 pub mod session;
 pub mod settings;
 pub mod sliding;
-pub mod supervisor;
 pub mod sys;
 pub mod viewer;
 

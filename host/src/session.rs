@@ -5,12 +5,11 @@ use crate::doctor::{Probe, SystemInfo};
 use crate::instructions::Instructions;
 use crate::model::{self, ModelError, TouchMemory};
 use crate::rt::thread::spawn;
-use crate::rt::watchdog::{self, DEFAULT_LIMIT_MS};
 use crate::rt::{
-    Controls, HapticLoop, Heartbeat, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock,
-    Outputs, TickRecord, Watchdog,
+    Controls, HapticLoop, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock, Outputs,
+    TickRecord,
 };
-use crate::sys::{MAX_LOOP_FIFO_PRIORITY, Policy, RtReport, RtRequest};
+use crate::sys::{MAX_LOOP_FIFO_PRIORITY, RtReport, RtRequest};
 use crate::viewer::screen::DRAIN_PAUSE;
 use crate::viewer::{Live, ViewerError};
 use core::fmt;
@@ -37,9 +36,6 @@ pub struct SessionOptions {
     pub view: View,
     /// Interval after which the next of several organs is rendered.
     pub change_every: Option<Duration>,
-    /// Time without a tick after which the watchdog zeroes the device, ms. The session raises it to the age
-    /// at which a sample becomes a fault.
-    pub watchdog_ms: u32,
     /// Force that compensates the weight of the handle while the controller is active, model frame, N.
     pub gravity_compensation_n: Vec3,
     /// What the operating system granted; set before the first tick.
@@ -56,7 +52,6 @@ impl Default for SessionOptions {
             queue_ticks: 16_384,
             view: View::Nothing,
             change_every: None,
-            watchdog_ms: DEFAULT_LIMIT_MS,
             gravity_compensation_n: vec3::ZERO,
             granted: Arc::default(),
         }
@@ -70,7 +65,7 @@ pub enum SessionError {
     Model(ModelError),
     /// The length is negative or not a number.
     Seconds(f64),
-    /// The SCHED_FIFO priority leaves none for the watchdog.
+    /// The SCHED_FIFO priority leaves none for the guard.
     Priority(i32),
     /// No display is available, or a frame could not be written.
     Viewer(ViewerError),
@@ -90,7 +85,7 @@ impl fmt::Display for SessionError {
             ),
             Self::Priority(priority) => write!(
                 f,
-                "SCHED_FIFO {priority} leaves no priority between the loop and the kernel's 99 for the watchdog: request at most {MAX_LOOP_FIFO_PRIORITY}"
+                "SCHED_FIFO {priority} leaves no priority between the loop and the kernel's 99 for the guard: request at most {MAX_LOOP_FIFO_PRIORITY}"
             ),
             Self::Viewer(error) => error.fmt(f),
             Self::Thread(error) => write!(f, "cannot start the haptic thread: {error}"),
@@ -166,23 +161,6 @@ impl TouchStatistics {
     }
 }
 
-/// Summary of the watchdog of a session.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WatchdogSummary {
-    /// Time without a tick that it allows, ms.
-    pub limit_ms: u32,
-    /// Scheduling policy of its thread.
-    pub policy: Policy,
-    /// Number of times it zeroed the force.
-    pub fired: u64,
-}
-
-impl fmt::Display for WatchdogSummary {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "after {} ms, {}; fired {} times", self.limit_ms, self.policy, self.fired)
-    }
-}
-
 /// Summary of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionSummary {
@@ -199,8 +177,6 @@ pub struct SessionSummary {
     pub real_time: RtReport,
     /// Kernel and CPUs.
     pub system: SystemInfo,
-    /// The watchdog; `None` if the device has no emergency-stop path.
-    pub watchdog: Option<WatchdogSummary>,
     /// Reason of the end.
     pub end: LoopEnd,
     /// Phase at the end.
@@ -251,10 +227,6 @@ impl fmt::Display for SessionSummary {
         writeln!(f)?;
         writeln!(f, "{}", self.real_time)?;
         writeln!(f, "{}", self.system)?;
-        match &self.watchdog {
-            Some(watchdog) => writeln!(f, "watchdog     {watchdog}")?,
-            None => writeln!(f, "watchdog     none: the device has no emergency-stop path")?,
-        }
         writeln!(f, "{}", self.latency)?;
         let touch = &self.touch;
         write!(
@@ -311,7 +283,7 @@ impl fmt::Display for SessionSummary {
 pub fn run_session<D: Device, const N: usize>(
     organs: &[&Organ<'_, N>],
     config: Config,
-    mut device: D,
+    device: D,
     options: &SessionOptions,
     stop: &AtomicBool,
     mut on_record: impl FnMut(&TickRecord),
@@ -329,12 +301,6 @@ pub fn run_session<D: Device, const N: usize>(
     }
     let mut screen = Screen::open(organs, &config, &options.view)?;
     let info = device.info();
-    let emergency_stop = device.emergency_stop();
-    let heartbeat = Heartbeat::default();
-    // The watchdog limit is at least the stale limit: a loop that resumes after the watchdog has fired then
-    // finds its sample stale.
-    let stale_ms = config.limits.stale_fault_us.div_ceil(1_000);
-    let watchdog_ms = options.watchdog_ms.max(u32::try_from(stale_ms).unwrap_or(u32::MAX));
     let (producer, mut records) = rtrb::RingBuffer::new(options.queue_ticks.max(1));
     let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let controls = Controls::default();
@@ -348,18 +314,12 @@ pub fn run_session<D: Device, const N: usize>(
         let outputs = Outputs { records: producer, latest };
         let haptic =
             HapticLoop::with_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs)
-                .with_heartbeat(&heartbeat)
                 .with_gravity_compensation(options.gravity_compensation_n)
                 .with_stop_flag(stop);
         let instructions = haptic.instructions();
         let (real_time, granted) = (options.real_time, &*options.granted);
         let handle = spawn(scope, haptic, real_time, &ended_here, periods, granted);
         let handle = handle.map_err(SessionError::Thread)?;
-        let watching = emergency_stop.map(|path| {
-            let watchdog = Watchdog::new(&heartbeat, path, u64::from(watchdog_ms) * 1_000_000);
-            watchdog::spawn(scope, watchdog, MonotonicClock, real_time.fifo_priority)
-        });
-        let watching = watching.transpose().map_err(SessionError::Thread)?;
         let mut drain = |live: &mut Live| {
             while let Ok(record) = records.pop() {
                 touch.add(&record);
@@ -386,18 +346,11 @@ pub fn run_session<D: Device, const N: usize>(
         }
         let joined = handle.join().map_err(|_| SessionError::LoopPanicked)?;
         drain(&mut live);
-        // The loop has ended its heartbeat, so the watchdog ends too.
-        let policy = watching.map(|watching| watching.join().unwrap_or(Policy::Other));
-        Ok((instructions, policy, joined))
+        Ok((instructions, joined))
     });
-    let (instructions, policy, (real_time, outcome)) = joined?;
+    let (instructions, (real_time, outcome)) = joined?;
     screen.finish()?;
-    let fired = heartbeat.fired();
-    let watchdog = policy.map(|policy| WatchdogSummary { limit_ms: watchdog_ms, policy, fired });
-    Ok(SessionSummary {
-        watchdog,
-        ..summary(info, instructions, stiffness, real_time, outcome, touch, &screen)
-    })
+    Ok(summary(info, instructions, stiffness, real_time, outcome, touch, &screen))
 }
 
 fn periods(options: &SessionOptions) -> Result<u64, SessionError> {
@@ -426,7 +379,6 @@ fn summary(
         force_share,
         system: SystemInfo::of(&Probe::system(), real_time.cpu),
         real_time,
-        watchdog: None,
         end: outcome.end,
         phase: outcome.phase,
         ticks: outcome.ticks,
@@ -450,12 +402,11 @@ impl Drop for SetOnDrop<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::DeviceError;
     use crate::device::simulated::{SimulatedConfig, SimulatedHand};
-    use crate::device::{DeviceError, EmergencyStop};
     use crate::synthetic::{self, Shape};
     use crate::viewer::RendererConfig;
-    use core::sync::atomic::AtomicU64;
-    use palpate_core::{Fault, Method, Sample, Vec3};
+    use palpate_core::{Method, Sample, Vec3};
     use std::path::PathBuf;
     use std::time::Instant;
 
@@ -573,81 +524,5 @@ mod tests {
             });
             assert!(matches!(refused, Err(SessionError::Viewer(ViewerError::NoDisplay(_)))));
         }
-    }
-
-    /// Hangs in its 30th exchange until the emergency stop zeroes the force.
-    struct Hanging {
-        calls: u64,
-        zeros: Arc<AtomicU64>,
-    }
-
-    struct Path(Arc<AtomicU64>);
-
-    impl EmergencyStop for Path {
-        fn zero(&mut self) -> Result<(), DeviceError> {
-            self.0.fetch_add(1, Ordering::SeqCst);
-            Ok(())
-        }
-    }
-
-    impl Device for Hanging {
-        fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
-            self.calls += 1;
-            let started = Instant::now();
-            while self.calls == 30 && self.zeros.load(Ordering::SeqCst) == 0 {
-                assert!(started.elapsed() < Duration::from_secs(20), "no emergency stop came");
-                std::thread::yield_now();
-            }
-            Ok(Some(Sample { t_us: now_us, position_m: [0.0; 3], buttons: 0 }))
-        }
-
-        fn stop(&mut self) {}
-
-        fn info(&self) -> DeviceInfo {
-            DeviceInfo {
-                name: "hanging".into(),
-                self_arming: true,
-                max_force_n: 8.0,
-                max_stiffness_n_m: 1e3,
-                resolution_m: 0.0,
-            }
-        }
-
-        fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-            Some(Box::new(Path(Arc::clone(&self.zeros))))
-        }
-    }
-
-    /// The device is boxed, as on the command line.
-    #[test]
-    fn a_session_starts_a_watchdog_for_a_device_with_an_emergency_stop() {
-        let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
-        let zeros = Arc::new(AtomicU64::new(0));
-        let device: Box<dyn Device> = Box::new(Hanging { calls: 0, zeros: Arc::clone(&zeros) });
-        let (config, options) = (Config::new(Method::Hybrid), options(0.2));
-        let stop = AtomicBool::new(false);
-        let summary = run_session(&[&organ], config, device, &options, &stop, |_| ()).expect("it runs");
-        let watchdog = summary.watchdog.expect("it was watched");
-        assert!(watchdog.fired >= 1 && watchdog.limit_ms == DEFAULT_LIMIT_MS, "{watchdog}");
-        assert!(zeros.load(Ordering::SeqCst) >= 1);
-        assert_eq!(summary.phase, Phase::SafeZero(Fault::Watchdog), "the fault stays latched");
-        assert_eq!(options.granted.get(), Some(&summary.real_time));
-        assert!(summary.to_string().contains("watchdog     after 20 ms"), "{summary}");
-        // The limit is at least the stale limit, so a loop that resumes finds its sample stale.
-        let device: Box<dyn Device> = Box::new(Hanging { calls: 0, zeros });
-        let too_short = SessionOptions { watchdog_ms: 1, ..self::options(0.05) };
-        let summary = run_session(&[&organ], config, device, &too_short, &stop, |_| ()).expect("it runs");
-        assert_eq!(summary.watchdog.map(|watchdog| watchdog.limit_ms), Some(10));
-    }
-
-    #[test]
-    fn a_panic_of_the_caller_does_not_hang_the_session() {
-        let caught = std::panic::catch_unwind(|| {
-            let _ = run(&SessionOptions { seconds: None, ..options(0.0) }, &AtomicBool::new(false), |_| {
-                panic!("injected panic")
-            });
-        });
-        assert!(caught.is_err());
     }
 }

@@ -16,9 +16,7 @@ use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::model::{self, TouchMemory};
-use palpate_host::rt::{
-    Clock, Controls, HapticLoop, Heartbeat, LoopConfig, Outputs, TickRecord, VirtualClock,
-};
+use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::settings::controller_config;
 use palpate_host::{Device, DeviceError, DeviceErrorKind};
 
@@ -45,10 +43,8 @@ fn a_million_ticks_without_an_allocation() {
         let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
         let clock = VirtualClock::default();
         let outputs = Outputs { records, latest };
-        let heartbeat = Heartbeat::default();
         let config = LoopConfig::default();
-        let haptic = HapticLoop::with_models(&controllers, hand, &clock, config, &controls, outputs);
-        let mut haptic = haptic.with_heartbeat(&heartbeat);
+        let mut haptic = HapticLoop::with_models(&controllers, hand, &clock, config, &controls, outputs);
         let mut engaged = 0;
         assert_no_alloc(|| {
             for index in 0..150_000_u64 {
@@ -111,11 +107,10 @@ fn sliding_on_a_mechanism_without_an_allocation() {
     let controllers = model::controllers(&[&organ], config, &mut memory).expect("has the method");
     let (records, mut drained) = rtrb::RingBuffer::new(1_000);
     let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
-    let (controls, clock, heartbeat) = (Controls::default(), VirtualClock::default(), Heartbeat::default());
+    let (controls, clock) = (Controls::default(), VirtualClock::default());
     let outputs = Outputs { records, latest };
-    let haptic =
+    let mut haptic =
         HapticLoop::with_models(&controllers, hand, &clock, LoopConfig::default(), &controls, outputs);
-    let mut haptic = haptic.with_heartbeat(&heartbeat);
     let (mut blended, mut moved, mut before) = (0_u64, 0_u64, TickRecord::EMPTY);
     assert_no_alloc(|| {
         for index in 0..150_000_u64 {

@@ -1,115 +1,71 @@
-//! Real devices: opened in this process, or by a supervisor that this process starts.
+//! Real devices: opened in this process, with a guard that this process starts.
 
-use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use palpate_host::device::falcon::{Falcon, FalconConfig, Image, Mode, UsbFtdi};
-use palpate_host::device::link::{Link, LinkConfig};
+use palpate_host::device::falcon::{Falcon, FalconConfig, Image, Mode};
+use palpate_host::device::link::{Link, LinkConfig, LinkError};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::serial::LatencyTimer;
-use palpate_host::supervisor::{self, StartError, Supervised, Supervision};
-use palpate_host::{Device, DeviceError};
+use palpate_host::guard::{self, GuardOptions, GuardStatus, Guarded, Guarding};
+use palpate_host::sys::Policy;
+use palpate_host::{Device, DeviceError, DeviceErrorKind};
 
+use crate::device_spec::{DeviceSpec, Hardware};
 use crate::failure::Failure;
 
 /// Highest requested priority: 99 belongs to the kernel.
 const MAX_PRIORITY: i32 = 98;
 
-/// A name that matches no device.
-const NO_DEVICE: &str = "none";
-/// Default speed of the serial line of a device link, baud. USB CDC ignores it.
-const LINK_BAUD: u32 = 1_000_000;
 /// Time limit for opening the device link. A controller that restarts when its port is opened takes a second
 /// or two.
 const LINK_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// A device with motors, as the command line names it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Hardware<'n> {
-    /// `polhem:PORT`
-    Polhem {
-        /// The serial port.
-        port: &'n str,
-    },
-    /// `falcon[:FIRMWARE]`
-    Falcon {
-        /// The firmware file to load if the device does not respond.
-        firmware: Option<&'n Path>,
-    },
-    /// `link:PORT[@BAUD]`
-    Link {
-        /// The serial port.
-        port: &'n str,
-        /// Speed of the serial line.
-        baud: u32,
-    },
+/// Opens a device in this process. `fifo_priority` is the priority of its own threads.
+fn open_device(
+    hardware: &Hardware,
+    profile: &Profile,
+    fifo_priority: Option<i32>,
+) -> Result<Box<dyn Device>, Failure> {
+    match hardware {
+        Hardware::Link { port, baud } => {
+            print_latency(port);
+            match Link::open(port, *baud, link_config(profile)?) {
+                Ok(device) => Ok(Box::new(device)),
+                Err(LinkError::Device(error)) => Err(port_failure(port, error)),
+                Err(error) => Err(Failure::input(format!("{port}: {error}"))),
+            }
+        }
+        Hardware::Polhem { port } => {
+            print_latency(port);
+            match Polhem::open(port, polhem_config(profile)) {
+                Ok(device) => Ok(Box::new(device)),
+                Err(error) => Err(port_failure(port, error)),
+            }
+        }
+        Hardware::Falcon { firmware } => {
+            let image = firmware.as_ref().map(|path| {
+                let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
+                Image::new(bytes).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+            });
+            let config = FalconConfig::of(profile, Mode::Threaded { fifo_priority });
+            let falcon = Falcon::open(config, image.transpose()?.as_ref()).map_err(Failure::input)?;
+            Ok(Box::new(falcon))
+        }
+    }
 }
 
-impl<'n> Hardware<'n> {
-    /// The device with this name; `None` if it is not a device with motors.
-    pub(crate) fn named(name: &'n str) -> Option<Self> {
-        let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
-        match (kind, rest) {
-            ("polhem", Some(port)) => Some(Self::Polhem { port }),
-            ("link", Some(place)) => Some(match place.rsplit_once('@') {
-                // A port name may contain an @.
-                Some((port, baud)) if baud.parse::<u32>().is_ok_and(|baud| baud > 0) => {
-                    Self::Link { port, baud: baud.parse().unwrap_or(LINK_BAUD) }
-                }
-                _ => Self::Link { port: place, baud: LINK_BAUD },
-            }),
-            ("falcon", firmware) => Some(Self::Falcon { firmware: firmware.map(Path::new) }),
-            _ => None,
-        }
-    }
-
-    /// The name of its bundled profile.
-    const fn own_profile(self) -> &'static str {
-        match self {
-            Self::Polhem { .. } => "polhem",
-            Self::Falcon { .. } => "falcon",
-            Self::Link { .. } => "link",
-        }
-    }
-
-    /// Whether a separate process must zero its force. The device link has a watchdog of 5 to 20 ms of its
-    /// own.
-    pub(crate) const fn needs_supervisor(self) -> bool {
-        !matches!(self, Self::Link { .. })
-    }
-
-    /// Opens it in this process. `fifo_priority` is the priority of a reader thread.
-    pub(crate) fn open(self, profile: &Profile, fifo_priority: Option<i32>) -> Result<Opened, Failure> {
-        match self {
-            Self::Link { port, baud } => {
-                print_latency(port);
-                let device = Link::open(port, baud, link_config(profile)?);
-                device
-                    .map(|device| Opened::Link(Box::new(device)))
-                    .map_err(|error| Failure::input(format!("{port}: {error}")))
-            }
-            Self::Polhem { port } => {
-                print_latency(port);
-                let device = Polhem::open(port, polhem_config(profile));
-                device
-                    .map(|device| Opened::Polhem(Box::new(device)))
-                    .map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))
-            }
-            Self::Falcon { firmware } => {
-                let image = firmware.map(|path| {
-                    let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
-                    Image::new(bytes).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
-                });
-                let config = FalconConfig::of(profile, Mode::Threaded { fifo_priority });
-                let falcon = Falcon::open(config, image.transpose()?.as_ref()).map_err(Failure::input)?;
-                Ok(Opened::Falcon(Box::new(falcon)))
-            }
-        }
-    }
+/// A port that cannot be opened, and what to do.
+fn port_failure(port: &str, error: DeviceError) -> Failure {
+    let fix = match error.kind() {
+        DeviceErrorKind::InUse => "end it",
+        DeviceErrorKind::Denied => "give this user access (docs/devices.md, Permissions)",
+        _ => "check port and power",
+    };
+    Failure::input(format!("{port}: {error}; {fix}"))
 }
 
 /// Requests low latency from the port's USB adapter, if it has one, and reports the result.
@@ -139,39 +95,9 @@ fn polhem_config(profile: &Profile) -> PolhemConfig {
     }
 }
 
-/// An open device, in this process or in the supervisor.
-#[derive(Debug)]
-pub(crate) enum Opened {
-    Polhem(Box<Polhem>),
-    Falcon(Box<Falcon<UsbFtdi>>),
-    Link(Box<Link>),
-    Supervised(Box<Supervised>),
-}
-
-impl Opened {
-    /// The device as the loop uses it.
-    pub(crate) fn into_device(self) -> Box<dyn Device> {
-        match self {
-            Self::Polhem(device) => device,
-            Self::Falcon(device) => device,
-            Self::Link(device) => device,
-            Self::Supervised(device) => device,
-        }
-    }
-
-    fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
-        match self {
-            Self::Polhem(_) => Ok(true),
-            Self::Link(device) => device.home(stop),
-            Self::Falcon(device) => device.home(stop),
-            Self::Supervised(device) => device.home(stop),
-        }
-    }
-}
-
 /// The named profile, or that of the device.
-pub(crate) fn profile(device: &str, name: Option<&str>) -> Result<Option<Profile>, Failure> {
-    let name = name.or_else(|| Hardware::named(device).map(Hardware::own_profile));
+pub(crate) fn profile(device: &DeviceSpec, name: Option<&str>) -> Result<Option<Profile>, Failure> {
+    let name = name.or_else(|| device.hardware().map(Hardware::own_profile));
     name.map(Profile::load).transpose().map_err(Failure::input)
 }
 
@@ -180,89 +106,55 @@ pub(crate) fn above(loop_priority: Option<i32>) -> Option<i32> {
     loop_priority.map(|priority| (priority + 1).min(MAX_PRIORITY))
 }
 
-/// A device for the loop, and its supervisor.
-pub(crate) type Held = (Box<dyn Device>, Option<Arc<Supervision>>);
+/// A device for the loop, and its guard.
+pub(crate) type Held = (Box<dyn Device>, Option<Arc<GuardStatus>>);
 
-/// How a device is opened.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Holding<'a> {
-    /// As the command line names it.
-    pub device: &'a str,
-    /// The profile as the command line names it.
-    pub profile_name: Option<&'a str>,
-    /// Priority of the loop.
-    pub loop_priority: Option<i32>,
-    /// Silence after which a supervisor zeroes the device, ms; `None` for no supervisor.
-    pub supervisor_ms: Option<u32>,
-}
-
-/// Opens a device with motors and waits until it is homed, or until the session is stopped.
+/// Opens a device with motors, starts its guard, and waits until it is homed or the session is stopped.
 pub(crate) fn open(
-    hardware: Hardware<'_>,
-    holding: Holding<'_>,
+    hardware: &Hardware,
     profile: &Profile,
+    guard: GuardOptions,
     stop: &AtomicBool,
 ) -> Result<Held, Failure> {
-    let supervisor_ms = holding.supervisor_ms.filter(|_| hardware.needs_supervisor());
-    let (mut opened, supervision) = match supervisor_ms {
-        Some(limit_ms) => {
-            let device = supervised(holding, limit_ms, stop)?;
-            let supervision = device.supervision();
-            (Opened::Supervised(Box::new(device)), Some(supervision))
+    let device = open_device(hardware, profile, guard.fifo_priority)?;
+    let guarding = guard_command().and_then(|command| Guarded::start(device, command, guard));
+    let (mut device, status): Held = match guarding {
+        Ok(Guarding::Guarded(guarded)) => {
+            let status = guarded.status();
+            (guarded, Some(status))
         }
-        None => (hardware.open(profile, above(holding.loop_priority))?, None),
+        Ok(Guarding::Unneeded(device)) => (device, None),
+        Err(error) => {
+            return Err(Failure::work(format!(
+                "the guard of the device cannot be started ({error}); `palpate doctor` checks it"
+            )));
+        }
     };
-    if let Hardware::Falcon { .. } = hardware {
-        eprintln!(
+    match hardware {
+        Hardware::Falcon { .. } => eprintln!(
             "palpate: home the Falcon: pull its grip all the way out, then push it all the way in (red light: not homed, blue: homed)"
-        );
+        ),
+        Hardware::Link { .. } => {
+            eprintln!("palpate: home the device as its manual describes; it has no force before that");
+        }
+        Hardware::Polhem { .. } => {}
     }
-    if let Hardware::Link { .. } = hardware {
-        eprintln!("palpate: home the device as its manual describes; it has no force before that");
-    }
-    opened.home(stop).map_err(|error| {
-        Failure::input(format!("{}: {error}; check cable and power and start again", holding.device))
+    device.home(stop).map_err(|error| {
+        Failure::input(format!("{hardware}: {error}; check cable and power and start again"))
     })?;
-    Ok((opened.into_device(), supervision))
+    Ok((device, status))
 }
 
-/// The command that starts this program as a supervisor of the device.
-fn supervisor(device: &str) -> std::io::Result<Command> {
+/// The command that starts this program as a guard.
+fn guard_command() -> std::io::Result<Command> {
     let mut command = Command::new(std::env::current_exe()?);
-    command.args(["supervise", device]);
+    command.arg("guard");
     Ok(command)
 }
 
-/// Starts a supervisor for a device that does not exist, and returns the time until it reports that. This
-/// checks all parts except the device.
-pub(crate) fn try_supervisor() -> Result<Duration, StartError> {
-    try_command(supervisor(NO_DEVICE)?)
-}
-
-fn try_command(command: Command) -> Result<Duration, StartError> {
-    let begun = Instant::now();
-    match Supervised::start(command, supervisor::DEFAULT_LIMIT_MS, &AtomicBool::new(false)) {
-        Ok(_) | Err(StartError::Refused(_)) => Ok(begun.elapsed()),
-        Err(error) => Err(error),
-    }
-}
-
-fn supervised(holding: Holding<'_>, limit_ms: u32, stop: &AtomicBool) -> Result<Supervised, Failure> {
-    let mut command = supervisor(holding.device).map_err(|error| {
-        Failure::work(format!(
-            "the path of this program is unknown ({error}); --no-supervisor runs without a supervisor"
-        ))
-    })?;
-    if let Some(profile) = holding.profile_name {
-        command.args(["--profile", profile]);
-    }
-    if let Some(priority) = above(holding.loop_priority) {
-        command.args(["--fifo", &priority.to_string()]);
-    }
-    Supervised::start(command, limit_ms, stop).map_err(|error| match error {
-        StartError::Refused(text) => Failure::input(text),
-        error => Failure::work(error),
-    })
+/// Starts a guard without a device, and returns the time until it is ready, and its scheduling policy.
+pub(crate) fn try_guard(options: GuardOptions) -> std::io::Result<(Duration, Policy)> {
+    guard::try_start(guard_command()?, options)
 }
 
 #[cfg(test)]
@@ -271,20 +163,9 @@ mod tests {
     use palpate_host::device::profile::{DEFAULT_CAP_N_M, Damping};
 
     #[test]
-    fn what_is_no_supervisor_is_told_from_one() {
-        assert!(Hardware::named(NO_DEVICE).is_none());
-        assert!(matches!(try_command(Command::new("/no/such/program")), Err(StartError::Io(_))));
-        assert!(matches!(try_command(Command::new("true")), Err(StartError::Ended)));
-    }
-
-    #[test]
-    fn a_link_is_a_port_and_perhaps_a_speed_and_its_profile_states_a_mechanism() {
-        let link = |port, baud| Some(Hardware::Link { port, baud });
-        assert_eq!(Hardware::named("link:/dev/ttyACM0"), link("/dev/ttyACM0", LINK_BAUD));
-        assert_eq!(Hardware::named("link:/dev/ttyUSB0@3000000"), link("/dev/ttyUSB0", 3_000_000));
-        assert_eq!(Hardware::named("link:/dev/a@b"), link("/dev/a@b", LINK_BAUD));
-        assert_eq!(Hardware::named("link"), None);
-        let profile = profile("link:/dev/ttyACM0", None).expect("bundled").expect("its own");
+    fn the_profile_of_a_link_states_a_mechanism() {
+        let device: DeviceSpec = "link:/dev/ttyACM0".parse().expect("a device");
+        let profile = profile(&device, None).expect("bundled").expect("its own");
         assert!(link_config(&profile).is_ok());
         let other = Profile::load("polhem").expect("bundled");
         let refused = link_config(&other).expect_err("no mechanism").line();

@@ -11,6 +11,7 @@ mod blob;
 #[cfg(feature = "mpi")]
 mod cluster;
 mod cmd;
+mod device_spec;
 mod displacements;
 #[cfg(test)]
 mod documents;
@@ -57,7 +58,7 @@ enum Command {
     Report(cmd::report::Args),
     Run(cmd::run::Args),
     #[command(hide = true)]
-    Supervise(cmd::supervise::Args),
+    Guard(cmd::guard::Args),
     Doctor(cmd::doctor::Args),
     Bench(cmd::bench::Args),
 }
@@ -81,7 +82,7 @@ pub fn palpate() -> ExitCode {
         Command::Inspect(args) => cmd::inspect::run(&args),
         Command::Report(args) => cmd::report::run(&args),
         Command::Run(args) => cmd::run::run(&args),
-        Command::Supervise(args) => cmd::supervise::run(&args),
+        Command::Guard(args) => cmd::guard::run(&args),
         Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Bench(args) => cmd::bench::run(&args),
     };

@@ -30,9 +30,6 @@ pub(crate) fn session(summary: &SessionSummary) -> Value {
         "stiffest_n_m": summary.stiffest_n_m, "force_share": summary.force_share,
         "real_time": real_time(&summary.real_time),
         "surroundings": { "kernel": kernel, "governor": governor, "isolated": isolated },
-        "watchdog": summary.watchdog.map(|watchdog| json!({
-            "limit_ms": watchdog.limit_ms, "policy": watchdog.policy.to_string(), "fired": watchdog.fired,
-        })),
         "ticks": summary.ticks,
         "latency": latency(&summary.latency),
         "touch": touch(&summary.touch),

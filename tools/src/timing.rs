@@ -17,7 +17,7 @@ pub(crate) struct Timing {
     /// Pin the haptic thread to this CPU; if not given the kernel chooses
     #[arg(long, value_name = "N", help_heading = "Timing")]
     pub cpu: Option<usize>,
-    /// SCHED_FIFO priority of the haptic thread, 1 to 97 (its watchdog gets one more); 0 asks for ordinary
+    /// SCHED_FIFO priority of the haptic thread, 1 to 97 (the guard gets one more); 0 asks for ordinary
     /// scheduling
     #[arg(long, value_name = "PRIORITY", help_heading = "Timing", default_value_t = DEFAULT_FIFO_PRIORITY,
           value_parser = clap::value_parser!(i32).range(0..=i64::from(MAX_LOOP_FIFO_PRIORITY)))]

@@ -54,8 +54,6 @@ pub(crate) struct Show<'p> {
     pub profile: Option<&'p Profile>,
     /// Timing of the loop.
     pub timing: Timing,
-    /// Standstill of the loop after which the watchdog zeroes the device, ms.
-    pub watchdog_ms: u32,
     /// A film instead of PNG frames.
     pub gif: Option<&'p Output>,
     /// The mouse device whose tool the window moves.
@@ -152,7 +150,6 @@ pub(crate) fn run<D: Device>(
         change_every: show.change_every,
         haptic: show.timing.haptic(show.profile),
         real_time: show.timing.request(),
-        watchdog_ms: show.watchdog_ms,
         gravity_compensation_n: show.profile.map_or(vec3::ZERO, Profile::gravity_compensation_n),
         ..SessionOptions::default()
     };
@@ -259,7 +256,6 @@ mod tests {
                 change_every: None,
                 profile: None,
                 timing: Timing { fifo: 0, ..Timing::default() },
-                watchdog_ms: 20,
                 gif: None,
                 mouse: None,
             };
@@ -303,7 +299,6 @@ mod tests {
             change_every: None,
             profile: None,
             timing: Timing::default(),
-            watchdog_ms: 20,
             gif: Some(&film),
             mouse: None,
         };

@@ -37,7 +37,8 @@ fn run(line: &str) -> Option<Run> {
     let mut run = Run::empty(RIG, fault, seed, f32::INFINITY);
     run.ended = match value("end")? {
         "active" => Ended::Recovered,
-        "supervisor" => Ended::Supervisor,
+        "guard" => Ended::Guard,
+        "host" => Ended::Host,
         "latched:stale" => Ended::Latched(Fault::Stale),
         "latched:not-ready" => Ended::Latched(Fault::NotReady),
         end if end.starts_with("lost:") => Ended::Lost,
@@ -74,6 +75,8 @@ fn fault_kind(name: &str) -> Option<FaultKind> {
     match name {
         "host-killed" => Some(FaultKind::HostKilled),
         "host-paused" => Some(FaultKind::HostPaused),
+        "guard-killed" => Some(FaultKind::GuardKilled),
+        "guard-paused" => Some(FaultKind::GuardPaused),
         name => BenchFault::ALL.into_iter().find(|fault| fault.name() == name).map(kind_of),
     }
 }
@@ -85,7 +88,7 @@ mod tests {
     const LOG: &str = "--- 11 seeds\n\
         run seed=0 fault=none end=active largest_n=1.71 step_n=0.20 zero_ms=- PASS\n\
         run seed=8 fault=silence end=latched:stale injected=11 largest_n=0.91 step_n=0.25 zero_ms=48 PASS\n\
-        host fault=host-killed end=supervisor largest_n=1.50 step_n=0.00 zero_ms=21.5 PASS\n\
+        host fault=host-killed end=guard largest_n=1.50 step_n=0.00 zero_ms=21.5 PASS\n\
         summary PASS runs=2\n";
 
     #[test]

@@ -6,7 +6,9 @@ use crate::fault::Faults;
 use crate::rig::RigKind;
 use crate::session::Session;
 use palpate_core::vec3;
+use palpate_host::DeviceError;
 use palpate_host::device::DeviceState;
+use palpate_host::device::fence::{Fence, MAX_ZERO_MESSAGE};
 
 pub(super) fn says_what_it_is(kind: RigKind) -> Result<(), Violation> {
     let (mut rig, traits) = new_rig(kind);
@@ -17,7 +19,9 @@ pub(super) fn says_what_it_is(kind: RigKind) -> Result<(), Violation> {
     ensure!(!info.self_arming, "a device with motors is self-arming");
     ensure!(info.max_force_n == max_force_n, "{} N, expected {max_force_n} N", info.max_force_n);
     ensure!(info.max_stiffness_n_m > 0.0 && info.resolution_m > 0.0, "{info:?}");
-    ensure!(session.device().emergency_stop().is_some(), "no emergency handle for the watchdog");
+    let (fence, mut message) = (Fence::default(), [0; MAX_ZERO_MESSAGE]);
+    session.device().guard_path(&fence).map_err(DeviceError::from)?;
+    ensure!(fence.page().zero_message(&mut message) > 0, "no message for a guard");
     Ok(())
 }
 
@@ -170,7 +174,8 @@ pub(super) fn zero_after_stop(kind: RigKind) -> Result<(), Violation> {
     for case in 0..3 {
         let (mut rig, traits) = new_rig(kind);
         let mut session = Session::homed(&mut *rig, permuted(&traits))?;
-        let mut second = session.device().emergency_stop();
+        let fence = Fence::default();
+        let path = session.device().guard_path(&fence).map_err(DeviceError::from)?;
         hold_force(&mut session, [2.0, -1.0, 1.0], 10)?;
         ensure!(vec3::norm(session.rig.force_record().force_n) > 2.0, "{:?}", session.rig.force_record());
         let name = match case {
@@ -183,9 +188,9 @@ pub(super) fn zero_after_stop(kind: RigKind) -> Result<(), Violation> {
                 "drop"
             }
             _ => {
-                let second = second.as_mut().ok_or_else(|| Violation("no emergency handle".into()))?;
-                second.zero()?;
-                "the emergency handle"
+                fence.page().close();
+                session.guard_zero(&fence, path.as_ref())?;
+                "the guard's message"
             }
         };
         session.pass(2_000);

@@ -1,12 +1,13 @@
 //! The emulated chip for a driver in another process: its transfers over a socket, one at a time.
 //!
 //! A request is a letter and a body: `c` with request u8 and value u16; `w` with bytes; `r` with capacity u16
-//! and timeout in us u32. A reply is a letter, `k` for done, `t` for timeout and `g` for disconnected, and a
+//! and timeout in us u32; `z` with bytes that a guard writes, which has no reply. Any other reply is a letter, `k` for done, `t` for timeout and `g` for disconnected, and a
 //! body: the bytes read, or the number of bytes written. Each body is preceded by its length, u16. All
 //! numbers are little-endian.
 
 use super::memory::MemoryFtdi;
 use palpate_host::device::falcon::Ftdi;
+use palpate_host::device::fence::{GuardPath, Wire};
 use palpate_host::{DeviceError, DeviceErrorKind};
 use std::io::{self, Read, Write};
 use std::os::linux::net::SocketAddrExt;
@@ -16,12 +17,13 @@ use std::time::Duration;
 
 const CONTROL: u8 = b'c';
 const WRITE: u8 = b'w';
+const GUARD_WRITE: u8 = b'z';
 const READ: u8 = b'r';
 const DONE: u8 = b'k';
 const TIMED_OUT: u8 = b't';
 const DISCONNECTED: u8 = b'g';
 
-fn send(stream: &mut UnixStream, letter: u8, body: &[u8]) -> io::Result<()> {
+fn send(stream: &mut impl Write, letter: u8, body: &[u8]) -> io::Result<()> {
     let len = u16::try_from(body.len()).map_err(io::Error::other)?;
     stream.write_all(&[&[letter], &len.to_le_bytes()[..], body].concat())
 }
@@ -52,6 +54,11 @@ pub fn serve(mut stream: UnixStream, chip: &MemoryFtdi) -> io::Result<()> {
     stream.set_nonblocking(false)?;
     loop {
         let (letter, body) = receive(&mut stream)?;
+        if letter == GUARD_WRITE {
+            // A packet always fits.
+            let _ = chip.write(&body, Duration::ZERO);
+            continue;
+        }
         let answer = match (letter, &body[..]) {
             (CONTROL, [request, low, high]) => {
                 chip.control(*request, u16::from_le_bytes([*low, *high])).map(|()| Vec::new())
@@ -89,7 +96,7 @@ impl SocketFtdi {
 
     fn request(&self, letter: u8, body: &[u8]) -> Result<Vec<u8>, DeviceError> {
         let mut stream = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let answer = send(&mut stream, letter, body).and_then(|()| receive(&mut stream));
+        let answer = send(&mut *stream, letter, body).and_then(|()| receive(&mut stream));
         match answer {
             Ok((DONE, body)) => Ok(body),
             Ok((TIMED_OUT, _)) => Err(DeviceError::new(DeviceErrorKind::Timeout)),
@@ -117,5 +124,16 @@ impl Ftdi for SocketFtdi {
         let room = buffer.get_mut(..bytes.len()).ok_or(DeviceError::new(DeviceErrorKind::Io))?;
         room.copy_from_slice(&bytes);
         Ok(bytes.len())
+    }
+
+    fn guard_path(&self) -> io::Result<Option<GuardPath>> {
+        let stream = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(Some(GuardPath { fd: stream.try_clone()?.into(), wire: Wire::Stream }))
+    }
+
+    fn guard_message(&self, packet: &[u8]) -> Vec<u8> {
+        let mut message = Vec::new();
+        send(&mut message, GUARD_WRITE, packet).expect("a packet is short, and memory accepts it");
+        message
     }
 }

@@ -1,5 +1,6 @@
 //! A host process of the testbed: start, commands, signals, and status lines.
 
+use nix::errno::Errno;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use std::io::{BufRead, BufReader, Write};
@@ -49,13 +50,19 @@ impl Host {
         Self { child, words, lines, silent }
     }
 
+    /// Its process.
+    #[must_use]
+    pub fn pid(&self) -> Pid {
+        Pid::from_raw(self.child.id() as i32)
+    }
+
     /// Sends a signal.
     ///
     /// # Panics
     ///
     /// If the process has ended.
     pub fn signal(&self, signal: Signal) {
-        kill(Pid::from_raw(self.child.id() as i32), signal).expect("the process runs");
+        send(self.pid(), signal).expect("the process runs");
     }
 
     /// Sends a command; one to an ended process is lost.
@@ -114,13 +121,13 @@ impl Host {
         lines.retain(|line| !["holds", "again", "zeroed"].contains(&&line[..]));
     }
 
-    /// The pid of its supervisor, once the host has printed it; `None` after a timeout.
+    /// The pid of its guard, once the host has printed it; `None` after a timeout.
     #[must_use]
-    pub fn supervisor(&self) -> Option<Pid> {
+    pub fn guard(&self) -> Option<Pid> {
         let mut found = None;
         let _ = happens_within(MAX_WAIT, || {
             let lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
-            found = lines.iter().find_map(|line| line.strip_prefix("supervisor ")?.parse().ok());
+            found = lines.iter().find_map(|line| line.strip_prefix("guard ")?.parse().ok());
             found.is_some() || self.silent.load(Ordering::Relaxed)
         });
         found.map(Pid::from_raw)
@@ -163,6 +170,11 @@ pub fn happens_within(time: Duration, mut done: impl FnMut() -> bool) -> bool {
         std::thread::sleep(Duration::from_millis(1));
     }
     true
+}
+
+/// Sends a signal to a process.
+pub fn send(process: Pid, signal: Signal) -> Result<(), Errno> {
+    kill(process, signal)
 }
 
 /// Whether a process runs.

@@ -1,4 +1,4 @@
-//! The processes: a host that renders a force, with a supervisor or without, and the supervisor.
+//! The processes: a host that renders a force, with a guard or without, and the guard.
 
 use crate::falcon::socket::SocketFtdi;
 use palpate_core::Vec3;
@@ -7,8 +7,8 @@ use palpate_host::device::falcon::{Falcon, FalconConfig, Mode};
 use palpate_host::device::link::{Link, LinkConfig};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
-use palpate_host::supervisor::{Supervised, serve_stdin};
-use palpate_host::sys::{self, Policy, RtRequest};
+use palpate_host::guard::{GuardOptions, Guarded, Guarding, guard_stdin};
+use palpate_host::sys::{self, RtRequest};
 use std::io::BufRead;
 use std::path::Path;
 use std::process::Command;
@@ -46,12 +46,6 @@ impl Device {
         }
     }
 
-    /// Whether it has a supervisor in the product. The device link has its own watchdog instead.
-    #[must_use]
-    pub const fn is_supervised(self) -> bool {
-        !matches!(self, Self::Link)
-    }
-
     /// Its bundled profile.
     ///
     /// # Panics
@@ -82,34 +76,34 @@ impl Device {
             Self::Link => {
                 let config =
                     LinkConfig::of(&self.profile(), TIMEOUT).ok_or("the profile has no [capstan]")?;
-                let mut device = Link::open(address, BAUD, config).map_err(|error| error.to_string())?;
-                device.home(&AtomicBool::new(false)).map_err(|error| error.to_string())?;
-                Ok(Box::new(device))
+                Link::open(address, BAUD, config)
+                    .map(|device| Box::new(device) as _)
+                    .map_err(|error| error.to_string())
             }
         }
     }
 }
 
-/// Role of a process.
+/// Role of a host process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// A host as in the product: with a supervisor where the device needs one.
+    /// A host as in the product, with a guard.
     Host,
-    /// A host that owns the device itself.
-    Unsupervised,
-    /// A supervisor, started by a host.
-    Supervisor,
+    /// A host without a guard.
+    Unguarded,
 }
 
 impl Role {
     const fn name(self) -> &'static str {
         match self {
             Self::Host => "host",
-            Self::Unsupervised => "unsupervised",
-            Self::Supervisor => "supervisor",
+            Self::Unguarded => "unguarded",
         }
     }
 }
+
+/// The word for the guard's process.
+const GUARD: &str = "guard";
 
 /// The command that starts `program` in this role.
 #[must_use]
@@ -130,42 +124,46 @@ pub(super) fn command(
 /// Main function of a process, with the arguments after `process`. The error is one line.
 pub fn process(arguments: &[String]) -> Result<(), String> {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    if words == [GUARD] {
+        return guard_stdin().map(drop).map_err(|error| error.to_string());
+    }
     let [role, device, address, limit_ms, force_n @ ..] = &words[..] else {
-        return Err("ROLE DEVICE ADDRESS LIMIT_MS FORCE".into());
+        return Err("guard, or ROLE DEVICE ADDRESS LIMIT_MS FORCE".into());
     };
     let limit_ms = limit_ms.parse().map_err(|_| "LIMIT_MS must be an integer in ms")?;
     let device = Device::ALL.into_iter().find(|known| known.name() == *device).ok_or("unknown DEVICE")?;
     let numbers: Vec<f32> = force_n.iter().filter_map(|word| word.parse().ok()).collect();
     let force_n: Vec3 = numbers.try_into().map_err(|_| "FORCE must have three components")?;
-    if *role == Role::Host.name() && device.is_supervised() {
-        let program = std::env::current_exe().map_err(|error| error.to_string())?;
-        let supervisor = command(&program, Role::Supervisor, device, address, limit_ms, force_n);
-        host(supervisor, limit_ms, device == Device::Falcon, force_n)
-    } else if [Role::Host.name(), Role::Unsupervised.name()].contains(role) {
-        render(device.open(address)?, force_n);
-        Ok(())
-    } else {
-        supervise(|| device.open(address))
+    let device = device.open(address)?;
+    if *role == Role::Unguarded.name() {
+        return home_and_render(device, force_n);
+    }
+    let mut guard = Command::new(std::env::current_exe().map_err(|error| error.to_string())?);
+    guard.args(["process", GUARD]);
+    host(device, guard, limit_ms, force_n)
+}
+
+/// Main function of a host with a guard, which `guard` starts.
+pub fn host<D: palpate_host::Device>(
+    device: D,
+    guard: Command,
+    limit_ms: u32,
+    force_n: Vec3,
+) -> Result<(), String> {
+    let options = GuardOptions { limit_ms, fifo_priority: Some(51), locks_memory: true };
+    match Guarded::start(device, guard, options).map_err(|error| error.to_string())? {
+        Guarding::Guarded(guarded) => {
+            println!("guard {}", guarded.status().pid.unwrap_or_default());
+            home_and_render(*guarded, force_n)
+        }
+        Guarding::Unneeded(_) => Err("the device offers no path to a guard".into()),
     }
 }
 
-/// Main function of a host with a supervisor, which `supervisor` starts.
-pub fn host(supervisor: Command, limit_ms: u32, homes: bool, force_n: Vec3) -> Result<(), String> {
-    let never = AtomicBool::new(false);
-    let mut held = Supervised::start(supervisor, limit_ms, &never).map_err(|error| error.to_string())?;
-    println!("supervisor {}", held.supervision().pid.unwrap_or_default());
-    if homes {
-        held.home(&never).map_err(|error| error.to_string())?;
-    }
-    render(held, force_n);
+fn home_and_render(mut device: impl palpate_host::Device, force_n: Vec3) -> Result<(), String> {
+    device.home(&AtomicBool::new(false)).map_err(|error| error.to_string())?;
+    render(device, force_n);
     Ok(())
-}
-
-/// Main function of a supervisor.
-pub fn supervise<D: palpate_host::Device>(open: impl FnOnce() -> Result<D, String>) -> Result<(), String> {
-    let request = RtRequest { fifo_priority: Some(51), keep_awake: false, ..RtRequest::default() };
-    let (_, _held) = sys::enter_real_time(&request);
-    serve_stdin(Policy::Other, open).map(drop).map_err(|error| error.to_string())
 }
 
 /// Renders the force at 1 kHz until the device is lost. Unless it holds, it resets after a watchdog that
@@ -193,7 +191,8 @@ fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
         match device.exchange(now_us, force_n) {
             Err(error) if !error.kind().is_transient() => {
                 println!("end {:?}", error.kind());
-                assert_eq!(error.kind(), DeviceErrorKind::Disconnected);
+                // Dropping the device zeroes it.
+                assert!(matches!(error.kind(), DeviceErrorKind::Disconnected | DeviceErrorKind::GuardLost));
                 return;
             }
             Ok(Some(sample)) => assert!(sample.t_us <= now_us),

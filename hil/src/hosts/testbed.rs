@@ -36,15 +36,19 @@ pub struct Observation {
     pub last_force_us: Option<u64>,
     /// Time at which the force last became zero.
     pub zeroed_us: Option<u64>,
+    /// Time of the newest look.
+    pub now_us: u64,
+    /// Time of the signal to a process.
+    pub signal_us: u64,
     /// Time since which the device's own watchdog has been latched; `None` while it is not, or without one.
     pub latched_us: Option<u64>,
 }
 
 impl Observation {
-    /// Time from the last request with a force to zero force, us.
+    /// Time from the signal to zero force, us; `None` while there is a force.
     #[must_use]
-    pub fn zero_after_us(&self) -> Option<u64> {
-        Some(self.zeroed_us?.saturating_sub(self.last_force_us?))
+    pub fn zeroed_since_signal_us(&self) -> Option<u64> {
+        self.zeroed_us.filter(|_| self.force_n == vec3::ZERO)?.checked_sub(self.signal_us)
     }
 
     /// Time from the last request with a force to the latch of the device's own watchdog, us.
@@ -174,14 +178,16 @@ impl Testbed {
             requests: 0,
             last_force_us: None,
             zeroed_us: None,
+            now_us: 0,
+            signal_us: 0,
             latched_us: None,
         };
         let (observed_device, ends) =
             (Arc::new(Mutex::new((observed_device, seen))), Arc::new(AtomicBool::new(false)));
         let (served, stop) = (Arc::clone(&observed_device), Arc::clone(&ends));
         let serve = move || {
-            // A real device does not depend on this machine's scheduler: a priority above hosts and
-            // supervisors, where allowed.
+            // A real device does not depend on this machine's scheduler: a priority above hosts and guards,
+            // where allowed.
             let above = RtRequest { fifo_priority: Some(52), ..RtRequest::none() };
             let (_, _held) = sys::enter_real_time(&above);
             let (mut now_us, mut looked) = (0, Instant::now());
@@ -201,6 +207,12 @@ impl Testbed {
         self.observed_device.lock().unwrap_or_else(PoisonError::into_inner).1
     }
 
+    /// Notes that a signal is sent to a process now.
+    pub fn note_signal(&self) {
+        let mut observed = self.observed_device.lock().unwrap_or_else(PoisonError::into_inner);
+        observed.1.signal_us = observed.1.now_us;
+    }
+
     /// Record of the force on the hand.
     #[must_use]
     pub fn force_record(&self) -> ForceRecord {
@@ -212,8 +224,7 @@ impl Testbed {
         self.observed_device.lock().unwrap_or_else(PoisonError::into_inner).0.reset_record();
     }
 
-    /// Starts a host process that renders a force. Its supervisor sets zero force after `limit_ms` of
-    /// silence.
+    /// Starts a host process that renders a force. Its guard sets zero force `limit_ms` after the last tick.
     ///
     /// # Panics
     ///
@@ -272,5 +283,5 @@ fn observe((observed_device, seen): &mut (Box<dyn ObservedDevice>, Observation),
         seen.zeroed_us = Some(now_us);
     }
     seen.latched_us = observed_device.has_latched().then(|| seen.latched_us.unwrap_or(now_us));
-    (seen.force_n, seen.requests) = (force_n, requests);
+    (seen.force_n, seen.requests, seen.now_us) = (force_n, requests, now_us);
 }

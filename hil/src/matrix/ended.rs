@@ -15,8 +15,10 @@ pub enum Ended {
     Refused,
     /// The driver opened, without a force.
     Opened,
-    /// The supervisor set zero force.
-    Supervisor,
+    /// The guard set zero force.
+    Guard,
+    /// The host set zero force after its guard was lost.
+    Host,
     /// The device's own watchdog set zero force and latched.
     Watchdog,
     /// An expected event did not happen.

@@ -54,9 +54,17 @@ pub enum FaultKind {
     HostKilled,
     /// The host process is stopped and resumed later.
     HostPaused,
+    /// The guard process is killed.
+    GuardKilled,
+    /// The guard process is stopped and resumed later.
+    GuardPaused,
 }
 
 impl FaultKind {
+    /// The kinds that need processes: each loses one of host and guard.
+    pub const PROCESSES: [Self; 4] =
+        [Self::HostKilled, Self::HostPaused, Self::GuardKilled, Self::GuardPaused];
+
     /// All kinds that run in lockstep. The others need USB ([`crate::bench`]) or processes
     /// ([`crate::hosts`]).
     pub const ALL: [Self; 18] = [
@@ -107,6 +115,8 @@ impl FaultKind {
             Self::RandomMix => "random mix",
             Self::HostKilled => "host-killed",
             Self::HostPaused => "host-paused",
+            Self::GuardKilled => "guard-killed",
+            Self::GuardPaused => "guard-paused",
         }
     }
 
@@ -151,7 +161,8 @@ impl FaultKind {
             Self::PowerCycle => is_stale || is_not_ready,
             Self::UnplugMidFrame | Self::Replug | Self::UnplugPower => matches!(ended, Ended::Lost),
             Self::WrongEcho => matches!(ended, Ended::Opened | Ended::Refused),
-            Self::HostKilled | Self::HostPaused => matches!(ended, Ended::Supervisor | Ended::Watchdog),
+            Self::HostKilled | Self::HostPaused => matches!(ended, Ended::Guard | Ended::Watchdog),
+            Self::GuardKilled | Self::GuardPaused => matches!(ended, Ended::Host),
             Self::Drop
             | Self::Delay
             | Self::Truncate

@@ -117,8 +117,8 @@ impl Run {
             return Some("no zero after the end of the link fault");
         }
         let is_late = |us: Option<u64>| us.is_none_or(|us| us > MAX_TIME_TO_ZERO.as_micros() as u64);
-        if matches!(self.fault, FaultKind::HostKilled | FaultKind::HostPaused) && is_late(self.zero_us) {
-            return Some("no zero after the loss of the host");
+        if FaultKind::PROCESSES.contains(&self.fault) && is_late(self.zero_us) {
+            return Some("no zero after the loss of host or guard");
         }
         if self.ended == Ended::Watchdog && is_late(self.detected_us) {
             return Some("no latch by the device's watchdog");

@@ -43,7 +43,8 @@ impl Row<'_> {
                 Ended::Lost => "loop ended".into(),
                 Ended::Refused => "not opened".into(),
                 Ended::Opened => "opened".into(),
-                Ended::Supervisor => "supervisor".into(),
+                Ended::Guard => "guard".into(),
+                Ended::Host => "host".into(),
                 Ended::Watchdog => "device's watchdog".into(),
                 Ended::TimedOut(what) => what.into(),
             };

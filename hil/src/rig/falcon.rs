@@ -11,7 +11,7 @@ use crate::mechanism::Waypoint;
 use palpate_core::{Sample, Vec3};
 use palpate_host::device::DeviceWrapper;
 use palpate_host::device::falcon::kinematics::Kinematics;
-use palpate_host::device::falcon::{self as driver, Falcon, Image, Mode};
+use palpate_host::device::falcon::{self as driver, Falcon, Ftdi, Image, Mode};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use palpate_host::{Device, DeviceError};
@@ -281,6 +281,12 @@ impl Rig for FalconRig {
 
     fn replug(&mut self) {
         self.device.replug();
+    }
+
+    fn write_past_driver(&mut self, message: &[u8]) -> Result<(), OpenError> {
+        let link = self.link.as_ref().ok_or("the device was not opened")?;
+        link.write(message, Duration::ZERO)?;
+        Ok(())
     }
 
     fn inject(&mut self, fault: HardwareFault) -> bool {

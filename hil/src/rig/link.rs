@@ -10,9 +10,9 @@ use palpate_host::Device;
 use palpate_host::device::capstan::Capstan;
 use palpate_host::device::link::{Link, LinkConfig};
 use palpate_host::device::profile::Profile;
+use palpate_host::device::serial::Port;
 use palpate_host::device::workspace::Workspace;
 use palpate_link::{DeviceFault, Phase};
-use serialport::SerialPort;
 use std::io;
 
 /// Any device on a gantry: force, friction, mass, encoder steps and mapping come from its profile; mechanism
@@ -57,7 +57,7 @@ impl SerialDevice for EmulatedLink {
     }
 
     fn open(
-        port: Box<dyn SerialPort>,
+        port: Box<dyn Port>,
         profile: &Profile,
         workspace: Workspace,
     ) -> Result<Box<dyn Device>, OpenError> {

@@ -25,7 +25,6 @@ use crate::force_record::ForceRecord;
 use crate::link::EmulatedLink;
 use crate::mechanism::Waypoint;
 use crate::polhem::EmulatedPolhem;
-use crate::supervised::DeviceOwner;
 use core::error::Error;
 use palpate_core::Vec3;
 use palpate_host::Device;
@@ -60,16 +59,8 @@ pub struct Traits {
     pub checked_requests: bool,
     /// Replies carry the number of their request.
     pub numbered_replies: bool,
-    /// It has a watchdog; any other device has a supervisor in the product.
+    /// It has a watchdog of its own.
     pub has_watchdog: bool,
-}
-
-impl Traits {
-    /// The owner of the device in the product.
-    #[must_use]
-    pub const fn owner(&self) -> DeviceOwner {
-        if self.has_watchdog { DeviceOwner::Loop } else { DeviceOwner::Supervisor }
-    }
 }
 
 /// A fault of the device itself.
@@ -175,6 +166,11 @@ pub trait Rig {
 
     /// Plugs the cable in again.
     fn replug(&mut self);
+
+    /// Writes the guard's message to the latest driver's end of a link in memory, to which a guard has no path.
+    fn write_past_driver(&mut self, _message: &[u8]) -> Result<(), OpenError> {
+        Err("a guard has its own path to this device".into())
+    }
 
     /// Injects a fault of the device. Returns false if the device does not support it.
     fn inject(&mut self, fault: HardwareFault) -> bool;

@@ -9,8 +9,8 @@ use palpate_core::{Vec3, vec3};
 use palpate_host::Device;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
+use palpate_host::device::serial::Port;
 use palpate_host::device::workspace::Workspace;
-use serialport::SerialPort;
 use std::io;
 
 /// Assumed offset of the arm at rest without power from the middle of the workspace, m.
@@ -44,7 +44,7 @@ impl SerialDevice for EmulatedPolhem {
     }
 
     fn open(
-        port: Box<dyn SerialPort>,
+        port: Box<dyn Port>,
         profile: &Profile,
         workspace: Workspace,
     ) -> Result<Box<dyn Device>, OpenError> {

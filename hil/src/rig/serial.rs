@@ -12,6 +12,7 @@ use palpate_host::Device;
 use palpate_host::device::hand::HandConfig;
 use palpate_host::device::nonblocking_port::NonBlockingPort;
 use palpate_host::device::profile::Profile;
+use palpate_host::device::serial::Port;
 use palpate_host::device::workspace::Workspace;
 use serialport::{SerialPort, TTYPort};
 use std::io;
@@ -42,7 +43,7 @@ pub trait SerialDevice: Send + 'static {
 
     /// Opens the real driver on a port.
     fn open(
-        port: Box<dyn SerialPort>,
+        port: Box<dyn Port>,
         profile: &Profile,
         workspace: Workspace,
     ) -> Result<Box<dyn Device>, OpenError>;
@@ -149,6 +150,8 @@ pub struct SerialRig<E> {
     cable_in: bool,
     /// A second handle of the driver's end of the pseudo terminal, to count the received bytes.
     driver_end: Option<TTYPort>,
+    /// A second handle of the driver's end in memory, for the guard's message.
+    past_driver: Option<MemoryPort>,
     opened_us: u64,
 }
 
@@ -175,6 +178,7 @@ impl<E: SerialDevice> SerialRig<E> {
             plugged: Arc::default(),
             cable_in: true,
             driver_end: None,
+            past_driver: None,
             opened_us: 0,
         }
     }
@@ -233,6 +237,7 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
                 self.connect(Box::new(line));
                 let far = Arc::clone(&self.far) as Arc<Mutex<dyn FarEnd>>;
                 let port = MemoryPort::new(driver, far, Arc::clone(&self.plugged));
+                self.past_driver = Some(port.clone());
                 E::open(Box::new(port), &self.profile, workspace)
             }
             Wire::Pty => {
@@ -334,6 +339,11 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
 
     fn replug(&mut self) {
         self.cable_in = true;
+    }
+
+    fn write_past_driver(&mut self, message: &[u8]) -> Result<(), OpenError> {
+        let port = self.past_driver.as_mut().ok_or("the device was not opened")?;
+        Ok(io::Write::write_all(port, message)?)
     }
 
     fn inject(&mut self, fault: HardwareFault) -> bool {

@@ -7,12 +7,12 @@
 mod buttons;
 pub mod capstan;
 pub mod falcon;
+pub mod fence;
 pub mod hand;
 pub mod impedance;
 pub mod link;
 pub mod motors_off;
 pub mod mouse;
-#[cfg(unix)]
 pub mod nonblocking_port;
 pub mod palpation;
 mod pending;
@@ -29,6 +29,7 @@ mod wrapper;
 pub use wrapper::DeviceWrapper;
 
 use core::fmt;
+use fence::{Fence, GuardPath};
 use palpate_core::{Sample, Vec3};
 use palpate_link::DeviceFault;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,12 +44,16 @@ pub enum DeviceErrorKind {
     BadFrame,
     /// The device or its port is disconnected: open it again.
     Disconnected,
-    /// Not permitted, or in use by another process.
+    /// Not permitted.
     Denied,
+    /// In use by another program.
+    InUse,
     /// Not a device of this kind, or a setting that it does not support.
     Unsupported,
     /// The device has latched a fault: it renders no force before [`Device::reset`].
     Faulted(DeviceFault),
+    /// The guard of the device has ended: nothing would zero the force if this process were lost.
+    GuardLost,
     /// Any other error of the operating system.
     Io,
 }
@@ -65,13 +70,15 @@ impl DeviceErrorKind {
             Self::Timeout => "no reply in time",
             Self::BadFrame => "a damaged frame",
             Self::Disconnected => "the device is disconnected",
-            Self::Denied => "not permitted or in use",
+            Self::Denied => "not permitted",
+            Self::InUse => "in use by another program",
             Self::Unsupported => "not supported by this device",
             Self::Faulted(DeviceFault::Watchdog) => "the device has latched `watchdog`",
             Self::Faulted(DeviceFault::Clock) => "the device has latched `clock`",
             Self::Faulted(DeviceFault::Overspeed) => "the device has latched `overspeed`",
             Self::Faulted(DeviceFault::HomeLost) => "the device has latched `home-lost`",
             Self::Faulted(DeviceFault::Hardware) => "the device has latched `hardware`",
+            Self::GuardLost => "the guard process has ended",
             Self::Io => "input/output error",
         }
     }
@@ -89,11 +96,6 @@ impl DeviceError {
     #[must_use]
     pub const fn new(kind: DeviceErrorKind) -> Self {
         Self { kind, os_code: None }
-    }
-
-    /// An error with its OS code, if there is one.
-    pub(crate) const fn with_os_code(kind: DeviceErrorKind, os_code: Option<i32>) -> Self {
-        Self { kind, os_code }
     }
 
     /// The kind, for the decision of the caller.
@@ -119,7 +121,8 @@ impl From<std::io::Error> for DeviceError {
             | ErrorKind::UnexpectedEof
             | ErrorKind::NotConnected
             | ErrorKind::ConnectionAborted => DeviceErrorKind::Disconnected,
-            ErrorKind::PermissionDenied | ErrorKind::ResourceBusy => DeviceErrorKind::Denied,
+            ErrorKind::PermissionDenied => DeviceErrorKind::Denied,
+            ErrorKind::ResourceBusy => DeviceErrorKind::InUse,
             ErrorKind::Unsupported | ErrorKind::InvalidInput => DeviceErrorKind::Unsupported,
             // A tty reports EIO or ENXIO after its cable was pulled.
             _ if matches!(error.raw_os_error(), Some(5 | 6 | 19)) => DeviceErrorKind::Disconnected,
@@ -212,14 +215,22 @@ pub trait Device: Send {
         DeviceState::Homed
     }
 
-    /// A second path to the motors, for the watchdog. The session requests it once, before the loop begins.
-    ///
-    /// `None` for a device without motors, and for one that cannot be reached while an exchange hangs.
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        None
+    /// Waits until the user has homed the device, or until `stop`; true if it is homed. It may block: it runs
+    /// before the loop, whose clock starts at zero again.
+    fn home(&mut self, _stop: &AtomicBool) -> Result<bool, DeviceError> {
+        Ok(self.state() == DeviceState::Homed)
     }
 
-    /// Whether something other than the loop (a supervisor, the device itself) has zeroed the force since the
+    /// A path by which a guard zeroes the force past this driver, while an exchange hangs or this process is
+    /// stopped. The driver puts the message of its device into the fence and from now on sends no force while
+    /// the fence is closed. Called once, before the loop.
+    ///
+    /// `None` for a device without motors, and for one in memory that no other process can reach.
+    fn guard_path(&mut self, _fence: &Fence) -> std::io::Result<Option<GuardPath>> {
+        Ok(None)
+    }
+
+    /// Whether something other than the loop (the guard, the device itself) has zeroed the force since the
     /// last call and ignores forces before [`Device::reset`]. Called after every exchange.
     fn was_zeroed(&mut self) -> bool {
         false
@@ -227,12 +238,6 @@ pub trait Device: Send {
 
     /// Clears such a latch: after the user's reset, or while the controller is disarmed.
     fn reset(&mut self) {}
-}
-
-/// Zeroes the force from another thread, independently of the thread that exchanges.
-pub trait EmergencyStop: Send {
-    /// Sends zero force immediately, without waiting for the device or its owner.
-    fn zero(&mut self) -> Result<(), DeviceError>;
 }
 
 /// Pause between two exchanges during homing.
@@ -264,7 +269,7 @@ mod tests {
         for (code, kind) in [
             (5, DeviceErrorKind::Disconnected),
             (13, DeviceErrorKind::Denied),
-            (16, DeviceErrorKind::Denied),
+            (16, DeviceErrorKind::InUse),
             (19, DeviceErrorKind::Disconnected),
             (28, DeviceErrorKind::Io),
         ] {

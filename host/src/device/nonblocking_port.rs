@@ -5,15 +5,18 @@
 //! were measured, in a thread with SCHED_FIFO. write(2) itself does not wait for that worker, and on a
 //! non-blocking port it does not wait for room either.
 
+use crate::device::serial::Port;
+use crate::sys;
 use serialport::{
     ClearBuffer, DataBits, FlowControl, Parity, Result, SerialPort, SerialPortBuilder, StopBits, TTYPort,
 };
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::fd::OwnedFd;
 use std::time::Duration;
 
-/// The port, and a second file handle for writing.
+/// The port, and its descriptor for writing. The port is opened once, and stays locked (TIOCEXCL and flock) until
+/// the last duplicate of the descriptor is closed.
 #[derive(Debug)]
 pub struct NonBlockingPort {
     port: TTYPort,
@@ -26,14 +29,17 @@ impl NonBlockingPort {
         Self::from_port(builder.open_native()?)
     }
 
-    /// Wraps an open port. The second handle is opened by the port's name.
-    pub fn from_port(mut port: TTYPort) -> Result<Self> {
-        let name = port.name().ok_or_else(|| io::Error::from(ErrorKind::NotFound))?;
-        port.set_exclusive(false)?;
-        let flags = nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY;
-        let out = OpenOptions::new().read(true).write(true).custom_flags(flags).open(name)?;
-        port.set_exclusive(true)?;
+    /// Wraps an open port. Its reads wait for data before they read, so they do not mind that it no longer
+    /// blocks.
+    pub fn from_port(port: TTYPort) -> Result<Self> {
+        let out = File::from(sys::duplicate_non_blocking(&port)?);
         Ok(Self { port, out })
+    }
+}
+
+impl Port for NonBlockingPort {
+    fn duplicate(&self) -> io::Result<Option<OwnedFd>> {
+        self.out.try_clone().map(|file| Some(file.into()))
     }
 }
 

@@ -13,18 +13,17 @@
 //! The device is a Teensy on USB CDC, so the baud rate has no effect.
 
 use super::buttons::ButtonDebouncer;
+use super::fence::{Fence, GuardPath, Wire};
 use super::pending::Pending;
 use super::position_check::{PositionCheck, Verdict};
 use super::profile::DEFAULT_CAP_N_M;
-use super::serial::{MAX_READS, from_serial, open, read_waiting};
+use super::serial::{MAX_READS, Port, from_serial, open, read_waiting};
 use super::workspace::Workspace;
-use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
+use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use palpate_core::{Sample, Vec3, clamp_force};
 use palpate_link::DeviceFault;
-use serialport::{ClearBuffer, SerialPort};
+use serialport::ClearBuffer;
 use std::io::{Read, Write};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Length of a line in both directions, newline included.
@@ -64,7 +63,7 @@ impl Default for PolhemConfig {
 
 /// The device behind an open port.
 pub struct Polhem {
-    port: Box<dyn SerialPort>,
+    port: Box<dyn Port>,
     config: PolhemConfig,
     /// Bytes of an incomplete line.
     line: LineBuffer,
@@ -75,25 +74,9 @@ pub struct Polhem {
     has_lost_reference: bool,
     /// Whether the last request carried a force.
     rendering: bool,
-    /// Whether the second handle has sent a request on this line.
-    disturbed: Arc<AtomicBool>,
-}
-
-/// A second handle of the same port. The kernel does not interleave two writes of the length of a line.
-struct SecondHandle {
-    port: Box<dyn SerialPort>,
-    disturbed: Arc<AtomicBool>,
-}
-
-impl EmergencyStop for SecondHandle {
-    fn zero(&mut self) -> Result<(), DeviceError> {
-        self.disturbed.store(true, Ordering::Release);
-        let zero = request([0.0; 3], 0.0);
-        // Send it twice: if the loop hangs in the middle of a line, the first one only resynchronises the
-        // device.
-        let first = self.port.write_all(&zero);
-        self.port.write_all(&zero).and(first).map_err(DeviceError::from)
-    }
+    fence: Fence,
+    /// Requests of the guard on this line that are accounted for.
+    seen_zeros: u64,
 }
 
 /// Result of reading the port.
@@ -114,12 +97,12 @@ impl core::fmt::Debug for Polhem {
 impl Polhem {
     /// Opens a port by its name and wakes the device.
     pub fn open(path: &str, config: PolhemConfig) -> Result<Self, DeviceError> {
-        let port = open(serialport::new(path, 115_200))?;
+        let port = open(path, 115_200)?;
         Self::with_port(port, config)
     }
 
     /// Wakes the device behind an open port and commands zero force. Blocks for at most the wake timeout.
-    pub fn with_port(mut port: Box<dyn SerialPort>, config: PolhemConfig) -> Result<Self, DeviceError> {
+    pub fn with_port(mut port: Box<dyn Port>, config: PolhemConfig) -> Result<Self, DeviceError> {
         port.set_timeout(WAKE_PAUSE).map_err(from_serial)?;
         let mut device = Self {
             port,
@@ -130,7 +113,8 @@ impl Polhem {
             buttons: ButtonDebouncer::default(),
             has_lost_reference: false,
             rendering: false,
-            disturbed: Arc::default(),
+            fence: Fence::default(),
+            seen_zeros: 0,
         };
         device.wake()?;
         // From here on a write that does not complete immediately is a fault of the link.
@@ -167,6 +151,8 @@ impl Polhem {
         // Clamp the vector: three axes at the limit would be 1.7 times as much. A value that is not finite
         // gives zero.
         let (device_n, _) = clamp_force(device_n, self.config.max_force_n);
+        // The last look before the write: this process may have been stopped since the tick began.
+        let device_n = if self.fence.is_closed() { [0.0; 3] } else { device_n };
         let request = request(device_n, self.config.max_force_n);
         let sent = self.port.write_all(&request).map_err(DeviceError::from);
         // A failed send may have transmitted a force, so the flag stays set.
@@ -225,8 +211,8 @@ impl Polhem {
             _ => Ok(None),
         };
         let hand_force_n = if self.has_lost_reference { [0.0; 3] } else { hand_force_n };
-        if self.disturbed.swap(false, Ordering::Acquire) {
-            // The replies to its requests must not be assigned to ours: wait for silence.
+        if core::mem::replace(&mut self.seen_zeros, self.fence.zeros()) != self.seen_zeros {
+            // The replies to the guard's requests must not be assigned to ours: wait for silence.
             self.pending.pause(now_us);
         }
         if self.pending.ends_pause(now_us) {
@@ -291,9 +277,12 @@ impl Device for Polhem {
         if self.has_lost_reference { DeviceState::Unhomed } else { DeviceState::Homed }
     }
 
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        let port = self.port.try_clone().ok()?;
-        Some(Box::new(SecondHandle { port, disturbed: Arc::clone(&self.disturbed) }))
+    fn guard_path(&mut self, fence: &Fence) -> std::io::Result<Option<GuardPath>> {
+        // Twice: in the middle of a line the first one only resynchronises the device. The kernel does not
+        // interleave two writes of this length.
+        fence.set_zero_message([request([0.0; 3], 0.0); 2].as_flattened());
+        (self.fence, self.seen_zeros) = (fence.clone(), fence.zeros());
+        Ok(self.port.duplicate()?.map(|fd| GuardPath { fd, wire: Wire::Stream }))
     }
 }
 

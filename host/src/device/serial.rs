@@ -1,9 +1,11 @@
 //! Functions shared by the serial drivers: conversion of errors, and the latency timer of an adapter.
 
+use super::nonblocking_port::NonBlockingPort;
 use super::{DeviceError, DeviceErrorKind};
 use core::fmt;
 use serialport::SerialPort;
 use std::io;
+use std::os::fd::OwnedFd;
 use std::path::Path;
 
 /// Converts an error of the crate.
@@ -16,14 +18,24 @@ pub(super) fn from_serial(error: serialport::Error) -> DeviceError {
     }
 }
 
-/// Opens a port with non-blocking writes, where the system supports it.
-pub(super) fn open(builder: serialport::SerialPortBuilder) -> Result<Box<dyn SerialPort>, DeviceError> {
-    #[cfg(unix)]
-    let port = super::nonblocking_port::NonBlockingPort::open(builder)
-        .map(|port| Box::new(port) as Box<dyn SerialPort>);
-    #[cfg(not(unix))]
-    let port = builder.open();
-    port.map_err(from_serial)
+/// A serial port that a guard can share.
+pub trait Port: SerialPort {
+    /// A duplicate of the open descriptor whose writes do not block; `None` for a port without one.
+    fn duplicate(&self) -> io::Result<Option<OwnedFd>> {
+        Ok(None)
+    }
+}
+
+/// Opens a port with non-blocking writes.
+pub(super) fn open(path: &str, baud: u32) -> Result<Box<dyn Port>, DeviceError> {
+    match NonBlockingPort::open(serialport::new(path, baud)) {
+        Ok(port) => Ok(Box::new(port)),
+        // The crate reports a locked port as one that is not there.
+        Err(error) if error.kind() == serialport::ErrorKind::NoDevice && Path::new(path).exists() => {
+            Err(DeviceError::new(DeviceErrorKind::InUse))
+        }
+        Err(error) => Err(from_serial(error)),
+    }
 }
 
 /// Reads of a port per exchange: a device that sends continuously must not delay the tick.

@@ -1,14 +1,16 @@
 //! Wrappers of a device: they change part of its behaviour and delegate the rest.
 
-use super::{Device, DeviceError, DeviceInfo, DeviceState, EmergencyStop};
+use super::fence::{Fence, GuardPath};
+use super::{Device, DeviceError, DeviceInfo, DeviceState};
+use core::sync::atomic::AtomicBool;
 use palpate_core::{Sample, Vec3};
 
 /// A wrapper of a [`Device`]. It implements [`Device`]: its own methods override three functions and all
 /// others go to the inner device.
 ///
 /// A wrapper that implemented [`Device`] itself could omit a function and fall back to the trait's default,
-/// so a fault latched by the inner device would be lost. Here stop, emergency stop, latch and reset always go
-/// to the inner device.
+/// so a fault latched by the inner device would be lost. Here stop, homing, guard path, latch and reset always
+/// go to the inner device.
 pub trait DeviceWrapper: Send {
     /// The inner device.
     type Inner: Device + ?Sized;
@@ -52,8 +54,12 @@ impl<A: DeviceWrapper> Device for A {
         self.wrapped_state()
     }
 
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        self.inner_mut().emergency_stop()
+    fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
+        self.inner_mut().home(stop)
+    }
+
+    fn guard_path(&mut self, fence: &Fence) -> std::io::Result<Option<GuardPath>> {
+        self.inner_mut().guard_path(fence)
     }
 
     fn was_zeroed(&mut self) -> bool {

@@ -12,7 +12,6 @@ use super::histogram::TickTimes;
 use super::latency::LatencyRecorder;
 use super::periodic::{PeriodicEnd, PeriodicTask, run_periodic};
 use super::record::{Applied, TickRecord};
-use super::watchdog::Heartbeat;
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -102,11 +101,8 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits
     dropped_records: u64,
     device_errors: u64,
     last_device_error: Option<DeviceError>,
-    heartbeat: Option<&'l Heartbeat>,
     /// Flag of the session's caller that ends the loop.
     stop: Option<&'l AtomicBool>,
-    /// Number of watchdog firings that this loop has turned into a fault.
-    answered_firings: u64,
 }
 
 impl<D: Device, C: Clock, const N: usize> PeriodicTask for HapticLoop<'_, '_, '_, D, C, N> {
@@ -189,17 +185,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             dropped_records: 0,
             device_errors: 0,
             last_device_error: None,
-            heartbeat: None,
             stop: None,
-            answered_firings: 0,
         }
-    }
-
-    /// Sets the heartbeat for a watchdog. The watchdog's time limit must be at least `stale_fault_us`.
-    #[must_use]
-    pub const fn with_heartbeat(mut self, heartbeat: &'l Heartbeat) -> Self {
-        self.heartbeat = Some(heartbeat);
-        self
     }
 
     /// Sets the force that compensates the weight of the handle while the controller is active, model frame,
@@ -219,18 +206,6 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     pub const fn with_stop_flag(mut self, stop: &'l AtomicBool) -> Self {
         self.stop = Some(stop);
         self
-    }
-
-    /// The heartbeat that the watchdog reads.
-    pub(super) const fn heartbeat(&self) -> Option<&'l Heartbeat> {
-        self.heartbeat
-    }
-
-    /// Sends a heartbeat; true if the watchdog has zeroed the device since the last tick.
-    fn was_zeroed(&mut self) -> bool {
-        let Some(heartbeat) = self.heartbeat else { return false };
-        let fired = heartbeat.beat(self.ticks + 1);
-        core::mem::replace(&mut self.answered_firings, fired) != fired
     }
 
     /// The instructions that evaluate the force.
@@ -291,10 +266,6 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     pub fn tick(&mut self, index: u64, origin_ns: u64, deadline_ns: u64) -> Result<(), DeviceError> {
         let start_ns = self.clock.now_ns();
         let now_us = start_ns.saturating_sub(origin_ns) / 1_000;
-        let was_zeroed = self.was_zeroed();
-        if was_zeroed {
-            self.sent_force_n = vec3::ZERO;
-        }
         let sample = match self.device.0.exchange(now_us, self.sent_force_n) {
             Ok(sample) => sample,
             Err(error) => {
@@ -312,7 +283,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         if !ready {
             self.state.trip(Fault::NotReady);
         }
-        let was_zeroed = self.device.0.was_zeroed() || was_zeroed;
+        let was_zeroed = self.device.0.was_zeroed();
         let applied = self.controls.apply(&mut self.state, ready, was_zeroed);
         // While disarmed the device's zero latch is cleared without a reset by the user: no force returns
         // before arming.

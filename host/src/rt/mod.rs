@@ -10,7 +10,6 @@ pub mod periodic;
 pub mod record;
 pub mod state;
 pub mod thread;
-pub mod watchdog;
 
 pub use clock::{Clock, MonotonicClock, VirtualClock};
 pub use config::LoopConfig;
@@ -21,4 +20,3 @@ pub use latency::{LatencyRecorder, LatencyReport, Miss, Percentiles};
 pub use periodic::{PeriodicEnd, PeriodicTask, run_periodic};
 pub use record::{Applied, TickRecord};
 pub use state::SessionState;
-pub use watchdog::{Heartbeat, Watchdog};

@@ -2,7 +2,6 @@
 
 use super::clock::Clock;
 use super::haptic_loop::{HapticLoop, LoopOutcome};
-use super::watchdog::EndOnDrop;
 use crate::device::Device;
 use crate::sys::{self, RtReport, RtRequest};
 use core::sync::atomic::AtomicBool;
@@ -13,7 +12,7 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 /// Starts the loop on its own thread inside a scope, so organ and flags need to outlive only the scope.
 ///
 /// `granted` is set to what the operating system granted before the first tick. A panic in the loop unwinds:
-/// it stops the device, ends the heartbeat, and reaches the caller through the handle.
+/// it stops the device and reaches the caller through the handle.
 pub fn spawn<'scope, D, C, const N: usize>(
     scope: &'scope Scope<'scope, '_>,
     haptic: HapticLoop<'scope, 'scope, 'scope, D, C, N>,
@@ -27,7 +26,6 @@ where
     C: Clock + Send + 'scope,
 {
     Builder::new().name("palpate-haptic".into()).spawn_scoped(scope, move || {
-        let _end = EndOnDrop(haptic.heartbeat());
         let (report, _memory_lock) = sys::enter_real_time(&request);
         // The cell is set once: with the same cell a second thread does not change it.
         let _ = granted.set(report);

@@ -3,7 +3,6 @@
 use super::{Outcome, Policy};
 use nix::errno::Errno;
 use nix::libc;
-use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
 use nix::sys::resource::{Resource, getrlimit};
@@ -11,8 +10,6 @@ use nix::time::{ClockId, ClockNanosleepFlags, clock_getres, clock_gettime, clock
 use nix::unistd::Pid;
 use std::fs::File;
 use std::io::Write;
-use std::os::fd::BorrowedFd;
-use std::time::Duration;
 
 const CALLING_THREAD: Pid = Pid::from_raw(0);
 
@@ -153,14 +150,4 @@ pub fn sleep_until_ns(deadline_ns: u64) {
     while let Err(Errno::EINTR) =
         clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &request)
     {}
-}
-
-/// Waits for data, or an error, for at most `timeout`; false if there was neither.
-///
-/// It uses a high-resolution timer: a read timeout of a socket is rounded up to kernel ticks of 4 ms.
-#[must_use]
-pub fn wait_readable(fd: BorrowedFd<'_>, timeout: Duration) -> bool {
-    let mut fds = [PollFd::new(fd, PollFlags::POLLIN)];
-    // An interruption counts as readable: the caller checks and waits again.
-    ppoll(&mut fds, Some(timeout.into()), None) != Ok(0)
 }

@@ -1,8 +1,9 @@
-//! Real-time requests of the haptic thread to the operating system: locked memory, SCHED_FIFO, affinity,
-//! timer slack, CPUs kept awake, absolute sleep.
+//! System calls. Real-time requests of the haptic thread: locked memory, SCHED_FIFO, affinity, timer slack, CPUs
+//! kept awake, absolute sleep. For the guard: shared memory, descriptors of processes and USB devices.
 //!
-//! This is the only module of the crate that may contain `unsafe`. Every request is best effort: without it
-//! the loop runs with more latency and jitter. So each outcome is reported instead of becoming an error.
+//! This is the only module of the crate that may contain `unsafe`. Every real-time request is best effort:
+//! without it the loop runs with more latency and jitter. So each outcome is reported instead of becoming an
+//! error.
 #![allow(unsafe_code)]
 
 use core::fmt;
@@ -194,14 +195,17 @@ impl Drop for Held {
     }
 }
 
-pub use platform::{allowed_cpus, monotonic_ns, sleep_until_ns, timer_resolution_ns, wait_readable};
+mod linux;
+mod process;
+mod shared;
+pub mod usb;
 
-#[cfg(target_os = "linux")]
-#[path = "linux.rs"]
-mod platform;
-#[cfg(not(target_os = "linux"))]
-#[path = "other.rs"]
-mod platform;
+use linux as platform;
+pub use linux::{allowed_cpus, monotonic_ns, sleep_until_ns, timer_resolution_ns};
+pub use process::{
+    FDS, duplicate_non_blocking, pidfd, receive_fds, send_fds, wait_any, wait_readable, write,
+};
+pub use shared::SharedWords;
 
 #[cfg(test)]
 mod tests {

@@ -9,7 +9,6 @@ use palpate_core::{Method, Organ};
 use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_precompute::certificate::Certificate;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::pack::{PackOptions, Packed};
@@ -306,7 +305,6 @@ fn palpate(
         profile: None,
         rate_hz: None,
         timing: Timing::default(),
-        watchdog_ms: DEFAULT_LIMIT_MS,
         gif: None,
         mouse: None,
     };

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use clap::Args as ClapArgs;
 use palpate_host::doctor::{Check, Measurement, Probe, SystemInfo, Verdict, examine, loop_cpu, measure};
+use palpate_host::guard::{DEFAULT_LIMIT_MS, GuardOptions};
 use palpate_host::rt::LatencyReport;
-use palpate_host::supervisor::{DEFAULT_LIMIT_MS, StartError};
-use palpate_host::sys::{self, Policy, RtRequest};
+use palpate_host::sys::Policy;
 use serde_json::json;
 
 use crate::failure::Failure;
@@ -19,7 +19,7 @@ use crate::{hardware, output};
 
 /// Check this PC for 1 kHz operation and print the fixes.
 ///
-/// Checks kernel, rights, CPUs and ports in order of importance, starts a supervisor without a device, and
+/// Checks kernel, rights, CPUs and ports in order of importance, starts a guard without a device, and
 /// measures the wake-up lateness with the rights of this user. It changes nothing. Exit code 1 only if 1 kHz
 /// is not possible: a measured p99 of the lateness above 1 ms.
 #[derive(Debug, ClapArgs)]
@@ -58,7 +58,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     // Checked first, so that the load is that before the measurement.
     let mut checks = if args.measure.is_none() { examine(&probe, cpu, priority) } else { Vec::new() };
     if args.measure.is_none() {
-        checks.push(supervisor(hardware::try_supervisor(), hardware::above(request.fifo_priority)));
+        let fifo_priority = hardware::above(request.fifo_priority);
+        let options =
+            GuardOptions { limit_ms: DEFAULT_LIMIT_MS, fifo_priority, locks_memory: request.lock_memory };
+        checks.push(guard(hardware::try_guard(options), fifo_priority));
     }
     let measured = if seconds > 0.0 {
         let stop = stop_flag()?;
@@ -89,31 +92,26 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// Whether a supervisor can zero the device of a session.
-fn supervisor(started: Result<Duration, StartError>, fifo_priority: Option<i32>) -> Check {
+/// Whether a guard can zero the device of a session.
+fn guard(started: std::io::Result<(Duration, Policy)>, fifo_priority: Option<i32>) -> Check {
     let check = |verdict, found, fix: &[&str]| Check {
-        name: "supervisor",
+        name: "guard",
         verdict,
         found,
         fix: fix.iter().map(ToString::to_string).collect(),
     };
-    let started = match started {
+    let (started, policy) = match started {
         Ok(started) => started,
         Err(error) => {
             let fix = [
-                "if a session is killed, a real device keeps its last force:",
+                "without it no real device is driven, because a killed session would leave the last force on:",
                 "run palpate from a file that this user may read and execute, and permit one more process (ulimit -u)",
             ];
             return check(Verdict::Bad, error.to_string(), &fix);
         }
     };
-    // On a separate thread, because the granted priority must not remain on this one.
-    let request = RtRequest { fifo_priority, ..RtRequest::none() };
-    let policy = std::thread::spawn(move || sys::enter_real_time(&request).0.policy).join();
-    let policy = policy.unwrap_or(Policy::Other);
     let found = format!(
-        "starts within {} ms, as a separate process with {policy}; communicates over a socket pair, which has no path and which no other process \
-         can open. Zeros the force of a polhem or a falcon after {DEFAULT_LIMIT_MS} ms without an order",
+        "starts within {} ms with {policy}; zeroes a real device {DEFAULT_LIMIT_MS} ms after the last tick",
         started.as_millis()
     );
     match (policy, fifo_priority) {
@@ -177,12 +175,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_supervisor_that_does_not_start_is_bad_and_says_what_is_at_stake() {
-        let bad = supervisor(Err(StartError::Ended), Some(51));
-        assert_eq!((bad.name, bad.verdict), ("supervisor", Verdict::Bad));
-        assert!(bad.found.contains("exited immediately") && bad.fix[0].contains("last force"), "{bad}");
-        let plain = supervisor(Ok(Duration::from_millis(7)), None);
-        assert_eq!(plain.verdict, Verdict::Good, "a request without options is granted in full");
+    fn a_guard_that_does_not_start_is_bad_and_says_what_is_at_stake() {
+        let bad = guard(Err(std::io::ErrorKind::UnexpectedEof.into()), Some(51));
+        assert_eq!((bad.name, bad.verdict), ("guard", Verdict::Bad));
+        assert!(bad.fix[0].contains("last force"), "{bad}");
+        let started = |policy| Ok((Duration::from_millis(7), policy));
+        assert_eq!(guard(started(Policy::Other), Some(51)).verdict, Verdict::Better);
+        let plain = guard(started(Policy::Other), None);
+        assert_eq!(plain.verdict, Verdict::Good, "nothing more was requested");
         assert!(plain.found.contains("within 7 ms") && plain.found.contains("SCHED_OTHER"), "{plain}");
     }
 }

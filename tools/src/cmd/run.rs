@@ -14,19 +14,19 @@ use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::guard::{DEFAULT_LIMIT_MS, GuardOptions};
 use palpate_host::replay::ReplayError;
 use palpate_host::rt::Miss;
-use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
-use palpate_host::supervisor;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
 use serde_json::json;
 
 use super::inspect::certificate;
 use super::pack::method;
+use crate::device_spec::DeviceSpec;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
-use crate::hardware::{self, Hardware, Holding};
+use crate::hardware;
 use crate::interrupt::stop_flag;
 use crate::resident::Resident;
 use crate::timing::Timing;
@@ -38,8 +38,8 @@ use palpate_precompute::certificate::Verdict;
 /// Without a display (or with --headless) PNG frames are written instead of a window. The device's button or
 /// the window's key arms a real device; a start does not. Ctrl-C ends the session with zero force.
 ///
-/// A supervisor, a separate process, holds a real device and zeros the force if this process ends, stops or
-/// hangs.
+/// A guard, a separate process, zeroes the force of a real device if this process ends, stops or hangs; this
+/// process zeroes it and ends if the guard does.
 ///
 /// --record writes every tick to an MCAP file. --device replay:FILE.mcap runs the loop over such a file
 /// again, on the same blob, and compares every force: exit code 1 if one differs in a bit. With --method it
@@ -56,7 +56,7 @@ pub(crate) struct Args {
     /// falcon:FIRMWARE (Novint Falcon on USB, with its firmware file for when it is silent), link:PORT or
     /// link:PORT@BAUD (a controller that speaks the device link), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
-    device: String,
+    device: DeviceSpec,
     /// Capabilities of the device: a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem,
     /// premium-1.5, sigma.7, simulated, touch) or a file that ends in .toml. With sim that device's mechanics
     /// are simulated; polhem:PORT, falcon and link:PORT have their own
@@ -78,7 +78,8 @@ pub(crate) struct Args {
     /// With --headless: an animated GIF instead of PNG frames; the file must not exist yet
     #[arg(long, value_name = "FILE.gif", requires = "headless")]
     gif: Option<PathBuf>,
-    /// Run a blob without a certificate: its error against finite elements is unknown
+    /// Run a blob without a certificate: its error against finite elements is unknown. A red blob never drives
+    /// motors
     #[arg(long)]
     uncertified: bool,
     /// Record every tick to this file (MCAP), which must not exist yet
@@ -96,20 +97,13 @@ pub(crate) struct Args {
     histograms: Option<PathBuf>,
     #[command(flatten)]
     timing: Timing,
-    /// Standstill of the loop after which the watchdog zeros the force itself, ms; not below the 10 ms at
-    /// which a sample is stale
-    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS)]
-    watchdog_ms: u32,
     /// Print only the summary, as one JSON object, on standard output
     #[arg(long)]
     json: bool,
-    /// Silence of this process after which the supervisor of a real device zeros the force, ms
-    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = supervisor::DEFAULT_LIMIT_MS,
+    /// Time without a tick after which the guard of a real device zeroes the force, ms
+    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS,
           value_parser = clap::value_parser!(u32).range(3..=20))]
-    supervisor_ms: u32,
-    /// Hold a real device in this process: if it is killed or stopped, the motors keep their last force
-    #[arg(long)]
-    no_supervisor: bool,
+    guard_ms: u32,
     /// Send no force to the device: positions are read and forces computed, recorded and shown (five times a
     /// second on standard error). For the first power-up of a real device: docs/devices.md
     #[arg(long)]
@@ -177,60 +171,42 @@ fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Fa
 }
 
 impl Args {
-    /// How a device with motors is opened.
-    fn holding(&self) -> Holding<'_> {
-        Holding {
-            device: &self.device,
-            profile_name: self.profile.as_deref(),
-            loop_priority: self.timing.request().fifo_priority,
-            supervisor_ms: (!self.no_supervisor).then_some(self.supervisor_ms),
+    /// How the guard of a device with motors is started.
+    fn guard(&self) -> GuardOptions {
+        let request = self.timing.request();
+        GuardOptions {
+            limit_ms: self.guard_ms,
+            fifo_priority: hardware::above(request.fifo_priority),
+            locks_memory: request.lock_memory,
         }
     }
 }
 
-/// The named profile, or that of the device, with the delay of its supervisor.
+/// The named profile, or that of the device, at the period of this session.
 fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
     let profile = hardware::profile(&args.device, args.profile.as_deref())?;
     // The stiffness cap depends on the actual period.
-    let mut profile = profile.map(|profile| match args.timing.period_us {
+    Ok(profile.map(|profile| match args.timing.period_us {
         Some(period_us) => profile.at_period(period_us),
         None => profile,
-    });
-    let is_supervised = Hardware::named(&args.device).is_some_and(Hardware::needs_supervisor);
-    if let (Some(profile), true, false) = (&mut profile, is_supervised, args.no_supervisor) {
-        // The supervisor delivers a sample one tick later.
-        profile.position_delay_us += profile.period_us();
-    }
-    Ok(profile)
+    }))
 }
 
+/// Opens the simulated hand or the hardware. Mouse and replay are opened elsewhere.
 fn open_device(
     args: &Args,
     organ: &Organ<'_>,
     profile: Option<&Profile>,
     stop: &AtomicBool,
 ) -> Result<hardware::Held, Failure> {
-    let name = args.device.as_str();
-    if let (Some(hardware), Some(profile)) = (Hardware::named(name), profile) {
-        return hardware::open(hardware, args.holding(), profile, stop);
+    if let (Some(hardware), Some(profile)) = (args.device.hardware(), profile) {
+        return hardware::open(hardware, profile, args.guard(), stop);
     }
-    let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
-    match (kind, rest) {
-        ("sim", rest) => {
-            let seed = rest.map(|rest| rest.strip_prefix("random:").and_then(|seed| seed.parse().ok()));
-            if seed == Some(None) {
-                return Err(Failure::input(format!(
-                    "no device `{name}`; give sim, or sim:random:SEED with a whole number"
-                )));
-            }
-            let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::for_profile);
-            config.random = seed.flatten().map(RandomConfig::new);
-            Ok((Box::new(SimulatedHand::new(organ, config)), None))
-        }
-        _ => Err(Failure::input(format!(
-            "no device `{name}`; choose sim, sim:random:SEED, mouse, polhem:PORT, falcon[:FIRMWARE], link:PORT[@BAUD] or replay:FILE.mcap"
-        ))),
+    let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::for_profile);
+    if let DeviceSpec::Simulated { seed: Some(seed) } = args.device {
+        config.random = Some(RandomConfig::new(seed));
     }
+    Ok((Box::new(SimulatedHand::new(organ, config)), None))
 }
 
 /// Without --method: the most accurate method with a cost independent of the grid, its fit, then the others.
@@ -276,8 +252,7 @@ impl Outputs {
         let mut files = Files::new(args.replace);
         files.read(&args.blob);
         args.more.iter().for_each(|blob| files.read(blob));
-        let device = args.device.strip_prefix("replay:").or_else(|| args.device.strip_prefix("falcon:"));
-        device.iter().for_each(|path| files.read(Path::new(path)));
+        args.device.file().iter().for_each(|path| files.read(path));
         args.profile.iter().for_each(|name| files.read(Path::new(name)));
         Files::not_a_file("--pictures", &args.pictures)?;
         Ok(Self {
@@ -303,8 +278,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let organs = each().map(|(path, file)| blob::organ(path, file)).collect::<Result<Vec<_>, _>>()?;
     let organs: Vec<&Organ<'_>> = organs.iter().collect();
     let blob_blake3: Vec<String> = files.iter().map(BlobFile::blake3).collect();
-    if let Some(recording) = args.device.strip_prefix("replay:") {
-        return run_replay(args, &outputs, &organs, &blob_blake3, Path::new(recording));
+    if let DeviceSpec::Replay { file } = &args.device {
+        return run_replay(args, &outputs, &organs, &blob_blake3, file);
     }
     let method = args.method.or_else(|| preferred(&organs)).ok_or_else(|| {
         Failure::input(format!(
@@ -313,10 +288,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             if organs.len() > 1 { " and those of the other blobs" } else { "" }
         ))
     })?;
-    if !args.uncertified {
-        for (path, organ) in paths.iter().zip(&organs) {
-            check_certificate(path, organ, method, Hardware::named(&args.device).is_some())?;
-        }
+    for (path, organ) in paths.iter().zip(&organs) {
+        check_certificate(path, organ, method, args)?;
     }
     if organs.iter().all(|organ| organ.spaces.iter().all(|space| space.displacement().is_none())) {
         eprintln!(
@@ -326,20 +299,20 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let record = outputs.record.as_ref().map(|file| touch::Record { file, blob_blake3: &blob_blake3 });
     let profile = profile(args)?;
     let stop = stop_flag()?;
-    let (handle, mut tool) = match args.device.as_str() {
-        "mouse" => open_mouse(args, organs[0]).map(|(handle, tool)| (Some(handle), Some(tool)))?,
+    let (handle, mut tool) = match args.device {
+        DeviceSpec::Mouse => open_mouse(args, organs[0]).map(|(handle, tool)| (Some(handle), Some(tool)))?,
         _ => (None, None),
     };
     let show =
         touch::Show { profile: profile.as_ref(), mouse: handle.as_ref(), ..show(args, &outputs, record) };
     let mut resident = Resident::start();
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
-    let mut supervision = None;
+    let mut guard = None;
     let open = || match tool.take() {
         Some(tool) => Ok(Box::new(tool) as Box<dyn Device>),
         None => {
-            let (device, supervisor) = open_device(args, organs[0], profile.as_ref(), &stop)?;
-            supervision = supervisor;
+            let (device, status) = open_device(args, organs[0], profile.as_ref(), &stop)?;
+            guard = status;
             Ok(if args.motors_off { Box::new(MotorsOff::new(device)) } else { device })
         }
     };
@@ -357,7 +330,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let figures = json!({
             "blobs": paths, "blob_bytes": bytes, "method": method.name(), "session": summary::session(&touched.summary),
             "profile": profile.as_ref().map(|profile| summary::profile(profile, &touched.summary.latency)),
-            "supervisor": supervision.as_ref().map(ToString::to_string), "start_s": ready.map(|ready| ready.as_secs_f64()), "memory_kb": resident.figures(),
+            "guard": guard.as_ref().map(ToString::to_string), "start_s": ready.map(|ready| ready.as_secs_f64()), "memory_kb": resident.figures(),
             "recording": args.record.as_ref().zip(touched.recording.as_ref()).map(|(path, report)| json!({
                 "file": path, "ticks": report.ticks, "dropped": report.dropped,
                 "error": report.error.as_ref().map(ToString::to_string),
@@ -366,14 +339,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         output::line(format!("{figures:#}"))?;
     }
     say(format!("method       {}\n{}", method.name(), touched.summary))?;
-    if let Some(hardware) = Hardware::named(&args.device) {
-        let none = if hardware.needs_supervisor() {
-            "none (--no-supervisor)"
-        } else {
-            "none: the device has its own watchdog"
-        };
-        let supervisor = supervision.as_ref().map_or_else(|| none.into(), |s| s.to_string());
-        say(format!("supervisor   {supervisor}"))?;
+    if let Some(guard) = &guard {
+        say(format!("guard        {guard}"))?;
     }
     if let Some(profile) = &profile {
         say(format!("profile      {}: {}", profile.name, profile.verdict(&touched.summary.latency)))?;
@@ -411,7 +378,6 @@ fn show<'a>(args: &'a Args, outputs: &'a Outputs, record: Option<touch::Record<'
         profile: None,
         rate_hz: args.frame_rate,
         timing: args.timing,
-        watchdog_ms: args.watchdog_ms,
         gif: outputs.gif.as_ref(),
         mouse: None,
     }
@@ -472,15 +438,14 @@ fn run_replay(
 }
 
 /// Refuses a blob without a certificate of this method, or whose certificate has no position away from branch
-/// jumps. With a real device it also refuses a blob of red numerical health.
-fn check_certificate(
-    path: &Path,
-    organ: &Organ<'_>,
-    method: Method,
-    has_motors: bool,
-) -> Result<(), Failure> {
+/// jumps, unless it may be uncertified. A blob of red numerical health never drives motors.
+fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method, args: &Args) -> Result<(), Failure> {
     let path_name = path.display();
+    let drives_motors = args.device.hardware().is_some() && !args.motors_off;
     let Some(certificate) = certificate::of(path, organ)? else {
+        if args.uncertified {
+            return Ok(());
+        }
         return Err(Failure::input(format!(
             "{path_name}: has no certificate, so the error of its forces is unknown; pack it without \
              --no-certificate, or run it with --uncertified"
@@ -488,7 +453,7 @@ fn check_certificate(
     };
     for space in &certificate.spaces {
         let measured = space.methods.iter().find(|m| m.method == method.name());
-        if measured.is_none_or(|m| m.uniform.count == 0) {
+        if measured.is_none_or(|m| m.uniform.count == 0) && !args.uncertified {
             return Err(Failure::input(format!(
                 "{path_name}: its certificate has no position of {} away from branch jumps for {}, so the error of its forces is unknown; pack it \
                  with --uniform 299, on a finer grid or a smaller radius, or run it with --uncertified",
@@ -499,8 +464,10 @@ fn check_certificate(
         let health = space.health.as_ref().filter(|health| health.verdict == Verdict::Red);
         if let Some(reason) = health.and_then(|health| health.reasons.first()) {
             let what = format!("{path_name}: {} is red: {}", space.active, reason.what);
-            if has_motors {
-                return Err(Failure::input(format!("{what}; or run it with --uncertified")));
+            if drives_motors {
+                return Err(Failure::input(format!(
+                    "{what}; a red blob drives no motors: pack a sound one, or look at it with --motors-off or --device sim"
+                )));
             }
             eprintln!("palpate: warning: {what}");
         }

@@ -1,5 +1,4 @@
-//! Kills and stops host processes in the guest while they render a force, and checks their supervisor on a
-//! real bus.
+//! Kills and stops host processes and their guards in the guest while they render a force, on a real bus.
 
 use crate::Outcome;
 use crate::line::Line;
@@ -10,6 +9,7 @@ use palpate_hil::bench::{BenchCommand, Report};
 use palpate_hil::hosts::{self, Host, happens_within, is_running};
 use palpate_hil::matrix::FaultKind;
 use palpate_host::device::falcon::{Falcon, FalconConfig, Image, UsbFtdi};
+use palpate_host::guard::guard_stdin;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 const FORCE_N: Vec3 = [0.0, 0.0, 1.5];
 /// Least force at the grip, N.
 const FELT_N: f32 = 1.0;
-/// Silence after which the supervisor sets zero force here, ms. It is longer than the product's limit,
+/// Time without a tick after which the guard sets zero force here, ms. It is longer than the product's limit,
 /// because the guest's clock is not real time and the virtual machine stops for longer than that limit.
 const LIMIT_MS: u32 = 250;
 /// How often to start a host until it renders a force.
@@ -29,15 +29,14 @@ const FIRMWARE_WORDS: u16 = 500;
 
 /// Main function of a host process.
 pub(crate) fn host() -> Outcome<()> {
-    hosts::host(this("supervise")?, LIMIT_MS, true, FORCE_N)
+    let image = Image::synthetic(FIRMWARE_WORDS);
+    let device = Falcon::open(FalconConfig::default(), Some(&image)).map_err(|error| error.to_string())?;
+    hosts::host(device, this("guard")?, LIMIT_MS, FORCE_N)
 }
 
-/// Main function of its supervisor.
-pub(crate) fn supervise() -> Outcome<()> {
-    let image = Image::synthetic(FIRMWARE_WORDS);
-    hosts::supervise(|| {
-        Falcon::open(FalconConfig::default(), Some(&image)).map_err(|error| error.to_string())
-    })
+/// Main function of its guard.
+pub(crate) fn guard() -> Outcome<()> {
+    guard_stdin().map(drop).map_err(|error| error.to_string())
 }
 
 fn this(word: &str) -> Outcome<Command> {
@@ -51,15 +50,20 @@ fn this(word: &str) -> Outcome<Command> {
 pub(crate) fn killed_hosts(line: &str) -> Outcome<()> {
     let start = Instant::now();
     let mut line = Line::open(line)?;
-    let all = [FaultKind::HostKilled, FaultKind::HostPaused];
+    let all = FaultKind::PROCESSES;
     let mut failed = 0;
     for fault in all {
         let name = fault.name();
         match killed_host(&mut line, fault) {
             Ok(Report { largest_n, step_n, zero_ms, .. }) => {
                 let zero_ms = zero_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.1}"));
+                let by = if matches!(fault, FaultKind::HostKilled | FaultKind::HostPaused) {
+                    "guard"
+                } else {
+                    "host"
+                };
                 println!(
-                    "host fault={name} end=supervisor largest_n={largest_n:.2} step_n={step_n:.2} zero_ms={zero_ms} PASS"
+                    "host fault={name} end={by} largest_n={largest_n:.2} step_n={step_n:.2} zero_ms={zero_ms} PASS"
                 );
             }
             Err(reason) => {
@@ -73,14 +77,14 @@ pub(crate) fn killed_hosts(line: &str) -> Outcome<()> {
     Ok(())
 }
 
-/// Starts a host and its supervisor, and waits until the force is on the motors.
+/// Starts a host and its guard, and waits until the force is on the motors.
 fn held(line: &mut Line) -> Outcome<(Host, Pid)> {
     line.command(BenchCommand::Plug { seed: 0 })?;
     if !happens_within(hosts::MAX_WAIT, || UsbFtdi::open().is_ok()) {
         return Err("no Falcon on the bus".into());
     }
     let host = Host::start(this("host")?);
-    let supervisor = host.supervisor().ok_or("the host has not named its supervisor")?;
+    let guard = host.guard().ok_or("the host has not named its guard")?;
     let mut violation = None;
     let is_felt = |report: Report| report.push_n > FELT_N;
     // A broken line ends the wait.
@@ -89,12 +93,12 @@ fn held(line: &mut Line) -> Outcome<(Host, Pid)> {
     let held = host.hold(|time| happens_within(time, &mut has_force));
     violation.map_or(Ok(()), Err)?;
     held?;
-    Ok((host, supervisor))
+    Ok((host, guard))
 }
 
 fn killed_host(line: &mut Line, fault: FaultKind) -> Outcome<Report> {
     let mut tried = 1;
-    let (host, supervisor) = loop {
+    let (mut host, guard) = loop {
         match held(line) {
             Ok(held) => break held,
             // No fault was injected yet: a failure here is due to the machine unless it repeats.
@@ -105,7 +109,9 @@ fn killed_host(line: &mut Line, fault: FaultKind) -> Outcome<Report> {
     };
     line.command(BenchCommand::ResetRecord)?;
     line.command(BenchCommand::Inject)?;
-    host.signal(hosts::signal(fault));
+    let is_host = matches!(fault, FaultKind::HostKilled | FaultKind::HostPaused);
+    let process = if is_host { host.pid() } else { guard };
+    hosts::send(process, hosts::signal(fault)).map_err(|error| error.to_string())?;
     let since = Instant::now();
     let zeroed = loop {
         let report = line.report()?;
@@ -113,32 +119,29 @@ fn killed_host(line: &mut Line, fault: FaultKind) -> Outcome<Report> {
             break report;
         }
         if since.elapsed() > hosts::MAX_WAIT {
-            return Err(format!("{} N after the host is lost", report.force_n));
+            return Err(format!("{} N after a process is lost", report.force_n));
         }
     };
     if zeroed.largest_n <= FELT_N {
         return Err("no force before the fault".into());
     }
     stays_zero(line)?;
-    let ends = |supervisor| {
-        if happens_within(hosts::MAX_WAIT, || !is_running(supervisor)) {
-            Ok(())
-        } else {
-            Err("the supervisor does not end")
+    let certain = |what: &str, happens: bool| if happens { Ok(()) } else { Err(what.to_owned()) };
+    match fault {
+        FaultKind::HostKilled => {}
+        FaultKind::GuardKilled => certain("the host has failed", host.end())?,
+        _ => {
+            // A host that resumes sends its force as before; under a stopped guard it has gone on doing so.
+            hosts::send(process, Signal::SIGCONT).map_err(|error| error.to_string())?;
+            certain(
+                "the host has not reported that it was zeroed",
+                happens_within(hosts::MAX_WAIT, || host.has_printed("zeroed")),
+            )?;
+            stays_zero(line)?;
         }
-    };
-    if fault == FaultKind::HostKilled {
-        ends(supervisor)?;
-    } else {
-        // The host resumes and sends its force as before.
-        host.signal(Signal::SIGCONT);
-        if !happens_within(hosts::MAX_WAIT, || host.has_printed("zeroed")) {
-            return Err("the host has not reported that it was zeroed".into());
-        }
-        stays_zero(line)?;
     }
     drop(host);
-    ends(supervisor)?;
+    certain("the guard does not end", happens_within(hosts::MAX_WAIT, || !is_running(guard)))?;
     stays_zero(line)?;
     Ok(zeroed)
 }

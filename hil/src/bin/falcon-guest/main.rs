@@ -49,7 +49,7 @@ fn main() -> ExitCode {
         ["hosts", line] => killed_hosts::killed_hosts(line),
         ["end", line] => Line::open(line).and_then(|mut line| line.command(BenchCommand::End).map(drop)),
         ["host"] => killed_hosts::host(),
-        ["supervise"] => killed_hosts::supervise(),
+        ["guard"] => killed_hosts::guard(),
         _ => Err("falcon-guest no-usb | faults | run LINE FIRST LAST EXCHANGES | contract LINE | hosts LINE | end LINE"
             .into()),
     };

@@ -2,6 +2,7 @@
 
 use palpate_host::DeviceError;
 use palpate_host::device::falcon::{Ftdi, UsbFtdi};
+use palpate_host::device::fence::GuardPath;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -54,5 +55,9 @@ impl Ftdi for TimeoutFtdi {
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
         self.stop_on_error(self.chip.read(buffer, timeout.min(self.read)))
+    }
+
+    fn guard_path(&self) -> std::io::Result<Option<GuardPath>> {
+        self.chip.guard_path()
     }
 }

@@ -11,7 +11,7 @@
 //!
 //! Lights: red, not homed and no force; blue, homed; green, a force is on the motors.
 //! No watchdog of the device is known: its motors hold the last command. See [`Device::stop`] and
-//! [`Device::emergency_stop`].
+//! [`Device::guard_path`].
 
 use super::config::{FalconConfig, FalconError};
 use super::firmware::Image;
@@ -25,17 +25,16 @@ use super::reply_reader::{ReplyCounts, ReplyReader};
 use super::request_writer::{RequestWriter, WRITE_TIMEOUT, write_whole};
 use super::usb::UsbFtdi;
 use crate::device::buttons::ButtonDebouncer;
+use crate::device::fence::{Fence, GuardPath};
 use crate::device::pending::Pending;
 use crate::device::position_check::{PositionCheck, Verdict};
-use crate::device::{
-    Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop, wait_homed,
-};
+use crate::device::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, wait_homed};
 use core::fmt;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::AtomicBool;
 use core::time::Duration;
 use palpate_core::{Sample, Vec3};
 use palpate_link::DeviceFault;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Coarsest resolution of the position, m: 42 to 54 um in x and y, 27 um in z.
 const RESOLUTION_M: f32 = 54e-6;
@@ -89,8 +88,10 @@ pub struct Falcon<F: Ftdi + 'static> {
     /// Whether the motors may have a force.
     rendering: bool,
     lost: bool,
-    /// Whether the second handle has sent a request on this line.
-    disturbed: Arc<AtomicBool>,
+    /// The guard's fence, once there is a guard. The writer has it too.
+    fence: Arc<OnceLock<Fence>>,
+    /// Requests of the guard on this line that are accounted for.
+    seen_zeros: u64,
 }
 
 impl<F: Ftdi + 'static> fmt::Debug for Falcon<F> {
@@ -133,10 +134,10 @@ impl<F: Ftdi + 'static> Falcon<F> {
         }
         // Replies to the probe must not be assigned to later requests.
         loader::set_normal(&ftdi)?;
-        let disturbed = Arc::default();
+        let fence = Arc::default();
         Ok(Self {
             reply_reader: ReplyReader::start(&ftdi, config.mode)?,
-            request_writer: RequestWriter::start(&ftdi, config.mode, &disturbed)?,
+            request_writer: RequestWriter::start(&ftdi, config.mode, &fence)?,
             ftdi,
             config,
             motor: config.motor(),
@@ -150,20 +151,9 @@ impl<F: Ftdi + 'static> Falcon<F> {
             buttons: ButtonDebouncer::default(),
             rendering: false,
             lost: false,
-            disturbed,
+            fence,
+            seen_zeros: 0,
         })
-    }
-
-    /// Waits until the user has homed the device, or until `stop`; true if it is homed. Runs before the loop,
-    /// whose clock starts at zero again.
-    pub fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
-        wait_homed(self, stop)?;
-        // Open requests have times of another clock: let their replies arrive and discard them.
-        std::thread::sleep(SETTLE_TIME);
-        self.receive(0)?;
-        self.motion.reset();
-        self.pending = Pending::default();
-        Ok(self.homing == Homing::Homed)
     }
 
     /// Waits until the newest request is written or has failed once more, or for the timeout. For a bench
@@ -297,13 +287,16 @@ impl<F: Ftdi + 'static> Falcon<F> {
             return Err(error);
         }
         let sample = reply.map_or(Ok(None), |(t_us, reply)| self.sample(t_us, now_us, &reply));
-        if self.disturbed.swap(false, Ordering::Acquire) {
-            // The replies to its requests must not be assigned to ours: wait for silence.
+        let zeros = self.fence.get().map_or(0, Fence::zeros);
+        if core::mem::replace(&mut self.seen_zeros, zeros) != zeros {
+            // The replies to the guard's requests must not be assigned to ours: wait for silence.
             self.pending.pause(now_us);
         }
         self.pending.ends_pause(now_us);
         let overdue = self.pending.is_overdue(now_us);
-        let motors = self.commands(now_us, hand_force_n);
+        // The writer looks again before it writes.
+        let is_closed = self.fence.get().is_some_and(Fence::is_closed);
+        let motors = if is_closed { [0; 3] } else { self.commands(now_us, hand_force_n) };
         // A release never waits for a pause or a reply: a fault ends in zero force, whatever the state of the
         // link.
         let release = self.rendering && motors == [0; 3];
@@ -363,30 +356,30 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         }
     }
 
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        Some(Box::new(SecondHandle { ftdi: Arc::clone(&self.ftdi), disturbed: Arc::clone(&self.disturbed) }))
+    fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
+        wait_homed(self, stop)?;
+        // Open requests have times of another clock: let their replies arrive and discard them.
+        std::thread::sleep(SETTLE_TIME);
+        self.receive(0)?;
+        self.motion.reset();
+        self.pending = Pending::default();
+        Ok(self.homing == Homing::Homed)
+    }
+
+    fn guard_path(&mut self, fence: &Fence) -> std::io::Result<Option<GuardPath>> {
+        let zero = Request { lights: Lights { red: true, ..Lights::default() }, ..Request::default() };
+        // Twice, as in stop().
+        fence.set_zero_message(&self.ftdi.guard_message(&zero.encode()).repeat(2));
+        self.seen_zeros = fence.zeros();
+        // The loop requests the path once.
+        let _ = self.fence.set(fence.clone());
+        self.ftdi.guard_path()
     }
 }
 
 impl<F: Ftdi + 'static> Drop for Falcon<F> {
     fn drop(&mut self) {
         self.stop();
-    }
-}
-
-/// The same chip from another thread. libusb does not interleave the bytes of two transfers.
-struct SecondHandle<F: Ftdi> {
-    ftdi: Arc<F>,
-    disturbed: Arc<AtomicBool>,
-}
-
-impl<F: Ftdi> EmergencyStop for SecondHandle<F> {
-    fn zero(&mut self) -> Result<(), DeviceError> {
-        self.disturbed.store(true, Ordering::Release);
-        let zero = Request { lights: Lights { red: true, ..Lights::default() }, ..Request::default() };
-        // Twice, as in stop().
-        let first = write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT);
-        write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT).and(first)
     }
 }
 

@@ -5,7 +5,9 @@
 //! two threads, so an IN transfer can be pending before a request is sent.
 
 use crate::device::DeviceError;
+use crate::device::fence::GuardPath;
 use core::time::Duration;
+use std::io;
 
 /// Size of a bulk packet, status bytes included.
 pub const PACKET_LEN: usize = 64;
@@ -23,6 +25,16 @@ pub trait Ftdi: Send + Sync {
     /// Reads one transfer from the chip: packets with their status bytes. A transient timeout error if
     /// nothing arrived; a timeout of zero only polls.
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError>;
+
+    /// A guard's path to the chip; `None` for a chip in memory.
+    fn guard_path(&self) -> io::Result<Option<GuardPath>> {
+        Ok(None)
+    }
+
+    /// The bytes by which a guard sends a packet on its path.
+    fn guard_message(&self, packet: &[u8]) -> Vec<u8> {
+        packet.to_vec()
+    }
 }
 
 impl<F: Ftdi + ?Sized> Ftdi for std::sync::Arc<F> {
@@ -36,5 +48,13 @@ impl<F: Ftdi + ?Sized> Ftdi for std::sync::Arc<F> {
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
         (**self).read(buffer, timeout)
+    }
+
+    fn guard_path(&self) -> io::Result<Option<GuardPath>> {
+        (**self).guard_path()
+    }
+
+    fn guard_message(&self, packet: &[u8]) -> Vec<u8> {
+        (**self).guard_message(packet)
     }
 }

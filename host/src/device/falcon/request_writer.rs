@@ -12,11 +12,12 @@
 use super::ftdi::Ftdi;
 use super::packet::Request;
 use super::reply_reader::Mode;
+use crate::device::fence::Fence;
 use crate::device::{DeviceError, DeviceErrorKind};
 use crate::sys::{self, RtRequest};
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -100,12 +101,11 @@ pub(super) fn write_whole(ftdi: &impl Ftdi, request: &Request, timeout: Duration
 }
 
 impl RequestWriter {
-    /// Starts writing. While `disturbed`, forces are held back, because the emergency stop has just zeroed
-    /// the motors.
+    /// Starts writing. Forces are held back while the guard's fence is closed.
     pub(super) fn start<F: Ftdi + 'static>(
         ftdi: &Arc<F>,
         mode: Mode,
-        disturbed: &Arc<AtomicBool>,
+        fence: &Arc<OnceLock<Fence>>,
     ) -> Result<Self, DeviceError> {
         let Mode::Threaded { fifo_priority } = mode else { return Ok(Self::Direct) };
         let (slot, newest) = triple_buffer::triple_buffer(&Slot::default());
@@ -116,7 +116,7 @@ impl RequestWriter {
             newest,
             published,
             outcome: Outcome::default(),
-            disturbed: Arc::clone(disturbed),
+            fence: Arc::clone(fence),
             stop: Arc::clone(&stop),
         };
         let write = move || {
@@ -228,7 +228,7 @@ struct WriterThread<F: Ftdi> {
     newest: triple_buffer::Output<Slot>,
     published: triple_buffer::Input<Outcome>,
     outcome: Outcome,
-    disturbed: Arc<AtomicBool>,
+    fence: Arc<OnceLock<Fence>>,
     stop: Arc<AtomicBool>,
 }
 
@@ -252,7 +252,8 @@ impl<F: Ftdi> WriterThread<F> {
 
     fn write(&mut self, Slot { number, request }: Slot) {
         let is_zero = request.motors == [0; 3];
-        if !is_zero && self.disturbed.load(Ordering::Acquire) {
+        // The last look before the write: this process may have been stopped since the tick began.
+        if !is_zero && self.fence.get().is_some_and(Fence::is_closed) {
             self.outcome.done = number;
             return;
         }

@@ -3,10 +3,14 @@
 //! It uses its own libusb context: the global one panics in `rusb` where there is no usbfs.
 
 use super::ftdi::Ftdi;
+use crate::device::fence::{GuardPath, Wire};
 use crate::device::{DeviceError, DeviceErrorKind};
+use crate::sys;
 use core::fmt;
 use core::time::Duration;
 use rusb::{Context, DeviceHandle, UsbContext};
+use std::fs::File;
+use std::io;
 use std::time::Instant;
 
 /// FTDI's vendor id.
@@ -63,6 +67,17 @@ impl fmt::Display for UsbError {
 
 impl core::error::Error for UsbError {}
 
+impl UsbError {
+    fn from_file(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::PermissionDenied => Self::Denied,
+            // Unplugged since the search.
+            io::ErrorKind::NotFound => Self::NotFound,
+            _ => Self::Device(error.into()),
+        }
+    }
+}
+
 impl From<rusb::Error> for UsbError {
     fn from(error: rusb::Error) -> Self {
         match error {
@@ -81,7 +96,8 @@ fn from_usb(error: rusb::Error) -> DeviceError {
         rusb::Error::NoDevice | rusb::Error::Io | rusb::Error::Pipe | rusb::Error::NotFound => {
             DeviceErrorKind::Disconnected
         }
-        rusb::Error::Access | rusb::Error::Busy => DeviceErrorKind::Denied,
+        rusb::Error::Access => DeviceErrorKind::Denied,
+        rusb::Error::Busy => DeviceErrorKind::InUse,
         rusb::Error::NotSupported | rusb::Error::InvalidParam | rusb::Error::BadDescriptor => {
             DeviceErrorKind::Unsupported
         }
@@ -110,7 +126,10 @@ fn at_least_a_millisecond(timeout: Duration) -> Duration {
 
 /// An open chip. libusb permits reading and writing from two threads at a time.
 pub struct UsbFtdi {
+    /// Closed before the file.
     handle: DeviceHandle<Context>,
+    /// The device file, opened here and not by libusb, so that a guard can have a duplicate.
+    file: File,
 }
 
 impl fmt::Debug for UsbFtdi {
@@ -146,7 +165,8 @@ impl UsbFtdi {
             ids == Ok((VENDOR_ID, PRODUCT_ID))
         };
         let device = devices.iter().find(is_falcon).ok_or(UsbError::NotFound)?;
-        let handle = device.open()?;
+        let file = device_file(&device).map_err(UsbError::from_file)?;
+        let handle = sys::usb::open_device(&context, &file)?;
         if handle.active_configuration()? == 0 {
             handle.set_active_configuration(1)?;
         }
@@ -160,8 +180,14 @@ impl UsbFtdi {
         for endpoint in [BULK_IN, BULK_OUT] {
             let _ = handle.clear_halt(endpoint);
         }
-        Ok(Self { handle })
+        Ok(Self { handle, file })
     }
+}
+
+/// Opens the file of a device: /dev/bus/usb/BUS/DEVICE.
+fn device_file(device: &rusb::Device<Context>) -> io::Result<File> {
+    let path = format!("/dev/bus/usb/{:03}/{:03}", device.bus_number(), device.address());
+    File::options().read(true).write(true).open(path)
 }
 
 impl Ftdi for UsbFtdi {
@@ -186,6 +212,11 @@ impl Ftdi for UsbFtdi {
             || self.handle.read_bulk(BULK_IN, buffer, timeout),
             || self.handle.clear_halt(BULK_IN),
         )
+    }
+
+    fn guard_path(&self) -> io::Result<Option<GuardPath>> {
+        let fd = self.file.try_clone()?.into();
+        Ok(Some(GuardPath { fd, wire: Wire::UsbBulk { endpoint: BULK_OUT } }))
     }
 }
 

@@ -24,22 +24,21 @@ mod stopping;
 pub use opening::LinkError;
 
 use super::capstan::Capstan;
+use super::fence::{Fence, GuardPath};
 use super::profile::Profile;
-use super::serial::{MAX_READS, read_waiting};
+use super::serial::{MAX_READS, Port, read_waiting};
 use super::workspace::Workspace;
-use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
+use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use core::fmt;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::AtomicBool;
 use counter::Counter;
 use palpate_core::{Sample, Vec3, clamp_force, vec3};
 use palpate_link::message::{ENABLED, HOMED, HOMING, REFUSED};
 use palpate_link::{DeviceFault, DeviceInfo as LinkInfo, DeviceMessage, FrameReader, HostMessage, VERSION};
 use requests::{REPLY_TIMEOUT_US, Requests};
-use serialport::SerialPort;
 use slew::SlewLimiter;
-use std::sync::Arc;
 use std::time::Duration;
-use stopping::{SecondHandle, write};
+use stopping::write;
 
 /// Validity of a torque without another command, us; limited by the watchdog's time.
 ///
@@ -117,13 +116,13 @@ enum Homing {
 
 /// The device behind an open port.
 pub struct Link {
-    port: Box<dyn SerialPort>,
+    port: Box<dyn Port>,
     config: LinkConfig,
     /// Description of the device, from its HelloAck.
     device: LinkInfo,
     reader: FrameReader<DeviceMessage>,
-    /// The last session; the second handle sends Disable for it.
-    session: Arc<AtomicU32>,
+    /// The last session; the guard sends Disable for it.
+    session: u32,
     /// Whether a new session is being requested, with this nonce.
     opening_session: bool,
     nonce: u32,
@@ -139,6 +138,7 @@ pub struct Link {
     /// Whether the motors may have a torque.
     rendering: bool,
     lost: bool,
+    fence: Fence,
 }
 
 impl fmt::Debug for Link {
@@ -168,10 +168,6 @@ impl Link {
     #[must_use]
     pub const fn fault(&self) -> Option<LinkFault> {
         self.latched
-    }
-
-    fn session(&self) -> u32 {
-        self.session.load(Ordering::Acquire)
     }
 
     /// Reads the bytes that have arrived.
@@ -239,7 +235,8 @@ impl Link {
 
     /// Begins a session in which the motors are disabled.
     fn begin(&mut self, session: u32) {
-        self.session.store(session, Ordering::Release);
+        self.session = session;
+        self.renew_zero_message();
         self.opening_session = false;
         self.requests = self.requests.next_session();
         self.slew = SlewLimiter::default();
@@ -297,13 +294,14 @@ impl Link {
             }
             return Ok(());
         }
-        let forced = device_n != vec3::ZERO && self.homing == Homing::Homed;
+        // The last look before the write: this process may have been stopped since the tick began.
+        let forced = device_n != vec3::ZERO && self.homing == Homing::Homed && !self.fence.is_closed();
         // A release never waits for a reply: a fault ends in zero force, whatever the state of the link.
         let release = self.rendering && !forced;
         if !release && !self.requests.may_send(now_us) {
             return Ok(());
         }
-        let (session, seq) = (self.session(), self.requests.number(now_us));
+        let (session, seq) = (self.session, self.requests.number(now_us));
         let mut torque_unm = [0; 3];
         let message = match self.homing {
             Homing::Unhomed => HostMessage::Home { session, seq },
@@ -399,8 +397,12 @@ impl Device for Link {
         }
     }
 
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        Some(Box::new(SecondHandle::of(self)?))
+    fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
+        self.wait_homed(stop)
+    }
+
+    fn guard_path(&mut self, fence: &Fence) -> std::io::Result<Option<GuardPath>> {
+        self.guarded_by(fence)
     }
 
     fn was_zeroed(&mut self) -> bool {

@@ -3,7 +3,8 @@
 use super::requests::Requests;
 use super::stopping::write;
 use super::{Counter, Homing, Link, LinkConfig, SlewLimiter};
-use crate::device::serial::{from_serial, open};
+use crate::device::fence::Fence;
+use crate::device::serial::{Port, from_serial, open};
 use crate::device::{DeviceError, DeviceErrorKind, wait_homed};
 use core::fmt;
 use core::sync::atomic::AtomicBool;
@@ -11,7 +12,6 @@ use palpate_link::{DeviceInfo, DeviceMessage, FrameReader, HostMessage, InfoErro
 use serialport::SerialPort;
 use std::hash::{BuildHasher, RandomState};
 use std::io::ErrorKind;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Wait for the reply to one Hello: twice the longest latency of an FTDI adapter, in both directions.
@@ -43,7 +43,7 @@ pub enum LinkError {
 impl fmt::Display for LinkError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Device(error) => write!(f, "{error}; check port and power"),
+            Self::Device(error) => write!(f, "{error}"),
             Self::Silent => {
                 f.write_str("no reply to Hello; check power, port and baud rate (link:PORT@BAUD)")
             }
@@ -70,13 +70,12 @@ impl From<DeviceError> for LinkError {
 impl Link {
     /// Opens a port by its name and a session with the device.
     pub fn open(path: &str, baud: u32, config: LinkConfig) -> Result<Self, LinkError> {
-        let port = open(serialport::new(path, baud))?;
+        let port = open(path, baud)?;
         Self::with_port(port, config)
     }
 
-    /// Waits until the device is homed, or until `stop`; true if it is homed. Runs before the loop, whose
-    /// clock starts at zero again.
-    pub fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
+    /// [`Device::home`](crate::Device::home).
+    pub(super) fn wait_homed(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
         wait_homed(self, stop)?;
         // Open requests have times of another clock: start a new session with the first tick.
         (self.opening_session, self.hello_sent_us) = (true, None);
@@ -85,7 +84,7 @@ impl Link {
 
     /// Opens a session with the device behind an open port, disabled and without torque. Blocks for at most
     /// the timeout.
-    pub fn with_port(mut port: Box<dyn SerialPort>, config: LinkConfig) -> Result<Self, LinkError> {
+    pub fn with_port(mut port: Box<dyn Port>, config: LinkConfig) -> Result<Self, LinkError> {
         port.set_timeout(HELLO_WAIT).map_err(from_serial)?;
         let mut nonce = RandomState::new().hash_one(0) as u32;
         let give_up = Instant::now() + config.open_timeout;
@@ -107,7 +106,7 @@ impl Link {
             config,
             device,
             reader,
-            session: Arc::new(session.into()),
+            session,
             opening_session: false,
             nonce,
             hello_sent_us: None,
@@ -120,6 +119,7 @@ impl Link {
             slew: SlewLimiter::default(),
             rendering: false,
             lost: false,
+            fence: Fence::default(),
         })
     }
 }

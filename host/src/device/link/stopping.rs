@@ -1,17 +1,15 @@
-//! Removal of the torque: Disable from the driver, in its drop, and from a second handle; and the writing of
-//! messages.
+//! Removal of the torque: Disable from the driver, in its drop, and from its guard; and the writing of messages.
 
 use super::Link;
-use crate::device::{DeviceError, DeviceErrorKind, EmergencyStop};
-use core::sync::atomic::{AtomicU32, Ordering};
+use crate::device::fence::{Fence, GuardPath, Wire};
+use crate::device::{DeviceError, DeviceErrorKind};
 use palpate_link::{HostMessage, MAX_FRAME, encode};
 use serialport::SerialPort;
-use std::sync::Arc;
 
 impl Link {
     pub(super) fn disable(&mut self) {
         // If the port is gone, the error cannot be handled here.
-        let _ = write(&mut *self.port, &disable(&self.session));
+        let _ = write(&mut *self.port, &disable(self.session));
         (self.enabled, self.rendering) = (false, false);
     }
 
@@ -29,38 +27,42 @@ impl Drop for Link {
     }
 }
 
-/// A second handle of the same port. The device executes Disable whatever its number, and the driver sees
-/// that the device is no longer enabled.
-pub(super) struct SecondHandle {
-    port: Box<dyn SerialPort>,
-    session: Arc<AtomicU32>,
-}
+impl Link {
+    /// The guard's path: Disable, twice. The device executes it whatever its number, and the driver sees that
+    /// the device is no longer enabled.
+    pub(super) fn guarded_by(&mut self, fence: &Fence) -> std::io::Result<Option<GuardPath>> {
+        self.fence = fence.clone();
+        self.renew_zero_message();
+        Ok(self.port.duplicate()?.map(|fd| GuardPath { fd, wire: Wire::Stream }))
+    }
 
-impl SecondHandle {
-    /// `None` if the port cannot be cloned.
-    pub(super) fn of(link: &Link) -> Option<Self> {
-        let port = link.port.try_clone().ok()?;
-        Some(Self { port, session: Arc::clone(&link.session) })
+    /// The guard's Disable names the session, which changes.
+    pub(super) fn renew_zero_message(&self) {
+        let mut bytes = [0; MAX_FRAME + 1];
+        // No message exceeds the size of a frame.
+        if let Ok(len) = frame(&disable(self.session), &mut bytes) {
+            self.fence.set_zero_message(&[&bytes[..len], &bytes[..len]].concat());
+        }
     }
 }
 
-impl EmergencyStop for SecondHandle {
-    fn zero(&mut self) -> Result<(), DeviceError> {
-        let disable = disable(&self.session);
-        let first = write(&mut *self.port, &disable);
-        write(&mut *self.port, &disable).and(first)
-    }
+const fn disable(session: u32) -> HostMessage {
+    HostMessage::Disable { session, seq: 0 }
 }
 
-fn disable(session: &AtomicU32) -> HostMessage {
-    HostMessage::Disable { session: session.load(Ordering::Acquire), seq: 0 }
-}
-
-/// Writes one message with a leading 00, which ends an incomplete frame before it.
-pub(super) fn write(port: &mut dyn SerialPort, message: &HostMessage) -> Result<(), DeviceError> {
-    let (mut frame, mut bytes) = ([0; MAX_FRAME], [0; MAX_FRAME + 1]);
+/// Encodes one message with a leading 00, which ends an incomplete frame before it; the number of bytes.
+fn frame(message: &HostMessage, bytes: &mut [u8; MAX_FRAME + 1]) -> Result<usize, DeviceError> {
+    let mut frame = [0; MAX_FRAME];
     // No message exceeds the size of a frame.
     let frame = encode(message, &mut frame).map_err(|_| DeviceError::new(DeviceErrorKind::Unsupported))?;
+    bytes[0] = 0;
     bytes[1..=frame.len()].copy_from_slice(frame);
-    port.write_all(&bytes[..=frame.len()]).map_err(DeviceError::from)
+    Ok(frame.len() + 1)
+}
+
+/// Writes one message.
+pub(super) fn write(port: &mut dyn SerialPort, message: &HostMessage) -> Result<(), DeviceError> {
+    let mut bytes = [0; MAX_FRAME + 1];
+    let len = frame(message, &mut bytes)?;
+    port.write_all(&bytes[..len]).map_err(DeviceError::from)
 }

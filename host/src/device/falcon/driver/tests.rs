@@ -3,6 +3,7 @@ use crate::device::falcon::Mode;
 use crate::device::falcon::fake::{self, Fake};
 use crate::device::falcon::kinematics::CENTRE_M;
 use crate::device::falcon::usb::UsbError;
+use crate::device::fence::MAX_ZERO_MESSAGE;
 use crate::device::position_check::MAX_REJECTIONS;
 use crate::device::profile::Profile;
 use crate::device::workspace::Workspace;
@@ -199,10 +200,9 @@ fn a_force_is_zeroed_in_every_state_of_the_link() {
 }
 
 #[test]
-fn stop_drop_and_emergency_stop_send_zero_twice() {
+fn stop_and_drop_send_zero_twice() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
-    let mut second = falcon.emergency_stop().expect("an emergency stop");
     let zeros = |act: &mut dyn FnMut()| {
         let before = chip.with(|script| script.requests.len());
         act();
@@ -213,10 +213,32 @@ fn stop_drop_and_emergency_stop_send_zero_twice() {
     };
     falcon.exchange(now_us + 1_000, [0.0, 4.0, 0.0]).expect("a link");
     assert_ne!(chip.last().motors, [0; 3]);
-    assert_eq!(zeros(&mut || second.zero().expect("a link")), 2);
     assert_eq!(zeros(&mut || falcon.stop()), 2);
     let mut held = Some(falcon);
     assert_eq!(zeros(&mut || drop(held.take())), 2);
+}
+
+#[test]
+fn no_force_passes_a_closed_fence_and_the_guards_message_is_two_zeros() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    let (fence, mut message) = (Fence::default(), [0; MAX_ZERO_MESSAGE]);
+    assert!(falcon.guard_path(&fence).expect("memory").is_none(), "another process cannot reach it");
+    let len = fence.page().zero_message(&mut message);
+    let packets = message[..len].as_chunks::<16>();
+    assert_eq!(packets.1.len(), 0);
+    let motors: Vec<_> =
+        packets.0.iter().map(|packet| Request::decode(packet).expect("a packet").motors).collect();
+    assert_eq!(motors, [[0; 3]; 2]);
+    let mut sent = |ms: u64| {
+        falcon.exchange(now_us + 1_000 * ms, [0.0, 4.0, 0.0]).expect("a link");
+        chip.last().motors
+    };
+    assert_ne!(sent(1), [0; 3]);
+    fence.page().close();
+    assert!((2..12).all(|ms| sent(ms) == [0; 3]));
+    fence.open();
+    assert_ne!(sent(12), [0; 3]);
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Tests `palpate run` on a Polhem with a supervisor, killed while the hand pushes on the organ. Only the
-//! device is emulated.
+//! Tests `palpate run` on a Polhem and its guard, killed and stopped while the hand pushes on the organ. Only
+//! the device is emulated.
 
 #[path = "../../host/tests/common/synthetic.rs"]
 mod synthetic;
@@ -173,7 +173,7 @@ impl Session {
     }
 
     /// The process whose parent is the session.
-    fn supervisor(&self) -> Option<Pid> {
+    fn guard(&self) -> Option<Pid> {
         let parent = self.pid().to_string();
         std::fs::read_dir("/proc").ok()?.flatten().find_map(|entry| {
             let stat = std::fs::read_to_string(entry.path().join("stat")).ok()?;
@@ -222,41 +222,51 @@ fn leaning(files: &(PathBuf, PathBuf), more: &[&str]) -> (Device, Session) {
 }
 
 #[test]
-fn a_killed_session_is_zeroed_by_its_supervisor_and_not_without() {
+fn a_killed_session_is_zeroed_by_its_guard() {
     let _alone = alone();
     let folder = tempfile::tempdir().expect("a folder");
     let files = files(folder.path());
     let (device, session) = leaning(&files, &[]);
-    let supervisor = session.supervisor().expect("a child");
-    // Only its host ends the supervisor; it ignores the user's signals.
+    let guard = session.guard().expect("a child");
+    // Only its session ends the guard; it ignores the user's signals.
     for signal in [Signal::SIGINT, Signal::SIGTERM] {
-        kill(supervisor, signal).expect("it is there");
+        kill(guard, signal).expect("it is there");
     }
     std::thread::sleep(Duration::from_millis(50));
-    assert_eq!(session.supervisor(), Some(supervisor), "it lives as long as its host");
+    assert_eq!(session.guard(), Some(guard), "it lives as long as its session");
     session.signal(Signal::SIGKILL);
     let released = device.released().expect("zero");
     println!("palpate run killed: zero {:.1} ms after the last force", released.as_secs_f64() * 1e3);
-
-    let (device, session) = leaning(&files, &["--no-supervisor"]);
-    assert_eq!(session.supervisor(), None);
-    session.signal(Signal::SIGKILL);
-    assert_eq!(device.released(), None, "what took the force away above was the supervisor");
 }
 
 #[test]
-fn a_session_says_who_holds_its_device_and_ends_both() {
+fn a_session_whose_guard_is_killed_zeroes_the_device_and_ends() {
     let _alone = alone();
     let folder = tempfile::tempdir().expect("a folder");
     let files = files(folder.path());
-    let (device, session) = leaning(&files, &["--supervisor-ms", "15"]);
-    let supervisor = session.supervisor().expect("a child");
+    let (device, session) = leaning(&files, &[]);
+    kill(session.guard().expect("a child"), Signal::SIGKILL).expect("it is there");
+    let released = device.released().expect("zero");
+    println!("guard killed: zero {:.1} ms after the last force", released.as_secs_f64() * 1e3);
+    let output = session.end();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("the guard process has ended"), "{text}");
+}
+
+#[test]
+fn a_session_names_its_guard_and_ends_both() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = files(folder.path());
+    let (device, session) = leaning(&files, &["--guard-ms", "15"]);
+    let guard = session.guard().expect("a child");
     session.signal(Signal::SIGINT);
     let output = session.end();
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(text.contains(&format!("supervisor   pid {supervisor}, zero after 15 ms")), "{text}");
+    assert!(text.contains(&format!("guard        pid {guard}, zero after 15 ms")), "{text}");
     assert_eq!(device.felt().force_n, vec3::ZERO);
-    assert!(!Path::new(&format!("/proc/{supervisor}")).exists(), "the port is free again");
+    assert!(!Path::new(&format!("/proc/{guard}")).exists(), "the port is free again");
 }
 
 /// With the motors off all else is as usual: the device is armed and in contact, and forces are computed and
@@ -294,28 +304,40 @@ fn with_the_motors_off_no_force_ever_leaves() {
 }
 
 #[test]
-fn what_cannot_be_opened_is_one_line_wherever_it_is_opened() {
+fn a_device_that_cannot_be_opened_is_one_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let (blob, _) = files(folder.path());
-    for more in [&[][..], &["--no-supervisor"]] {
-        let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
-            .arg("run")
-            .arg(&blob)
-            .args(["--uncertified", "--headless", "--device", "polhem:/dev/no-such-port"])
-            .args(more)
-            .output()
-            .expect("palpate starts");
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{text}");
-        assert!(text.contains("/dev/no-such-port") && text.contains("check port and power"), "{text}");
-        assert_eq!(text.lines().filter(|line| line.starts_with("palpate: /dev")).count(), 1, "{text}");
-    }
+    let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
+        .arg("run")
+        .arg(&blob)
+        .args(["--uncertified", "--headless", "--device", "polhem:/dev/no-such-port"])
+        .output()
+        .expect("palpate starts");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("/dev/no-such-port") && text.contains("check port and power"), "{text}");
+    assert_eq!(text.lines().filter(|line| line.starts_with("palpate: /dev")).count(), 1, "{text}");
+}
+
+/// The first session keeps the port locked.
+#[test]
+fn a_second_session_on_one_device_is_refused() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = files(folder.path());
+    let (device, session) = leaning(&files, &[]);
+    let output = device.run(&files, &[]).end();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains(&device.port) && text.contains("in use by another program; end it"), "{text}");
+    session.signal(Signal::SIGINT);
+    session.end();
 }
 
 #[test]
-fn nobody_starts_a_supervisor_by_hand() {
+fn no_user_starts_a_guard() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
-    let output = command.args(["supervise", "falcon"]).stdin(Stdio::null()).output().expect("palpate starts");
+    let output = command.arg("guard").stdin(Stdio::null()).output().expect("palpate starts");
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && text.contains("started by `palpate run`"), "{text}");
 }

@@ -1,0 +1,135 @@
+//! The guard's process: watches the session, and zeroes the device through its own descriptor.
+
+use super::setup::{Ready, Setup};
+use super::watch::{Action, Watch};
+use crate::device::fence::{GuardPath, Page};
+use crate::sys::{self, Policy, RtRequest};
+use nix::sys::signal::SigSet;
+use std::io::{self, ErrorKind, Read, Write};
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+/// Wait for the session's first message.
+const SETUP_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time for which the last zero is retried while the line does not accept it.
+const FINAL_ZERO_TIMEOUT_NS: u64 = 10_000_000_000;
+/// Pause between two attempts.
+const RETRY: Duration = Duration::from_millis(1);
+
+/// What a guard has done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct GuardSummary {
+    /// Silences of the loop that it has zeroed.
+    pub silences: u64,
+    /// Whether the session ended while its loop ran.
+    pub abandoned: bool,
+}
+
+/// Guards the session whose socket is this process's standard input, until it ends. The force is zero on
+/// return.
+///
+/// An error means that no session has started this process.
+pub fn guard_stdin() -> io::Result<GuardSummary> {
+    // A signal to the session's group ends the session; then this process must zero the force. The kernel hangs
+    // up a stopped process that its parent's death orphans (and resumes it).
+    SigSet::all().thread_block()?;
+    guard(UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?))
+}
+
+/// As [`guard_stdin`], on a socket.
+pub fn guard(mut socket: UnixStream) -> io::Result<GuardSummary> {
+    socket.set_read_timeout(Some(SETUP_TIMEOUT))?;
+    let mut bytes = [0; Setup::MAX_LEN];
+    let (count, [page, device, session]) = sys::receive_fds(&socket, &mut bytes)?;
+    let setup = Setup::decode(&bytes[..count]).ok_or(ErrorKind::InvalidData)?;
+    let page = Page::map(&page)?;
+    let request = RtRequest {
+        fifo_priority: setup.fifo_priority,
+        keep_awake: false,
+        lock_memory: setup.locks_memory,
+        cpu: None,
+    };
+    let (report, _held) = sys::enter_real_time(&request);
+    let fifo_priority = if let Policy::Fifo(priority) = report.policy { priority } else { 0 };
+    page.beat_guard(sys::monotonic_ns());
+    socket.write_all(&Ready { fifo_priority }.encode())?;
+    let limit_ns = u64::from(setup.limit_ms) * 1_000_000;
+    let mut server = Server {
+        socket,
+        session,
+        path: GuardPath { fd: device, wire: setup.wire },
+        page,
+        watch: Watch::new(limit_ns),
+        summary: GuardSummary::default(),
+    };
+    server.run();
+    Ok(server.summary)
+}
+
+struct Server {
+    socket: UnixStream,
+    /// Readable when the session's process has ended.
+    session: OwnedFd,
+    path: GuardPath,
+    page: Page,
+    watch: Watch,
+    summary: GuardSummary,
+}
+
+impl Server {
+    fn run(&mut self) {
+        loop {
+            let now_ns = sys::monotonic_ns();
+            self.page.beat_guard(now_ns);
+            let beat_ns = self.page.loop_beat_ns();
+            match self.watch.check(now_ns, beat_ns) {
+                Action::Wait => {}
+                action => {
+                    if action == Action::CloseAndZero {
+                        // Before the zero: a loop that resumes now must not send its old force after it.
+                        self.page.close();
+                        self.summary.silences += 1;
+                    }
+                    let is_refused = self.path.send_zero(&self.page).is_err_and(|error| is_transient(&error));
+                    self.watch.note_zero(now_ns, is_refused);
+                }
+            }
+            let pause_ns = self.watch.pause_until_check_ns(now_ns, beat_ns);
+            let ends = [self.session.as_fd(), self.socket.as_fd()];
+            if sys::wait_any(ends, Duration::from_nanos(pause_ns)) && self.has_ended() {
+                self.summary.abandoned = self.page.loop_beat_ns().is_some();
+                self.page.close();
+                self.zero_finally();
+                return;
+            }
+        }
+    }
+
+    /// Whether the session has ended. It sends nothing after its first message.
+    fn has_ended(&mut self) -> bool {
+        if sys::wait_readable(self.session.as_fd(), Duration::ZERO) {
+            return true;
+        }
+        if !sys::wait_readable(self.socket.as_fd(), Duration::ZERO) {
+            return false;
+        }
+        !self.socket.read(&mut [0; 64]).is_ok_and(|count| count > 0)
+    }
+
+    /// The last zero, retried while the line does not accept it.
+    fn zero_finally(&mut self) {
+        let give_up_ns = sys::monotonic_ns() + FINAL_ZERO_TIMEOUT_NS;
+        while self.path.send_zero(&self.page).is_err_and(|error| is_transient(&error))
+            && sys::monotonic_ns() < give_up_ns
+        {
+            self.page.beat_guard(sys::monotonic_ns());
+            std::thread::sleep(RETRY);
+        }
+    }
+}
+
+/// Whether the next attempt may succeed.
+fn is_transient(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::TimedOut)
+}

@@ -1,0 +1,110 @@
+//! Watching another process, and handing it descriptors.
+
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::poll::{PollFd, PollFlags, ppoll};
+use rustix::net::{
+    RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer, SendAncillaryMessage,
+    SendFlags, recvmsg, sendmsg,
+};
+use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use std::io::{self, IoSlice, IoSliceMut};
+use std::mem::MaybeUninit;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+/// Number of descriptors in a message.
+pub const FDS: usize = 3;
+
+/// A descriptor that becomes readable when the process ends. It cannot come to mean another process, unlike a
+/// pid. It does not become readable when the process is stopped.
+pub fn pidfd(pid: u32) -> io::Result<OwnedFd> {
+    let pid = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
+    Ok(pidfd_open(pid, PidfdFlags::empty())?)
+}
+
+/// A duplicate of an open descriptor; from now on neither blocks.
+pub fn duplicate_non_blocking(owner: &impl AsRawFd) -> io::Result<OwnedFd> {
+    // SAFETY: `owner` keeps the descriptor open during the call, which is all that the borrow lasts.
+    let fd = unsafe { BorrowedFd::borrow_raw(owner.as_raw_fd()) }.try_clone_to_owned()?;
+    let flags = OFlag::from_bits_retain(fcntl(&fd, FcntlArg::F_GETFL)?);
+    fcntl(&fd, FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK))?;
+    Ok(fd)
+}
+
+/// Writes to a descriptor once; the number of bytes.
+pub fn write(fd: BorrowedFd<'_>, bytes: &[u8]) -> io::Result<usize> {
+    Ok(nix::unistd::write(fd, bytes)?)
+}
+
+/// Sends bytes and descriptors in one message.
+pub fn send_fds(socket: &UnixStream, bytes: &[u8], fds: [BorrowedFd<'_>; FDS]) -> io::Result<()> {
+    let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(FDS))];
+    let mut control = SendAncillaryBuffer::new(&mut space);
+    control.push(SendAncillaryMessage::ScmRights(&fds));
+    sendmsg(socket, &[IoSlice::new(bytes)], &mut control, SendFlags::empty())?;
+    Ok(())
+}
+
+/// Receives what [`send_fds`] has sent: the number of bytes, and the descriptors.
+pub fn receive_fds(socket: &UnixStream, bytes: &mut [u8]) -> io::Result<(usize, [OwnedFd; FDS])> {
+    let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(FDS))];
+    let mut control = RecvAncillaryBuffer::new(&mut space);
+    let received = recvmsg(socket, &mut [IoSliceMut::new(bytes)], &mut control, RecvFlags::CMSG_CLOEXEC)?;
+    let fds = control.drain().find_map(|message| match message {
+        RecvAncillaryMessage::ScmRights(fds) => Some(fds.collect::<Vec<OwnedFd>>()),
+        _ => None,
+    });
+    let fds = fds.and_then(|fds| fds.try_into().ok()).ok_or(io::ErrorKind::InvalidData)?;
+    Ok((received.bytes, fds))
+}
+
+/// Waits until one of the descriptors is readable or closed at its other end, for at most `timeout`; whether
+/// any is.
+///
+/// It uses a high-resolution timer: a read timeout of a socket is rounded up to kernel ticks of 4 ms.
+#[must_use]
+pub fn wait_any(fds: [BorrowedFd<'_>; 2], timeout: Duration) -> bool {
+    let mut fds = fds.map(|fd| PollFd::new(fd, PollFlags::POLLIN));
+    // An interruption counts as a timeout: the caller checks and waits again.
+    ppoll(&mut fds, Some(timeout.into()), None).is_ok_and(|ready| ready > 0)
+}
+
+/// Waits until a descriptor is readable or closed at its other end, for at most `timeout`.
+#[must_use]
+pub fn wait_readable(fd: BorrowedFd<'_>, timeout: Duration) -> bool {
+    let mut fds = [PollFd::new(fd.as_fd(), PollFlags::POLLIN)];
+    ppoll(&mut fds, Some(timeout.into()), None).is_ok_and(|ready| ready > 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read;
+    use std::process::{Command, Stdio};
+
+    #[test]
+    fn a_pidfd_becomes_readable_when_its_process_ends() {
+        let mut child = Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::null()).spawn().expect("cat");
+        let fd = pidfd(child.id()).expect("Linux 5.3");
+        assert!(!wait_readable(fd.as_fd(), Duration::from_millis(20)));
+        child.kill().expect("it runs");
+        assert!(wait_readable(fd.as_fd(), Duration::from_secs(20)));
+        child.wait().expect("it ended");
+        assert!(pidfd(0).is_err());
+    }
+
+    #[test]
+    fn descriptors_arrive_with_their_bytes() {
+        let (ours, theirs) = UnixStream::pair().expect("sockets");
+        let (mut near, far) = UnixStream::pair().expect("sockets");
+        send_fds(&ours, b"setup", [far.as_fd(), far.as_fd(), far.as_fd()]).expect("room");
+        let mut bytes = [0; 16];
+        let (count, [first, ..]) = receive_fds(&theirs, &mut bytes).expect("they arrive");
+        assert_eq!(&bytes[..count], b"setup");
+        std::io::Write::write_all(&mut UnixStream::from(first), b"x").expect("the same socket");
+        let mut byte = [0];
+        near.read_exact(&mut byte).expect("it arrives");
+        assert_eq!(&byte, b"x");
+    }
+}

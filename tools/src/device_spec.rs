@@ -1,0 +1,184 @@
+//! The device of a session, as `--device` names it. The text is parsed here and nowhere else.
+
+use core::fmt;
+use core::str::FromStr;
+use std::path::PathBuf;
+
+/// Speed of a serial line if the command line gives none.
+pub(crate) const LINK_BAUD: u32 = 1_000_000;
+
+/// A device.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum DeviceSpec {
+    /// `sim` or `sim:random:SEED`
+    Simulated {
+        /// Seed of a random palpation; `None` for the tour.
+        seed: Option<u64>,
+    },
+    /// `mouse`
+    Mouse,
+    /// `replay:FILE.mcap`
+    Replay {
+        /// The recording.
+        file: PathBuf,
+    },
+    /// A device with motors.
+    Hardware(Hardware),
+}
+
+/// A device with motors.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Hardware {
+    /// `polhem:PORT`
+    Polhem {
+        /// The serial port.
+        port: String,
+    },
+    /// `falcon` or `falcon:FIRMWARE`
+    Falcon {
+        /// The firmware file.
+        firmware: Option<PathBuf>,
+    },
+    /// `link:PORT` or `link:PORT@BAUD`
+    Link {
+        /// The serial port.
+        port: String,
+        /// Speed of the serial line.
+        baud: u32,
+    },
+}
+
+impl DeviceSpec {
+    /// The device with motors; `None` for any other.
+    pub(crate) const fn hardware(&self) -> Option<&Hardware> {
+        match self {
+            Self::Hardware(hardware) => Some(hardware),
+            Self::Simulated { .. } | Self::Mouse | Self::Replay { .. } => None,
+        }
+    }
+
+    /// The file that it reads.
+    pub(crate) const fn file(&self) -> Option<&PathBuf> {
+        match self {
+            Self::Replay { file } | Self::Hardware(Hardware::Falcon { firmware: Some(file) }) => Some(file),
+            _ => None,
+        }
+    }
+}
+
+impl Hardware {
+    /// The name of its bundled profile.
+    pub(crate) const fn own_profile(&self) -> &'static str {
+        match self {
+            Self::Polhem { .. } => "polhem",
+            Self::Falcon { .. } => "falcon",
+            Self::Link { .. } => "link",
+        }
+    }
+}
+
+/// A text that names no device.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct NoDevice(String);
+
+impl fmt::Display for NoDevice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "no device `{}`; choose sim, sim:random:SEED, mouse, polhem:PORT, falcon[:FIRMWARE], link:PORT[@BAUD] or replay:FILE.mcap",
+            self.0
+        )
+    }
+}
+
+impl core::error::Error for NoDevice {}
+
+impl FromStr for DeviceSpec {
+    type Err = NoDevice;
+
+    fn from_str(text: &str) -> Result<Self, NoDevice> {
+        let (kind, rest) = text.split_once(':').map_or((text, None), |(kind, rest)| (kind, Some(rest)));
+        let unknown = || NoDevice(text.into());
+        match (kind, rest) {
+            ("sim", None) => Ok(Self::Simulated { seed: None }),
+            ("sim", Some(rest)) => {
+                let seed = rest.strip_prefix("random:").and_then(|seed| seed.parse().ok());
+                Ok(Self::Simulated { seed: Some(seed.ok_or_else(unknown)?) })
+            }
+            ("mouse", None) => Ok(Self::Mouse),
+            ("replay", Some(file)) if !file.is_empty() => Ok(Self::Replay { file: file.into() }),
+            ("polhem", Some(port)) if !port.is_empty() => {
+                Ok(Self::Hardware(Hardware::Polhem { port: port.into() }))
+            }
+            ("falcon", firmware) => {
+                Ok(Self::Hardware(Hardware::Falcon { firmware: firmware.map(PathBuf::from) }))
+            }
+            ("link", Some(place)) if !place.is_empty() => {
+                // The name of a port may contain an @.
+                let with_baud =
+                    place.rsplit_once('@').and_then(|(port, baud)| Some((port, baud.parse().ok()?)));
+                let (port, baud) = with_baud.filter(|(_, baud)| *baud > 0).unwrap_or((place, LINK_BAUD));
+                Ok(Self::Hardware(Hardware::Link { port: port.into(), baud }))
+            }
+            _ => Err(unknown()),
+        }
+    }
+}
+
+impl fmt::Display for Hardware {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Polhem { port } => write!(f, "polhem:{port}"),
+            Self::Falcon { firmware: None } => f.write_str("falcon"),
+            Self::Falcon { firmware: Some(file) } => write!(f, "falcon:{}", file.display()),
+            Self::Link { port, baud } if *baud == LINK_BAUD => write!(f, "link:{port}"),
+            Self::Link { port, baud } => write!(f, "link:{port}@{baud}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_form_is_parsed() {
+        let link = |port: &str, baud| Hardware::Link { port: port.into(), baud };
+        for (text, expected) in [
+            ("link:/dev/ttyACM0", link("/dev/ttyACM0", LINK_BAUD)),
+            ("link:/dev/ttyUSB0@3000000", link("/dev/ttyUSB0", 3_000_000)),
+            ("link:/dev/a@b", link("/dev/a@b", LINK_BAUD)),
+            ("link:/dev/a@0", link("/dev/a@0", LINK_BAUD)),
+            ("polhem:/dev/ttyACM1", Hardware::Polhem { port: "/dev/ttyACM1".into() }),
+            ("falcon", Hardware::Falcon { firmware: None }),
+            ("falcon:a:b.bin", Hardware::Falcon { firmware: Some("a:b.bin".into()) }),
+        ] {
+            let spec: DeviceSpec = text.parse().expect("a device");
+            assert_eq!(spec.hardware(), Some(&expected), "{text}");
+            assert_eq!(expected.to_string().parse(), Ok(spec), "{text}");
+        }
+        assert_eq!("sim".parse(), Ok(DeviceSpec::Simulated { seed: None }));
+        assert_eq!("sim:random:7".parse(), Ok(DeviceSpec::Simulated { seed: Some(7) }));
+        assert_eq!("mouse".parse(), Ok(DeviceSpec::Mouse));
+        assert_eq!("replay:a.mcap".parse(), Ok(DeviceSpec::Replay { file: "a.mcap".into() }));
+    }
+
+    #[test]
+    fn a_text_that_names_no_device_is_refused_with_the_list() {
+        for text in [
+            "",
+            "simm",
+            "sim:",
+            "sim:random:x",
+            "sim:random:-1",
+            "polhem",
+            "polhem:",
+            "link",
+            "replay:",
+            "mouse:2",
+        ] {
+            let refused = text.parse::<DeviceSpec>().expect_err(text).to_string();
+            assert!(refused.starts_with(&format!("no device `{text}`")) && refused.contains("link:PORT"));
+        }
+    }
+}
