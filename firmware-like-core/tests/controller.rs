@@ -208,6 +208,28 @@ fn the_clamp_keeps_the_direction() {
     assert!(common::distance(direction, vec3::normalize_or_zero(command.hand_force_n)) < 1e-6);
 }
 
+/// The weight of the handle is part of the one sum that the last clamp limits.
+#[test]
+fn weight_and_organ_together_stay_within_the_limit() {
+    let mut config = config();
+    (config.limits.max_force_n, config.limits.ramp_s) = (1.0, 0.1);
+    config.gravity_compensation_n = [0.0, 0.4, 0.0];
+    bench!(bench, config);
+    // In free air it rises with the ramp.
+    let free: Vec<f32> = (0..200).map(|_| bench.at([0.0, 0.0, 1e-3]).hand_force_n[1]).collect();
+    assert!(free.windows(2).all(|pair| pair[1] - pair[0] < 4.1e-3) && free[50] < 0.3, "{free:?}");
+    assert_eq!(free[199], 0.4);
+    let mut pressed = Command::default();
+    for step in 0..120 {
+        pressed = bench.at([0.0, 0.0, 1e-3 - 0.1e-3 * step as f32]);
+        assert!(vec3::norm(pressed.hand_force_n) <= 1.0, "{pressed:?}");
+    }
+    assert!(pressed.clamped && vec3::norm(pressed.hand_force_n) > 0.999, "{pressed:?}");
+    assert!(pressed.hand_force_n[1] > 0.3 && pressed.hand_force_n[2] > 0.8, "{pressed:?}");
+    bench.state.trip(Fault::Watchdog);
+    assert_eq!(bench.at([0.0, 0.0, 1e-3]).hand_force_n, vec3::ZERO);
+}
+
 #[test]
 fn the_controller_refuses_invalid_configurations() {
     let blob = organ_blob();
@@ -237,6 +259,11 @@ fn the_controller_refuses_invalid_configurations() {
     let mut wrong = config();
     wrong.passivity.position_step_m = -1.0;
     assert_eq!(refused(wrong), ControllerError::Config { what: "position_step_m" });
+    for bad in [4.1, f32::NAN, f32::INFINITY] {
+        let mut wrong = config();
+        wrong.gravity_compensation_n[2] = bad;
+        assert_eq!(refused(wrong), ControllerError::Config { what: "gravity_compensation_n" }, "{bad}");
+    }
     // An infinite value means no limit; zero and NaN are refused.
     for (limit, is_sound) in [(f32::INFINITY, true), (3e3, true), (0.0, false), (f32::NAN, false)] {
         let mut wrong = config();

@@ -288,8 +288,7 @@ pub fn with_loop<T>(
     let outputs = Outputs { records: producer, latest };
     let (clock, controls, panic_flag) = (VirtualClock::default(), Controls::default(), Arc::default());
     let panicking = PanicOnDemand { inner: device, panic_flag: Arc::clone(&panic_flag) };
-    let haptic = HapticLoop::new(controller, panicking, &clock, LoopConfig::default(), &controls, outputs)
-        .with_gravity_compensation(profile.gravity_compensation_n());
+    let haptic = HapticLoop::new(controller, panicking, &clock, LoopConfig::default(), &controls, outputs);
     let index = now_us.div_ceil(TICK_US);
     let mut bench = Bench {
         rig,

@@ -210,8 +210,10 @@ fn with_weight_compensation(test: impl FnOnce(&mut Bench<'_, '_>)) {
         assert!(records.iter().all(|record| record.phase == Phase::Disarmed));
         assert_eq!(bench.rig.force_record().largest_motor, 0, "no weight compensation before arming");
         bench.controls.arm();
-        bench.run(600).expect("a fault-free link");
+        let records = bench.run(600).expect("a fault-free link");
         let felt = bench.rig.force_record();
+        let recorded = records.last().map(|record| record.hand_force_n).expect("records");
+        assert!((vec3::norm(recorded) - WEIGHT_N).abs() < 1e-6, "{recorded:?}: what is sent is recorded");
         let error_n = vec3::distance(felt.force_n, [0.0, WEIGHT_N, 0.0]);
         assert!(error_n < 0.02, "{:?} N: up is the device's +y", felt.force_n);
         assert!(

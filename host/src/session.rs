@@ -36,8 +36,6 @@ pub struct SessionOptions {
     pub view: View,
     /// Interval after which the next of several organs is rendered.
     pub change_every: Option<Duration>,
-    /// Force that compensates the weight of the handle while the controller is active, model frame, N.
-    pub gravity_compensation_n: Vec3,
     /// What the operating system granted; set before the first tick.
     pub granted: Arc<OnceLock<RtReport>>,
 }
@@ -52,7 +50,6 @@ impl Default for SessionOptions {
             queue_ticks: 16_384,
             view: View::Nothing,
             change_every: None,
-            gravity_compensation_n: vec3::ZERO,
             granted: Arc::default(),
         }
     }
@@ -314,7 +311,6 @@ pub fn run_session<D: Device, const N: usize>(
         let outputs = Outputs { records: producer, latest };
         let haptic =
             HapticLoop::with_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs)
-                .with_gravity_compensation(options.gravity_compensation_n)
                 .with_stop_flag(stop);
         let instructions = haptic.instructions();
         let (real_time, granted) = (options.real_time, &*options.granted);

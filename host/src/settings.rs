@@ -43,6 +43,7 @@ pub fn controller_config<const N: usize>(
         passivity.force_delay_us = profile.force_delay_us;
         let count_m = scale * profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
         passivity.position_step_m = passivity.position_step_m.max(count_m);
+        config.gravity_compensation_n = profile.gravity_compensation_n();
         contact.release_height_m = contact.release_height_m.max(HYSTERESIS_COUNTS * count_m);
     }
     config

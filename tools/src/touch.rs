@@ -150,7 +150,6 @@ pub(crate) fn run<D: Device>(
         change_every: show.change_every,
         haptic: show.timing.haptic(show.profile),
         real_time: show.timing.request(),
-        gravity_compensation_n: show.profile.map_or(vec3::ZERO, Profile::gravity_compensation_n),
         ..SessionOptions::default()
     };
     if options.haptic.spin_us >= options.haptic.period_us {

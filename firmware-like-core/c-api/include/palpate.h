@@ -197,6 +197,9 @@ typedef struct PalpateConfig {
   uint32_t stale_hold_ticks;
   // Age of the newest sample at which a fault is latched, us.
   uint64_t stale_fault_us;
+  // Force that carries the weight of the handle while active, model frame, N; part of the force for the hand
+  // and at most half of its limit.
+  float gravity_compensation_n[3];
 } PalpateConfig;
 
 // Why a call was refused.

@@ -72,6 +72,9 @@ pub struct PalpateConfig {
     pub stale_hold_ticks: u32,
     /// Age of the newest sample at which a fault is latched, us.
     pub stale_fault_us: u64,
+    /// Force that carries the weight of the handle while active, model frame, N; part of the force for the hand
+    /// and at most half of its limit.
+    pub gravity_compensation_n: [f32; 3],
 }
 
 /// One reading of the device.
@@ -239,6 +242,7 @@ impl PalpateConfig {
             force_delay_us: passivity.force_delay_us,
             stale_hold_ticks: limits.stale_hold_ticks,
             stale_fault_us: limits.stale_fault_us,
+            gravity_compensation_n: config.gravity_compensation_n,
         }
     }
 
@@ -273,6 +277,7 @@ impl PalpateConfig {
                 position_step_m: self.position_step_m,
                 force_delay_us: self.force_delay_us,
             },
+            gravity_compensation_n: self.gravity_compensation_n,
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::guard::{LimitConfig, PassivityConfig};
 use crate::method::Method;
+use crate::num::vec3::{self, Vec3};
 use crate::touch::ContactConfig;
 
 /// The configuration of a controller, constant during a session.
@@ -15,6 +16,10 @@ pub struct Config {
     pub limits: LimitConfig,
     /// The passivity control.
     pub passivity: PassivityConfig,
+    /// Force that carries the weight of the handle while the controller is active, model frame, newtons; zero
+    /// for none. It is part of the force for the hand, within its limit, and rises over
+    /// [`LimitConfig::ramp_s`]. The passivity control does not count it: it is no force of the body.
+    pub gravity_compensation_n: Vec3,
 }
 
 impl Config {
@@ -25,12 +30,13 @@ impl Config {
             contact: ContactConfig::default(),
             limits: LimitConfig::default(),
             passivity: PassivityConfig::default(),
+            gravity_compensation_n: vec3::ZERO,
         }
     }
 
     /// Checks the range of every number.
     pub(super) fn check(&self) -> Result<(), ControllerError> {
-        let Self { contact, limits, passivity, .. } = self;
+        let Self { contact, limits, passivity, gravity_compensation_n, .. } = self;
         let positive = |value: f32| value > 0.0 && value.is_finite();
         let not_negative = |value: f32| value >= 0.0 && value.is_finite();
         let checks = [
@@ -54,6 +60,12 @@ impl Config {
             ("max_stiffness_n_m", limits.max_stiffness_n_m > 0.0),
             ("friction", contact.friction >= 0.0),
             ("fault_j", passivity.fault_j >= 0.0),
+            // With a larger one little would remain for the organ.
+            (
+                "gravity_compensation_n",
+                vec3::is_finite(*gravity_compensation_n)
+                    && 2.0 * vec3::norm(*gravity_compensation_n) <= limits.max_force_n,
+            ),
         ];
         match checks.into_iter().find(|(_, is_sound)| !is_sound) {
             None => Ok(()),

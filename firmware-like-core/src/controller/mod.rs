@@ -128,7 +128,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let before_us = state.now_us.unwrap_or(now_us);
         let elapsed_us = now_us.checked_sub(before_us).ok_or(Fault::Internal)?;
         // The device transfer that read this sample also sent the force of the last tick.
-        state.passivity.sent(now_us, state.last.hand_force_n);
+        state.passivity.sent(now_us, state.rendered_n);
         let armed_us = match state.armed_us {
             Some(armed_us) => armed_us,
             None => {
@@ -139,7 +139,10 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let fresh = match (state.stale.judge(limits, now_us, sample.map(|sample| sample.t_us)), sample) {
             (Freshness::Fresh, Some(sample)) => sample,
             (Freshness::Fresh | Freshness::RepeatLast, _) => return Ok(state.last),
-            (Freshness::SendZero, _) => return Ok(Command { hand_force_n: vec3::ZERO, ..state.last }),
+            (Freshness::SendZero, _) => {
+                (state.rendered_n, state.carried) = (vec3::ZERO, 0.0);
+                return Ok(Command { hand_force_n: vec3::ZERO, ..state.last });
+            }
             (Freshness::Fault, _) => return Err(Fault::Stale),
         };
         self.check_motion(&mut state.speed, fresh)?;
@@ -155,16 +158,26 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let wanted_n = vec3::add(vec3::scale(clamped_n, ramp), damping_n);
         // A release, a lost grasp or another organ starts a transition from the last force for the hand.
         if state.handed_over || (model.engaged.is_none() && state.last.engaged.is_some()) {
-            state.fade.begin(now_us, vec3::sub(state.last.hand_force_n, wanted_n));
+            state.fade.begin(now_us, vec3::sub(state.rendered_n, wanted_n));
             state.handed_over = false;
         }
         let smooth_n = vec3::add(wanted_n, state.fade.remaining_n(now_us, limits.fade_s));
-        let step_n = limits.max_slew_n_per_s * (elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6);
-        let slewed_n = limit::slew(state.last.hand_force_n, smooth_n, step_n);
-        // Damping and fade can carry the force beyond the limit; this clamp enforces it.
-        let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
+        let elapsed_s = elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6;
+        let slewed_n = limit::slew(state.rendered_n, smooth_n, limits.max_slew_n_per_s * elapsed_s);
+        let weight_n = self.weight_n(&mut state.carried, elapsed_s);
+        // Damping, fade and weight can carry the force beyond the limit; this clamp enforces it.
+        let sum_n = if weight_n == vec3::ZERO { slewed_n } else { vec3::add(slewed_n, weight_n) };
+        let (hand_force_n, _) = limit::clamp_force(sum_n, limits.max_force_n);
+        state.rendered_n = vec3::sub(hand_force_n, weight_n);
         let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
         Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp, ..model })
+    }
+
+    /// The compensation of the handle's weight in this tick.
+    fn weight_n(&self, carried: &mut f32, elapsed_s: f32) -> Vec3 {
+        let rise_s = self.config.limits.ramp_s;
+        *carried = if *carried * rise_s + elapsed_s < rise_s { *carried + elapsed_s / rise_s } else { 1.0 };
+        vec3::scale(self.config.gravity_compensation_n, *carried)
     }
 
     /// Upper bound of the energy stored in the body, J, with the force for the hand and the path of the

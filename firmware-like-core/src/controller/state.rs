@@ -58,7 +58,8 @@ pub enum Phase {
 /// Result of one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Command {
-    /// Force for the hand, newtons: -h, ramped and limited. Finite, and never above the limit.
+    /// Force for the hand, newtons: -h, ramped, with the compensation of the handle's weight, and limited.
+    /// Finite, and never above the limit.
     pub hand_force_n: Vec3,
     /// h of the model before any limit, newtons; zero without contact.
     pub reaction_n: Vec3,
@@ -105,6 +106,10 @@ pub struct State {
     /// The next force comes from another organ.
     pub(super) handed_over: bool,
     pub(super) last: Command,
+    /// The part of the last force that renders the organ.
+    pub(super) rendered_n: Vec3,
+    /// Share of the weight of the handle that is compensated.
+    pub(super) carried: f32,
 }
 
 impl State {

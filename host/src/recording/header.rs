@@ -60,7 +60,7 @@ impl Header {
     }
 
     pub(super) fn entries(&self) -> Entries {
-        let Config { method, contact, limits, passivity } = self.config;
+        let Config { method, contact, limits, passivity, .. } = self.config;
         let entry = |key: &str, value: &dyn Display| (key.to_string(), value.to_string());
         // A float is written with enough digits to restore its bits.
         Entries::from([
@@ -164,6 +164,7 @@ impl Header {
                     position_step_m: get(entries, "position_step_m")?,
                     force_delay_us: get(entries, "force_delay_us")?,
                 },
+                gravity_compensation_n: [0.0; 3],
             },
             start_unix_ns: get(entries, "start_unix_ns")?,
         })
@@ -287,6 +288,7 @@ pub(super) mod tests {
                     position_step_m: 0.0,
                     force_delay_us: 107,
                 },
+                gravity_compensation_n: [0.0; 3],
             },
             start_unix_ns: 1_795_000_000_123_456_789,
         }

@@ -26,9 +26,6 @@ pub struct Outputs {
     pub latest: triple_buffer::Input<TickRecord>,
 }
 
-/// Rise time of the gravity compensation, us: equal to the ramp after arming.
-const GRAVITY_COMPENSATION_RISE_US: f32 = 500_000.0;
-
 /// Reason of the end of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoopEnd {
@@ -87,13 +84,8 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits
     config: LoopConfig,
     controls: &'l Controls,
     outputs: Outputs,
-    /// Force of the next exchange, with the gravity compensation.
+    /// Force of the next exchange: that of the last record.
     sent_force_n: Vec3,
-    /// Force that compensates the weight of the handle, and the share of it that is applied.
-    gravity_compensation_n: Vec3,
-    compensation_share: f32,
-    /// Ticks since the last sample.
-    ticks_without_sample: u32,
     buttons: u32,
     latency: LatencyRecorder,
     ticks: u64,
@@ -174,9 +166,6 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             controls,
             outputs,
             sent_force_n: vec3::ZERO,
-            gravity_compensation_n: vec3::ZERO,
-            compensation_share: 0.0,
-            ticks_without_sample: 0,
             // All bits set: arming needs a transition from released to pressed.
             buttons: u32::MAX,
             latency: LatencyRecorder::new(),
@@ -189,18 +178,6 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         }
     }
 
-    /// Sets the force that compensates the weight of the handle while the controller is active, model frame,
-    /// N.
-    ///
-    /// It is not part of the model's force: it is not recorded, and the energy guard does not count it. The
-    /// device's clamp limits the sum. The compensation rises over half a second and goes to zero together
-    /// with the model's force.
-    #[must_use]
-    pub const fn with_gravity_compensation(mut self, force_n: Vec3) -> Self {
-        self.gravity_compensation_n = force_n;
-        self
-    }
-
     /// Sets a second stop flag, besides the one of [`HapticLoop::run`].
     #[must_use]
     pub const fn with_stop_flag(mut self, stop: &'l AtomicBool) -> Self {
@@ -211,20 +188,6 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     /// The instructions that evaluate the force.
     pub fn instructions(&self) -> Instructions {
         self.models[self.model].interpolator.instructions()
-    }
-
-    /// The gravity compensation for this tick. Without samples it continues for `stale_hold_ticks` ticks and
-    /// is then zero, like the model's force. Afterwards it rises from zero again.
-    fn gravity_compensation_n(&mut self, phase: Phase, has_sample: bool) -> Vec3 {
-        self.ticks_without_sample = if has_sample { 0 } else { self.ticks_without_sample.saturating_add(1) };
-        let hold_ticks = self.models[self.model].controller.config().limits.stale_hold_ticks;
-        if phase == Phase::Active && self.ticks_without_sample <= hold_ticks {
-            let step = self.config.period_us as f32 / GRAVITY_COMPENSATION_RISE_US;
-            self.compensation_share = (self.compensation_share + step).min(1.0);
-        } else {
-            self.compensation_share = 0.0;
-        }
-        vec3::scale(self.gravity_compensation_n, self.compensation_share)
     }
 
     /// Switches to the requested model.
@@ -304,8 +267,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             controller.tick_with(&mut self.state, now_us, sample.as_ref(), |space, displacement_m| {
                 interpolator.force(space, displacement_m)
             });
-        let gravity_compensation_n = self.gravity_compensation_n(command.phase, sample.is_some());
-        self.sent_force_n = vec3::add(command.hand_force_n, gravity_compensation_n);
+        self.sent_force_n = command.hand_force_n;
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
         let end_ns = self.clock.now_ns();
         let device_ns = exchanged_ns - start_ns;
