@@ -12,8 +12,7 @@ use core::sync::atomic::AtomicBool;
 use palpate_core::{Config, Method, Organ, vec3};
 use palpate_host::device::mouse::{MouseConfig, mouse};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::session::View;
-use palpate_host::viewer::RendererConfig;
+use palpate_host::viewer::{RendererConfig, Screen, View};
 use palpate_host::{Device, SessionOptions, run_session};
 
 fn main() -> Result<(), Box<dyn core::error::Error>> {
@@ -33,8 +32,10 @@ fn main() -> Result<(), Box<dyn core::error::Error>> {
         other => return Err(format!("no device `{other}`; choose sim or mouse").into()),
     };
     let view = View::Window { screenshots, picture: RendererConfig::live(), mouse };
-    let options = SessionOptions { seconds, view, ..SessionOptions::default() };
-    let config = Config::new(Method::Tricubic);
-    println!("{}", run_session(&[&organ], config, device, &options, &AtomicBool::new(false), |_| ())?);
+    let options = SessionOptions { seconds, ..SessionOptions::default() };
+    let (organs, config) = ([&organ], Config::new(Method::Tricubic));
+    let mut screen = Screen::open(&organs, config.method, &view)?;
+    let summary = run_session(&organs, config, device, &options, &AtomicBool::new(false), &mut screen)?;
+    println!("{summary}\n{}", screen.finish()?);
     Ok(())
 }

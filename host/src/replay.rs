@@ -9,11 +9,11 @@
 
 use crate::device::replay::{RecordedReply, ReplayDevice};
 use crate::model::{self, ModelError, TouchMemory};
-use crate::recording::{Recording, RecordingError};
+use crate::recording::{Header, Recording, RecordingError};
 use crate::rt::{Clock, Controls, HapticLoop, Outputs, TickRecord, VirtualClock};
-use crate::session::{Screen, TouchStatistics, View};
-use crate::viewer::{Live, ViewerError};
+use crate::session::{Observer, TouchStatistics};
 use core::fmt;
+use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::{Config, Method, Organ, Vec3, vec3};
@@ -34,8 +34,6 @@ pub enum ReplayError {
     Model(ModelError),
     /// The recording is damaged.
     Recording(RecordingError),
-    /// No display is available, or a frame could not be written.
-    Viewer(ViewerError),
 }
 
 impl fmt::Display for ReplayError {
@@ -51,7 +49,6 @@ impl fmt::Display for ReplayError {
             }
             Self::Model(error) => error.fmt(f),
             Self::Recording(error) => error.fmt(f),
-            Self::Viewer(error) => error.fmt(f),
         }
     }
 }
@@ -67,12 +64,6 @@ impl From<ModelError> for ReplayError {
 impl From<RecordingError> for ReplayError {
     fn from(error: RecordingError) -> Self {
         Self::Recording(error)
-    }
-}
-
-impl From<ViewerError> for ReplayError {
-    fn from(error: ViewerError) -> Self {
-        Self::Viewer(error)
     }
 }
 
@@ -120,8 +111,6 @@ pub struct ReplaySummary {
     pub is_stopped: bool,
     /// Replayed forces, displacements and contacts.
     pub touch: TouchStatistics,
-    /// Frames written.
-    pub frames_written: u64,
 }
 
 impl ReplaySummary {
@@ -181,35 +170,48 @@ impl fmt::Display for ReplaySummary {
         if self.is_stopped {
             write!(f, "\nend          stopped before the end of the recording")?;
         }
-        if self.frames_written > 0 {
-            write!(f, "\nframes       {} written", self.frames_written)?;
-        }
         Ok(())
     }
+}
+
+/// Refuses blobs other than the recorded ones, so a caller can check before it opens a screen.
+///
+/// # Errors
+///
+/// [`ReplayError::OtherBlob`].
+pub fn check_blobs(header: &Header, blob_blake3: &[String]) -> Result<(), ReplayError> {
+    if header.blob_blake3 == blob_blake3 {
+        return Ok(());
+    }
+    Err(ReplayError::OtherBlob { recorded: header.blob_blake3.clone(), scene: header.scene.clone() })
 }
 
 /// Replays a recording on the organs whose blobs have these BLAKE3 hashes, with the recorded method or
 /// another one.
 ///
-/// The replay runs at full speed and takes frames by recorded time; with a window it runs in real time. The
-/// window accepts only its view and quit keys. `stop` ends the replay from outside.
+/// `observer` receives every replayed record and shows those that `pace` selects. Its requests have no effect
+/// except `Break`, which ends the replay, as `stop` does from outside. The times of a shown record are the
+/// recorded ones.
+///
+/// # Errors
+///
+/// [`ReplayError`]: another blob, a damaged recording, or organs that the controller refuses.
 pub fn replay<R: Read, const N: usize>(
     organs: &[&Organ<'_, N>],
     blob_blake3: &[String],
     recording: &mut Recording<R>,
     method: Option<Method>,
-    view: &View,
     stop: &AtomicBool,
+    observer: &mut impl Observer,
+    pace: Pace,
 ) -> Result<ReplaySummary, ReplayError> {
     let header = recording.header().clone();
-    if header.blob_blake3 != blob_blake3 {
-        return Err(ReplayError::OtherBlob { recorded: header.blob_blake3, scene: header.scene });
-    }
+    check_blobs(&header, blob_blake3)?;
     let config = Config { method: method.unwrap_or(header.config.method), ..header.config };
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
-    let first = organs[0];
-    let mut show = Show::open(organs, &config, view)?;
+    let mut shown =
+        Shown { observer, pace, due_us: 0, started: Instant::now(), ignored: Controls::default() };
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let (mut replies, fed) = rtrb::RingBuffer::new(1);
     let (records, mut replayed) = rtrb::RingBuffer::new(1);
@@ -233,15 +235,15 @@ pub fn replay<R: Read, const N: usize>(
         is_cut: false,
         is_stopped: false,
         touch: TouchStatistics::default(),
-        frames_written: 0,
     };
+    let mut is_closed = false;
     while let Some(recorded) = recording.next() {
         let recorded = recorded?;
         summary.lost = recording.lost();
         if summary.lost > 0 {
             break;
         }
-        summary.is_stopped = stop.load(Ordering::Relaxed) || show.is_closed();
+        summary.is_stopped = is_closed || stop.load(Ordering::Relaxed);
         if summary.is_stopped {
             break;
         }
@@ -256,14 +258,22 @@ pub fn replay<R: Read, const N: usize>(
             .expect("the device has an reply for every tick");
         let now = replayed.pop().expect("every tick leaves a record");
         summary.compare(&recorded, &now);
-        show.take(
-            organs.get(usize::from(now.model)).copied().unwrap_or(first),
-            &TickRecord { lateness_ns: recorded.lateness_ns, compute_ns: recorded.compute_ns, ..now },
-        )?;
+        let times = TickRecord { lateness_ns: recorded.lateness_ns, compute_ns: recorded.compute_ns, ..now };
+        is_closed = shown.take(&times).is_break();
     }
     summary.is_cut = recording.is_cut();
-    summary.frames_written = show.screen.frames_written();
     Ok(summary)
+}
+
+/// When a replay shows a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// Never: at full speed.
+    Unseen,
+    /// At full speed, once in every interval of recorded time.
+    Recorded(Duration),
+    /// In real time, whenever the observer is due.
+    RealTime,
 }
 
 /// The bits of all outputs of a tick.
@@ -296,68 +306,35 @@ impl ReplaySummary {
     }
 }
 
-/// The viewer and its playback mode.
-struct Show {
-    screen: Screen,
-    live: Live,
-    playback: Playback,
+/// The observer and when it is shown a record.
+struct Shown<'o, O> {
+    observer: &'o mut O,
+    pace: Pace,
+    /// Recorded time of the next picture.
+    due_us: u64,
+    started: Instant,
     /// Controls whose requests the replay ignores.
     ignored: Controls,
-    closed: AtomicBool,
 }
 
-enum Playback {
-    Free,
-    /// One frame per interval of recorded time.
-    Frames {
-        interval_us: u64,
-        due_us: u64,
-    },
-    /// In real time, from this instant.
-    Real(Instant),
-}
-
-impl Show {
-    fn open<const N: usize>(
-        organs: &[&Organ<'_, N>],
-        config: &Config,
-        view: &View,
-    ) -> Result<Self, ViewerError> {
-        let playback = match view {
-            View::Nothing => Playback::Free,
-            View::Frames { rate_hz, .. } | View::Gif { rate_hz, .. } => {
-                Playback::Frames { interval_us: (1e6 / rate_hz.clamp(0.01, 1000.0)) as u64, due_us: 0 }
-            }
-            View::Window { .. } => Playback::Real(Instant::now()),
-        };
-        let screen = Screen::open(organs, config, view)?;
-        let (live, ignored) = (Live::new(), Controls::default());
-        Ok(Self { screen, live, playback, ignored, closed: AtomicBool::new(false) })
-    }
-
-    fn is_closed(&self) -> bool {
-        self.closed.load(Ordering::Relaxed)
-    }
-
-    fn take<const N: usize>(&mut self, organ: &Organ<'_, N>, record: &TickRecord) -> Result<(), ViewerError> {
-        self.live.push(record);
-        let is_due = match &mut self.playback {
-            Playback::Free => false,
-            Playback::Frames { interval_us, due_us } => {
-                let is_due = record.t_us >= *due_us;
+impl<O: Observer> Shown<'_, O> {
+    fn take(&mut self, record: &TickRecord) -> ControlFlow<()> {
+        self.observer.record(record);
+        let is_due = match self.pace {
+            Pace::Unseen => false,
+            Pace::Recorded(interval) => {
+                let is_due = record.t_us >= self.due_us;
                 if is_due {
-                    *due_us = record.t_us.saturating_add(*interval_us);
+                    self.due_us = record.t_us.saturating_add(interval.as_micros() as u64);
                 }
                 is_due
             }
-            Playback::Real(started) => {
-                std::thread::sleep(Duration::from_micros(record.t_us).saturating_sub(started.elapsed()));
-                self.screen.is_due()
+            Pace::RealTime => {
+                let at = Duration::from_micros(record.t_us);
+                std::thread::sleep(at.saturating_sub(self.started.elapsed()));
+                self.observer.time_to_frame().is_zero()
             }
         };
-        if is_due {
-            self.screen.show(organ, record, &mut self.live, &self.ignored, &self.closed)?;
-        }
-        Ok(())
+        if is_due { self.observer.show(record, &self.ignored) } else { ControlFlow::Continue(()) }
     }
 }

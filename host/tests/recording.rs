@@ -5,9 +5,8 @@ use palpate_core::{Config, Fault, Method, Organ, Phase, Sample, Vec3};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::model::{self, TouchMemory};
 use palpate_host::recording::{Header, TickWriter};
-use palpate_host::replay::{ReplayError, ReplaySummary};
+use palpate_host::replay::{Pace, ReplayError, ReplaySummary};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
-use palpate_host::session::View;
 use palpate_host::{BlobFile, Device, DeviceError, DeviceErrorKind, DeviceInfo, Recording, replay};
 
 /// Holes, branch jumps and every method.
@@ -127,7 +126,7 @@ impl Session {
         let file = self.file();
         let mut recording = Recording::open(file.as_slice()).expect("valid");
         let go = AtomicBool::new(false);
-        replay(&[organ], &[blob.into()], &mut recording, method, &View::Nothing, &go)
+        replay(&[organ], &[blob.into()], &mut recording, method, &go, &mut |_: &TickRecord| (), Pace::Unseen)
             .expect("it can be replayed")
     }
 }
@@ -217,8 +216,16 @@ fn a_truncated_recording_is_replayed_up_to_its_end() {
         let file = session(organ, blob, Method::Hybrid).file();
         let mut recording = Recording::open(&file[..file.len() / 2]).expect("a beginning");
         let go = AtomicBool::new(false);
-        let summary = replay(&[organ], &[blob.into()], &mut recording, None, &View::Nothing, &go)
-            .expect("it can be replayed");
+        let summary = replay(
+            &[organ],
+            &[blob.into()],
+            &mut recording,
+            None,
+            &go,
+            &mut |_: &TickRecord| (),
+            Pace::Unseen,
+        )
+        .expect("it can be replayed");
         assert!(summary.is_cut && summary.different == 0 && summary.ticks > TICKS / 3, "{summary}");
         assert!(summary.to_string().contains("is truncated here"), "{summary}");
     });
@@ -230,7 +237,15 @@ fn another_blob_is_refused() {
         let file = session(organ, blob, Method::Hybrid).file();
         let mut recording = Recording::open(file.as_slice()).expect("valid");
         let go = AtomicBool::new(false);
-        let refused = replay(&[organ], &["00".repeat(32)], &mut recording, None, &View::Nothing, &go);
+        let refused = replay(
+            &[organ],
+            &["00".repeat(32)],
+            &mut recording,
+            None,
+            &go,
+            &mut |_: &TickRecord| (),
+            Pace::Unseen,
+        );
         let error = refused.expect_err("not the blob");
         assert!(matches!(error, ReplayError::OtherBlob { .. }));
         assert!(

@@ -9,9 +9,8 @@ mod synthetic;
 use core::sync::atomic::AtomicBool;
 use palpate_core::{Config, Method, Organ};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::session::View;
 use palpate_host::sys::RtRequest;
-use palpate_host::viewer::RendererConfig;
+use palpate_host::viewer::{RendererConfig, Screen, View};
 use palpate_host::{SessionOptions, run_session};
 use std::fs::File;
 use std::path::PathBuf;
@@ -31,15 +30,14 @@ fn a_headless_session_becomes_a_film_of_its_duration() {
         }
     };
     let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
-    let options = SessionOptions {
-        seconds: Some(seconds),
-        real_time: RtRequest::none(),
-        view: View::Gif { file: file.clone(), rate_hz: 12.5, picture },
-        ..SessionOptions::default()
-    };
+    let options =
+        SessionOptions { seconds: Some(seconds), real_time: RtRequest::none(), ..SessionOptions::default() };
     let config = Config::new(Method::Tricubic);
-    let summary =
-        run_session(&[&organ], config, hand, &options, &AtomicBool::new(false), |_| ()).expect("it runs");
+    let (organs, go) = ([&organ], AtomicBool::new(false));
+    let view = View::Gif { file: file.clone(), rate_hz: 12.5, picture };
+    let mut screen = Screen::open(&organs, config.method, &view).expect("a film");
+    run_session(&organs, config, hand, &options, &go, &mut screen).expect("it runs");
+    let frames = screen.finish().expect("a whole film");
 
     let mut decoder =
         gif::DecodeOptions::new().read_info(File::open(&file).expect("written")).expect("a GIF");
@@ -51,7 +49,7 @@ fn a_headless_session_becomes_a_film_of_its_duration() {
     while let Some(frame) = decoder.read_next_frame().expect("valid") {
         delays_cs.push(u32::from(frame.delay));
     }
-    assert!(delays_cs.len() >= 3 && delays_cs.len() as u64 == summary.frames_written, "{delays_cs:?}");
+    assert!(delays_cs.len() >= 3 && delays_cs.len() as u64 == frames.written, "{delays_cs:?}");
     // The delay of the last frame is half a second. The others sum to the time between the first and the last
     // tick.
     let between_cs: u32 = delays_cs[..delays_cs.len() - 1].iter().sum();

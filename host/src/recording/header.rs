@@ -175,9 +175,9 @@ impl Header {
 pub struct End {
     /// Number of ticks.
     pub ticks: u64,
-    /// Records dropped because the queue of the haptic thread was full.
+    /// Records dropped by the queue of the thread that also drew. 0 since the recorder has a queue of its own.
     pub dropped_by_loop: u64,
-    /// Records dropped because the disk did not keep up.
+    /// Records dropped by the recorder's queue because the disk did not keep up.
     pub dropped_by_recorder: u64,
     /// Device exchanges that failed with a transient error.
     pub device_errors: u64,
@@ -188,13 +188,13 @@ pub struct End {
 }
 
 impl End {
-    /// The end of a session. The recorder adds the number of records that it dropped.
+    /// The end of a session.
     #[must_use]
     pub fn of_session(summary: &SessionSummary) -> Self {
         Self {
             ticks: summary.ticks,
-            dropped_by_loop: summary.dropped_records,
-            dropped_by_recorder: 0,
+            dropped_by_loop: 0,
+            dropped_by_recorder: summary.dropped_by_recorder,
             device_errors: summary.device_errors,
             reason: match summary.end {
                 LoopEnd::Completed => "completed".into(),

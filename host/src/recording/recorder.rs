@@ -1,69 +1,84 @@
-//! The thread that writes a recording, behind a bounded queue.
+//! The thread that writes a recording, behind a bounded queue of its own.
 //!
-//! The thread that drains the haptic queue also draws. A disk that stalls for seconds (a busy disk or a
-//! network disk) must neither freeze the picture nor fill the haptic queue. So writing has its own thread and
-//! queue; records that do not fit are dropped and counted. The standard library's channel may lock here:
-//! neither end is the haptic thread.
+//! The haptic loop fills the queue directly. Neither a slow frame nor a disk that stalls for seconds (a busy
+//! disk or a network disk) makes it wait: records that do not fit are dropped, and the loop counts them.
 
 use super::header::{End, Header};
 use super::{RecordingError, TickWriter};
 use crate::rt::TickRecord;
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::time::Duration;
 use std::io::Write;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 
-/// Capacity of the queue in ticks: half a minute at 1 kHz, in less than 5 MB.
+/// Capacity of the queue in ticks: half a minute at 1 kHz, in about 8 MB.
 const QUEUE_TICKS: usize = 32_768;
+/// Pause of the writer when its queue is empty. The loop cannot wake it: that would be a system call.
+const PAUSE: Duration = Duration::from_millis(5);
 
 /// Summary of a recording.
 #[derive(Debug)]
 pub struct RecorderReport {
     /// Ticks written.
     pub ticks: u64,
-    /// Records that arrived while the queue was full or after an error.
+    /// Records that are missing: the queue was full, or an error had ended the recording.
     pub dropped: u64,
     /// The error that ended the recording early.
     pub error: Option<RecordingError>,
 }
 
-/// Accepts records without blocking; a thread writes them. Dropping it without [`Self::finish`], for instance
-/// in a panic, also completes the file.
+/// A thread that writes the records of a queue. Dropping it without [`Self::finish`], for instance in a panic,
+/// also completes the file.
 #[derive(Debug)]
 pub struct Recorder<W: Write> {
-    /// Queue and thread; `None` after the end of the recording.
-    running: Option<(SyncSender<TickRecord>, JoinHandle<WriterResult<W>>)>,
-    dropped: u64,
+    /// `None` after the end of the recording.
+    thread: Option<JoinHandle<WriterResult<W>>>,
+    /// Set when no more records follow.
+    ended: Arc<AtomicBool>,
 }
 
 #[derive(Debug)]
 struct WriterResult<W: Write> {
     writer: TickWriter<W>,
+    /// Records that arrived after the error.
+    dropped: u64,
     error: Option<RecordingError>,
 }
 
 impl<W: Write + Send + 'static> Recorder<W> {
-    /// Writes the header, then starts the thread.
-    pub fn start(stream: W, header: &Header) -> Result<Self, RecordingError> {
+    /// Writes the header, then starts the thread. The queue is for
+    /// [`Observer::recording`](crate::session::Observer::recording).
+    ///
+    /// # Errors
+    ///
+    /// The stream cannot be written, or the thread cannot be started.
+    pub fn start(stream: W, header: &Header) -> Result<(Self, rtrb::Producer<TickRecord>), RecordingError> {
         Self::with_queue(stream, header, QUEUE_TICKS)
     }
 
     /// Like [`Self::start`], with a queue of this many ticks.
-    pub fn with_queue(stream: W, header: &Header, ticks: usize) -> Result<Self, RecordingError> {
+    ///
+    /// # Errors
+    ///
+    /// Like [`Self::start`].
+    pub fn with_queue(
+        stream: W,
+        header: &Header,
+        ticks: usize,
+    ) -> Result<(Self, rtrb::Producer<TickRecord>), RecordingError> {
         let writer = TickWriter::new(stream, header)?;
-        // A queue of capacity zero would block the sender until the receiver reads.
-        let (queue, records) = sync_channel(ticks.max(1));
-        let thread =
-            Builder::new().name("palpate-recorder".into()).spawn(move || write_all(writer, &records))?;
-        Ok(Self { running: Some((queue, thread)), dropped: 0 })
+        let (queue, records) = rtrb::RingBuffer::new(ticks.max(1));
+        let ended = Arc::new(AtomicBool::new(false));
+        let ends = Arc::clone(&ended);
+        let thread = Builder::new()
+            .name("palpate-recorder".into())
+            .spawn(move || write_all(writer, records, &ends))?;
+        Ok((Self { thread: Some(thread), ended }, queue))
     }
 
-    /// Queues a record; never blocks.
-    pub fn push(&mut self, record: &TickRecord) {
-        let queued = self.running.as_ref().is_some_and(|(queue, _)| queue.try_send(*record).is_ok());
-        self.dropped += u64::from(!queued);
-    }
-
-    /// Waits until the queued records are written, then ends the recording.
+    /// Waits until the queued records are written, then ends the recording. Call it after the loop has ended.
+    #[must_use]
     pub fn finish(mut self, end: Option<End>) -> RecorderReport {
         self.end(end)
     }
@@ -71,19 +86,17 @@ impl<W: Write + Send + 'static> Recorder<W> {
 
 impl<W: Write> Recorder<W> {
     fn end(&mut self, end: Option<End>) -> RecorderReport {
-        let dropped = self.dropped;
-        let Some((queue, thread)) = self.running.take() else {
-            return RecorderReport { ticks: 0, dropped, error: None };
+        let by_loop = end.as_ref().map_or(0, |end| end.dropped_by_recorder);
+        let Some(thread) = self.thread.take() else {
+            return RecorderReport { ticks: 0, dropped: by_loop, error: None };
         };
-        // The thread ends after the last record.
-        drop(queue);
-        let Ok(WriterResult { writer, error }) = thread.join() else {
-            return RecorderReport { ticks: 0, dropped, error: Some(RecordingError::Panicked) };
+        self.ended.store(true, Ordering::Release);
+        let Ok(WriterResult { writer, dropped, error }) = thread.join() else {
+            return RecorderReport { ticks: 0, dropped: by_loop, error: Some(RecordingError::Panicked) };
         };
         let ticks = writer.ticks();
-        let end = end.map(|end| End { dropped_by_recorder: dropped, ..end });
         let error = error.or_else(|| writer.finish(end.as_ref()).err());
-        RecorderReport { ticks, dropped, error }
+        RecorderReport { ticks, dropped: by_loop.saturating_add(dropped), error }
     }
 }
 
@@ -95,14 +108,27 @@ impl<W: Write> Drop for Recorder<W> {
     }
 }
 
-fn write_all<W: Write>(mut writer: TickWriter<W>, records: &Receiver<TickRecord>) -> WriterResult<W> {
-    for record in records {
-        if let Err(error) = writer.write(&record) {
-            // The receiver ends with this thread: later records count as dropped.
-            return WriterResult { writer, error: Some(error) };
+fn write_all<W: Write>(
+    writer: TickWriter<W>,
+    mut records: rtrb::Consumer<TickRecord>,
+    ended: &AtomicBool,
+) -> WriterResult<W> {
+    let mut result = WriterResult { writer, dropped: 0, error: None };
+    loop {
+        // Read before the queue: what was queued before the end is written.
+        let is_end = ended.load(Ordering::Acquire);
+        while let Ok(record) = records.pop() {
+            if result.error.is_none() {
+                result.error = result.writer.write(&record).err();
+            } else {
+                result.dropped += 1;
+            }
         }
+        if is_end {
+            return result;
+        }
+        std::thread::sleep(PAUSE);
     }
-    WriterResult { writer, error: None }
 }
 
 #[cfg(test)]
@@ -184,15 +210,15 @@ mod tests {
     fn a_stalled_disk_drops_records_and_does_not_block() {
         let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
         let disk = Disk { bytes: bytes.clone(), gate: gate.clone(), capacity: usize::MAX };
-        let mut recorder = Recorder::with_queue(disk, &header(), 1_500).expect("the header fits");
+        let (recorder, mut queue) = Recorder::with_queue(disk, &header(), 1_500).expect("the header fits");
         gate.set(true);
         // Tick 1000 completes a chunk, whose write stalls while the queue is empty.
-        (0..=1_000).for_each(|tick| recorder.push(&record(tick)));
+        assert!((0..=1_000).all(|tick| queue.push(record(tick)).is_ok()));
         gate.wait_until_blocked();
-        (1_001..1_001 + 1_500 + 7).for_each(|tick| recorder.push(&record(tick)));
-        assert_eq!(recorder.dropped, 7);
+        let dropped = (1_001..1_001 + 1_500 + 7).filter(|tick| queue.push(record(*tick)).is_err()).count();
+        assert_eq!(dropped, 7);
         gate.set(false);
-        let report = recorder.finish(Some(end()));
+        let report = recorder.finish(Some(End { dropped_by_recorder: 7, ..end() }));
         assert!(report.error.is_none(), "{report:?}");
         assert_eq!((report.ticks, report.dropped), (2_501, 7));
 
@@ -209,7 +235,7 @@ mod tests {
     fn a_panic_of_the_caller_leaves_a_complete_file() {
         let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
         let disk = Disk { bytes: bytes.clone(), gate: gate.clone(), capacity: usize::MAX };
-        let mut recorder = Recorder::start(disk, &header()).expect("the header fits");
+        let (recorder, mut queue) = Recorder::start(disk, &header()).expect("the header fits");
         gate.set(true);
         let opener = gate.clone();
         let opens = std::thread::spawn(move || {
@@ -218,7 +244,8 @@ mod tests {
             opener.set(false);
         });
         let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(move || {
-            (0..1_500).for_each(|tick| recorder.push(&record(tick)));
+            let _recorder = recorder;
+            assert!((0..1_500).all(|tick| queue.push(record(tick)).is_ok()));
             panic!("injected panic");
         }));
         // Immediately, as if the process exited now.
@@ -235,10 +262,11 @@ mod tests {
     fn missing_ticks_are_counted_and_skipped_deadlines_are_not() {
         let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
         let disk = Disk { bytes: bytes.clone(), gate, capacity: usize::MAX };
-        let mut recorder = Recorder::start(disk, &header()).expect("the header fits");
+        let (recorder, mut queue) = Recorder::start(disk, &header()).expect("the header fits");
         // Deadlines 10 and 11 were skipped; the records of 21, 22 and 23 are lost.
         for tick in (0..30).filter(|tick| ![10, 11, 21, 22, 23].contains(tick)) {
-            recorder.push(&TickRecord { skipped_periods: if tick > 11 { 2 } else { 0 }, ..record(tick) });
+            let skipped_periods = if tick > 11 { 2 } else { 0 };
+            assert!(queue.push(TickRecord { skipped_periods, ..record(tick) }).is_ok());
         }
         assert_eq!(recorder.finish(None).dropped, 0);
         let bytes = bytes.lock().expect("no panic").clone();
@@ -254,9 +282,10 @@ mod tests {
     fn a_full_disk_is_an_error_that_keeps_what_was_written() {
         let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
         let disk = Disk { bytes: bytes.clone(), gate, capacity: 1_500_000 };
-        let mut recorder = Recorder::with_queue(disk, &header(), 20_000).expect("the header fits");
-        (0..10_000).for_each(|tick| recorder.push(&record(tick)));
+        let (recorder, mut queue) = Recorder::with_queue(disk, &header(), 20_000).expect("the header fits");
+        assert!((0..10_000).all(|tick| queue.push(record(tick)).is_ok()));
         let report = recorder.finish(Some(end()));
+        assert_eq!(report.ticks + report.dropped, 10_000, "{report:?}");
         assert!(
             matches!(&report.error, Some(RecordingError::Io(error)) if error.kind() == io::ErrorKind::StorageFull)
         );

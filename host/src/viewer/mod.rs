@@ -42,5 +42,5 @@ pub use help::Help;
 pub use image::Image;
 pub use live::Live;
 pub use renderer::{Layers, Renderer, RendererConfig};
-pub use screen::View;
+pub use screen::{Frames, Screen, View};
 pub use window::{ViewWindow, WindowEvents};
