@@ -19,20 +19,16 @@
 #![deny(unsafe_code)]
 
 pub mod blob_file;
-pub mod deformation;
 pub mod device;
 pub mod doctor;
 pub mod instructions;
 pub mod model;
-pub mod recording;
-pub mod replay;
 pub mod rt;
 pub mod session;
 pub mod settings;
 pub mod sliding;
 pub mod supervisor;
 pub mod sys;
-pub mod viewer;
 
 #[cfg(test)]
 #[path = "../tests/common/synthetic.rs"]
@@ -41,7 +37,5 @@ mod synthetic;
 pub use blob_file::BlobFile;
 pub use device::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
 pub use instructions::{Instructions, Interpolator};
-pub use recording::{Recorder, Recording};
-pub use replay::replay;
 pub use rt::TickRecord;
 pub use session::{SessionError, SessionOptions, SessionSummary, run_session};

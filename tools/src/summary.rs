@@ -3,13 +3,13 @@
 use palpate_core::{Coverage, Phase};
 use palpate_host::device::profile::{Profile, StiffnessCap, Timing};
 use palpate_host::doctor::SystemInfo;
-use palpate_host::recording::End;
-use palpate_host::replay::{Difference, ReplaySummary};
 use palpate_host::rt::{LatencyReport, Miss, Percentiles};
 use palpate_host::session::TouchStatistics;
 use palpate_host::sys::RtReport;
-use palpate_host::viewer::Frames;
 use palpate_host::{DeviceInfo, SessionSummary};
+use palpate_record::End;
+use palpate_record::replay::{Difference, ReplaySummary};
+use palpate_viewer::Frames;
 use serde_json::{Map, Value, json};
 
 /// The summary of a session.

@@ -13,13 +13,13 @@ use palpate_core::{Config, Method, Organ, Phase, vec3};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::device::profile::Profile;
 use palpate_host::model::ModelError;
-use palpate_host::recording::{End, Header, RecorderReport};
 use palpate_host::rt::{Controls, LoopEnd, TickRecord};
 use palpate_host::session::Observer;
 use palpate_host::settings::controller_config;
 use palpate_host::sys::RtReport;
-use palpate_host::viewer::{Frames, RendererConfig, Screen, View, ViewerError};
-use palpate_host::{Device, DeviceInfo, Recorder, SessionError, SessionOptions, SessionSummary, run_session};
+use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_session};
+use palpate_record::{End, Header, Recorder, RecorderReport};
+use palpate_viewer::{Frames, RendererConfig, Screen, View, ViewerError};
 
 use crate::failure::Failure;
 use crate::files::Output;
@@ -296,8 +296,9 @@ pub(crate) fn judge(summary: &SessionSummary) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate_host::BlobFile;
     use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-    use palpate_host::{BlobFile, Recording};
+    use palpate_record::Recording;
     use std::panic::{AssertUnwindSafe, catch_unwind};
 
     const BLOB: &[u8] = include_bytes!("../../firmware-like-core/golden/organ-514.blob");

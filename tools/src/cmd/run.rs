@@ -14,11 +14,12 @@ use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::replay::{self, Pace, ReplayError};
 use palpate_host::rt::Miss;
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_host::supervisor;
-use palpate_host::{BlobFile, Device, Recording};
+use palpate_host::{BlobFile, Device};
+use palpate_record::Recording;
+use palpate_record::replay::{self, Pace, ReplayError};
 use serde_json::json;
 
 use super::inspect::certificate;

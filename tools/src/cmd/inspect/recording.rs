@@ -6,10 +6,9 @@ use std::io::BufReader;
 use std::path::Path;
 
 use palpate_core::Phase;
-use palpate_host::Recording;
-use palpate_host::recording::{End, Header};
 use palpate_host::rt::TickRecord;
 use palpate_host::session::TouchStatistics;
+use palpate_record::{End, Header, Recording};
 use serde::Serialize;
 use serde_json::json;
 

@@ -2,13 +2,13 @@
 //! key, as MCAP defines it.
 
 use super::{FORMAT, RecordingError};
-use crate::device::DeviceInfo;
-use crate::instructions::Instructions;
-use crate::rt::{LoopConfig, LoopEnd};
-use crate::session::SessionSummary;
 use core::fmt::Display;
 use core::str::FromStr;
 use palpate_core::{Config, ContactConfig, LimitConfig, Method, Organ, PassivityConfig, Phase};
+use palpate_host::device::DeviceInfo;
+use palpate_host::instructions::Instructions;
+use palpate_host::rt::{LoopConfig, LoopEnd};
+use palpate_host::session::SessionSummary;
 use std::collections::BTreeMap;
 
 type Entries = BTreeMap<String, String>;
@@ -242,7 +242,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A header in which no number has its default value.
-    pub(in crate::recording) fn header() -> Header {
+    pub(crate) fn header() -> Header {
         Header {
             program: "palpate 0.0.1".into(),
             blob_blake3: vec!["ab".repeat(32), "cd".repeat(32)],

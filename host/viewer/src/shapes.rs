@@ -130,7 +130,7 @@ impl Shapes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::camera::OrbitCamera;
+    use crate::camera::OrbitCamera;
 
     fn raster() -> Raster {
         let camera = OrbitCamera::framing(Vec3::ZERO, 1.0, Vec3::new(1.0, 0.3, 0.4), Vec3::Z);

@@ -7,9 +7,9 @@ use super::image::{Image, StrokeMask};
 use super::live::Live;
 use super::palette::{BAD, BRIGHT, ColourMap, FAINT, GOOD, MUTED, WAITING, packed};
 use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MAX_NAMES, magnitudes};
-use crate::rt::{SessionState, TickRecord};
 use glam::Vec2;
 use palpate_core::Phase;
+use palpate_host::rt::{SessionState, TickRecord};
 
 /// Text for a model without displacements.
 const FORCE_ONLY: &str = "forces only: the shape is not updated";

@@ -52,11 +52,11 @@ pub fn hit(position_m: &[Vec3], triangles: &[[u32; 3]], (origin_m, direction): (
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::OrbitCamera;
     use crate::deformation::Deformation;
+    use crate::material::Material;
+    use crate::raster::{Raster, Vertex};
     use crate::synthetic::{self, Shape};
-    use crate::viewer::camera::OrbitCamera;
-    use crate::viewer::material::Material;
-    use crate::viewer::raster::{Raster, Vertex};
     use glam::Vec2;
     use palpate_core::{NodeWeight, Organ};
 

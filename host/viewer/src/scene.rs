@@ -10,9 +10,9 @@ use super::shapes::Shapes;
 use super::smooth::Smooth;
 use super::viewpoint;
 use crate::deformation::Deformation;
-use crate::rt::TickRecord;
 use glam::{Vec2, Vec3};
 use palpate_core::{Organ, Space, vec3};
+use palpate_host::rt::TickRecord;
 
 /// Colour of the force, here and in the overlay.
 pub const FORCE_COLOUR: u32 = 0x57_d2ea;

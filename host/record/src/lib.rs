@@ -6,7 +6,7 @@
 //! FILE.mcap -> Recording (header, ticks, end) -> replay | inspect
 //! ```
 //!
-//! Inputs: [`TickRecord`](crate::TickRecord)s. Output: one channel of JSON messages with their schema, a
+//! Inputs: [`TickRecord`](palpate_host::TickRecord)s. Output: one channel of JSON messages with their schema, a
 //! metadata record of the settings that a replay must match, and one of the end of the session.
 //! docs/formats.md, section 6, describes the file.
 //!
@@ -19,11 +19,14 @@ mod header;
 mod message;
 mod reader;
 mod recorder;
+pub mod replay;
+mod replay_device;
 mod writer;
 
 pub use header::{End, Header};
 pub use reader::Recording;
 pub use recorder::{Recorder, RecorderReport};
+pub use replay::replay;
 pub use writer::TickWriter;
 
 use core::fmt;

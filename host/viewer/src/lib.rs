@@ -7,6 +7,7 @@ pub mod animation;
 pub mod camera;
 mod charts;
 pub mod comparison;
+pub mod deformation;
 mod error;
 pub mod font;
 pub mod frames;
@@ -34,6 +35,10 @@ pub mod smooth;
 pub mod viewpoint;
 pub mod window;
 mod window_controller;
+
+#[cfg(test)]
+#[path = "../../tests/common/synthetic.rs"]
+mod synthetic;
 
 pub use animation::GifWriter;
 pub use error::ViewerError;

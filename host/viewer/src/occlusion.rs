@@ -187,9 +187,9 @@ fn occlusion_at_knots(raster: &Raster, grid: &Grid) -> Vec<Knot> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::camera::OrbitCamera;
-    use crate::viewer::material::Material;
-    use crate::viewer::raster::Vertex;
+    use crate::camera::OrbitCamera;
+    use crate::material::Material;
+    use crate::raster::Vertex;
 
     fn quad(corners: [Vec3; 4]) -> (Vec<Vertex>, Vec<[u32; 3]>) {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);

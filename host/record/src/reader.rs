@@ -2,10 +2,10 @@
 
 use super::header::{End, Header};
 use super::{END, RecordingError, SESSION, TOPIC, message};
-use crate::rt::TickRecord;
 use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use palpate_host::rt::TickRecord;
 use std::io::{ErrorKind, Read};
 
 /// Largest accepted length of a record: a damaged length must not cause a huge allocation.
@@ -195,10 +195,10 @@ fn next(
 
 #[cfg(test)]
 mod tests {
-    use super::super::header::tests::header;
-    use super::super::message::tests::full;
-    use super::super::{SCHEMA, TickWriter};
     use super::*;
+    use crate::header::tests::header;
+    use crate::message::tests::full;
+    use crate::{SCHEMA, TickWriter};
 
     const TICKS: u64 = 3_300;
 

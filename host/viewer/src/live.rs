@@ -1,7 +1,7 @@
 //! Statistics for the overlay from the drained records: history of force and lateness, recent timing.
 
-use crate::rt::TickRecord;
 use palpate_core::vec3;
+use palpate_host::rt::TickRecord;
 use std::collections::VecDeque;
 
 /// Time interval of one point of the strip chart, us.

@@ -2,21 +2,22 @@
 //!
 //! It has no motors and no clock. [`replay`](crate::replay()) supplies the replies and sets the clock.
 
-use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use palpate_core::{Sample, Vec3};
+use palpate_host::device::DeviceState;
+use palpate_host::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
 
 /// Result of one recorded exchange.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RecordedReply {
+pub(crate) struct RecordedReply {
     /// Its sample, if there was one.
-    pub sample: Option<Sample>,
+    pub(crate) sample: Option<Sample>,
     /// State of the device.
-    pub state: DeviceState,
+    pub(crate) state: DeviceState,
 }
 
 /// The device of a replay.
 #[derive(Debug)]
-pub struct ReplayDevice {
+pub(crate) struct ReplayDevice {
     replies: rtrb::Consumer<RecordedReply>,
     info: DeviceInfo,
     state: DeviceState,
@@ -25,8 +26,8 @@ pub struct ReplayDevice {
 impl ReplayDevice {
     /// A device that returns the replies from the queue, with the limits of the recorded device. It arms
     /// itself if that device did.
-    #[must_use]
-    pub const fn new(info: DeviceInfo, replies: rtrb::Consumer<RecordedReply>) -> Self {
+
+    pub(crate) const fn new(info: DeviceInfo, replies: rtrb::Consumer<RecordedReply>) -> Self {
         Self { replies, info, state: DeviceState::Disconnected }
     }
 }

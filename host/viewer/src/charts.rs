@@ -164,7 +164,7 @@ fn chart_top(peak_n: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rt::TickRecord;
+    use palpate_host::rt::TickRecord;
 
     #[test]
     fn the_chart_has_room_above_its_peak() {

@@ -3,15 +3,15 @@
 //! If PALPATE_PICTURES is set to a directory, ten seconds are written there as `film.gif`, at the command's
 //! size and rate.
 
-#[path = "common/synthetic.rs"]
+#[path = "../../tests/common/synthetic.rs"]
 mod synthetic;
 
 use core::sync::atomic::AtomicBool;
 use palpate_core::{Config, Method, Organ};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::sys::RtRequest;
-use palpate_host::viewer::{RendererConfig, Screen, View};
 use palpate_host::{SessionOptions, run_session};
+use palpate_viewer::{RendererConfig, Screen, View};
 use std::fs::File;
 use std::path::PathBuf;
 

@@ -4,15 +4,15 @@
 //! If PALPATE_PICTURES is set to a directory, the pictures are written there. If PALPATE_WRITE_REFERENCE is
 //! set too, the reference picture is rewritten.
 
-#[path = "common/synthetic.rs"]
+#[path = "../../tests/common/synthetic.rs"]
 mod synthetic;
 
 use palpate_core::{AlignedBytes, Config, Controller, Fault, Method, Organ, Phase, State, vec3};
 use palpate_host::device::Device;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::TickRecord;
-use palpate_host::viewer::frames::still;
-use palpate_host::viewer::{Help, Image, Live, Renderer, RendererConfig};
+use palpate_viewer::frames::still;
+use palpate_viewer::{Help, Image, Live, Renderer, RendererConfig};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};

@@ -11,10 +11,10 @@ use super::navigation::Pointer;
 use super::pick::{self, Hit};
 use super::viewpoint;
 use crate::deformation::Deformation;
-use crate::device::mouse::{MouseHandle, MouseTarget};
-use crate::rt::TickRecord;
 use glam::{Vec2, Vec3};
 use palpate_core::{Organ, Space};
+use palpate_host::device::mouse::{MouseHandle, MouseTarget};
+use palpate_host::rt::TickRecord;
 
 /// Height of a hovering tool above the surface, in radii of the organ.
 const CLEARANCE: f32 = 0.12;
@@ -207,11 +207,11 @@ fn nearest_node<const N: usize>(view: &PickView<'_>, organ: &Organ<'_, N>, at_px
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::Device;
-    use crate::device::mouse::{MouseConfig, mouse};
+    use crate::camera::OrbitCamera;
     use crate::synthetic::{self, Shape};
-    use crate::viewer::camera::OrbitCamera;
     use palpate_core::{Config, Controller, Method, Phase, State, vec3};
+    use palpate_host::device::Device;
+    use palpate_host::device::mouse::{MouseConfig, mouse};
 
     const PIXELS: (usize, usize) = (1280, 720);
 
@@ -224,7 +224,7 @@ mod tests {
     struct Fixture<'o, 'a> {
         organ: &'o Organ<'a>,
         hand: MouseTool,
-        device: crate::device::mouse::Mouse,
+        device: palpate_host::device::mouse::Mouse,
         controller: Controller<'o, 'a>,
         state: State,
         surface: Deformation,

@@ -2,9 +2,9 @@
 
 use super::header::{End, Header};
 use super::{END, RecordingError, SCHEMA, SCHEMA_NAME, SESSION, TOPIC, message};
-use crate::rt::TickRecord;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
+use palpate_host::rt::TickRecord;
 use std::collections::BTreeMap;
 use std::io::Write;
 

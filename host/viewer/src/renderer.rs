@@ -11,10 +11,10 @@ use super::scene::{Scene, nice_scale_m};
 use super::shade::Shader;
 use super::viewpoint;
 use crate::deformation::Deformation;
-use crate::rt::TickRecord;
 use core::time::Duration;
 use glam::Vec2;
 use palpate_core::{Method, Organ};
+use palpate_host::rt::TickRecord;
 use std::time::Instant;
 
 /// Size and sampling of the picture.

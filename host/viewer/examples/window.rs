@@ -1,19 +1,19 @@
 //! Opens a window on a synthetic organ, like `palpate run` without a blob.
 //!
-//!     cargo run --release -p palpate-host --example window -- [sim|mouse] [SECONDS] [FOLDER]
+//!     cargo run --release -p palpate-viewer --example window -- [sim|mouse] [SECONDS] [FOLDER]
 //!
 //! The device is a simulated hand or the mouse. Screenshots and films are written to the folder.
 //! tests/viewer/check-window runs it on a virtual X server.
 
-#[path = "../tests/common/synthetic.rs"]
+#[path = "../../tests/common/synthetic.rs"]
 mod synthetic;
 
 use core::sync::atomic::AtomicBool;
 use palpate_core::{Config, Method, Organ, vec3};
 use palpate_host::device::mouse::{MouseConfig, mouse};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::viewer::{RendererConfig, Screen, View};
 use palpate_host::{Device, SessionOptions, run_session};
+use palpate_viewer::{RendererConfig, Screen, View};
 
 fn main() -> Result<(), Box<dyn core::error::Error>> {
     let mut words = std::env::args().skip(1);

@@ -4,13 +4,13 @@ use core::sync::atomic::AtomicBool;
 use palpate_core::{Config, Fault, Method, Organ, Phase, Sample, Vec3};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::model::{self, TouchMemory};
-use palpate_host::recording::{Header, TickWriter};
-use palpate_host::replay::{Pace, ReplayError, ReplaySummary};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
-use palpate_host::{BlobFile, Device, DeviceError, DeviceErrorKind, DeviceInfo, Recording, replay};
+use palpate_host::{BlobFile, Device, DeviceError, DeviceErrorKind, DeviceInfo};
+use palpate_record::replay::{Pace, ReplayError, ReplaySummary};
+use palpate_record::{Header, Recording, TickWriter, replay};
 
 /// Holes, branch jumps and every method.
-const BLOB: &[u8] = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
+const BLOB: &[u8] = include_bytes!("../../../firmware-like-core/golden/organ-514.blob");
 const TICKS: u64 = 4_000;
 
 /// A hand on a bad link: silence, errors, a press of the arming button, a position that is not finite.

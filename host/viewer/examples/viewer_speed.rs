@@ -1,21 +1,21 @@
 //! Measures the time to draw a picture of the live viewer on one core, by stage.
 //!
-//!     cargo run --release -p palpate-host --example viewer_speed            # a synthetic organ
-//!     cargo run --release -p palpate-host --example viewer_speed FILE.blob
+//!     cargo run --release -p palpate-viewer --example viewer_speed            # a synthetic organ
+//!     cargo run --release -p palpate-viewer --example viewer_speed FILE.blob
 //!
 //! Without a file: an ellipsoid of 10,242 vertices and 20,480 triangles, pressed and pulled. It prints
 //! medians over the frames, in ms, with the process pinned to one core. A window at 30 Hz has 33 ms per
 //! frame.
 
-#[path = "../tests/common/synthetic.rs"]
+#[path = "../../tests/common/synthetic.rs"]
 mod synthetic;
 
 use core::time::Duration;
 use palpate_core::{Method, Organ, vec3};
 use palpate_host::BlobFile;
 use palpate_host::rt::TickRecord;
-use palpate_host::viewer::renderer::FrameTimes;
-use palpate_host::viewer::{Live, Renderer, RendererConfig};
+use palpate_viewer::renderer::FrameTimes;
+use palpate_viewer::{Live, Renderer, RendererConfig};
 use std::path::Path;
 
 /// Number of measured frames per picture.

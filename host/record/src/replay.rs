@@ -7,16 +7,16 @@
 //! method the stroke is the same and the forces differ. The response of the hand to those forces is not
 //! modelled.
 
-use crate::device::replay::{RecordedReply, ReplayDevice};
-use crate::model::{self, ModelError, TouchMemory};
-use crate::recording::{Header, Recording, RecordingError};
-use crate::rt::{Clock, Controls, HapticLoop, Outputs, TickRecord, VirtualClock};
-use crate::session::{Observer, TouchStatistics};
+use crate::replay_device::{RecordedReply, ReplayDevice};
+use crate::{Header, Recording, RecordingError};
 use core::fmt;
 use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::{Config, Method, Organ, Vec3, vec3};
+use palpate_host::model::{self, ModelError, TouchMemory};
+use palpate_host::rt::{Clock, Controls, HapticLoop, Outputs, TickRecord, VirtualClock};
+use palpate_host::session::{Observer, TouchStatistics};
 use std::io::Read;
 use std::time::Instant;
 

@@ -1,8 +1,8 @@
 //! One tick as a JSON message: encoding and decoding keep every bit.
 
-use crate::device::DeviceState;
-use crate::rt::{Applied, TickRecord};
 use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Vec3, vec3};
+use palpate_host::device::DeviceState;
+use palpate_host::rt::{Applied, TickRecord};
 use serde::{Deserialize, Serialize};
 
 /// A tick as stored in the file. `tick.schema.json` documents the fields.
@@ -200,7 +200,7 @@ pub(super) mod tests {
     use serde_json::Value;
 
     /// A record in which every field has a value.
-    pub(in crate::recording) fn full() -> TickRecord {
+    pub(crate) fn full() -> TickRecord {
         TickRecord {
             tick: 1_234,
             t_us: 1_234_056,
@@ -327,7 +327,7 @@ pub(super) mod tests {
 
     #[test]
     fn messages_fit_the_schema_and_use_all_of_it() {
-        let schema: Value = serde_json::from_str(super::super::SCHEMA).expect("the schema is JSON");
+        let schema: Value = serde_json::from_str(crate::SCHEMA).expect("the schema is JSON");
         let value = |record: &TickRecord| -> Value { serde_json::from_str(&text(record)).expect("JSON") };
         let all = value(&full());
         let mut records = vec![full(), TickRecord::EMPTY];

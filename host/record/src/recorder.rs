@@ -5,9 +5,9 @@
 
 use super::header::{End, Header};
 use super::{RecordingError, TickWriter};
-use crate::rt::TickRecord;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
+use palpate_host::rt::TickRecord;
 use std::io::Write;
 use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
@@ -48,7 +48,7 @@ struct WriterResult<W: Write> {
 
 impl<W: Write + Send + 'static> Recorder<W> {
     /// Writes the header, then starts the thread. The queue is for
-    /// [`Observer::recording`](crate::session::Observer::recording).
+    /// [`Observer::recording`](palpate_host::session::Observer::recording).
     ///
     /// # Errors
     ///
@@ -133,10 +133,10 @@ fn write_all<W: Write>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::header::tests::header;
-    use super::super::message::tests::full;
-    use super::super::reader::Recording;
     use super::*;
+    use crate::header::tests::header;
+    use crate::message::tests::full;
+    use crate::reader::Recording;
     use std::io;
     use std::sync::{Arc, Condvar, Mutex};
 
