@@ -1,17 +1,17 @@
-//! The real-time host: drives a haptic device from an organ blob at 1 kHz and shows the organ at 30 Hz.
+//! The real-time host: drives a haptic device from an organ blob at 1 kHz.
 //!
 //! ```text
-//! device <-> haptic thread (core's controller, 1 kHz) -> latest value -> viewer (30 Hz)
-//!                                                     -> bounded queue -> caller -> recorder -> FILE.mcap
-//! FILE.mcap -> the same loop on a virtual clock (replay): the same forces, bit for bit
+//! device <-> haptic thread (core's controller, 1 kHz) -> latest value  -> observer (30 Hz): palpate-viewer
+//!                                                     -> bounded queue -> statistics, observer
+//!                                                     -> bounded queue -> recorder: palpate-record
 //! ```
 //!
-//! Inputs: a blob, a device, a configuration. Outputs: forces for the hand, pictures, one record per tick,
-//! timing statistics.
+//! Inputs: a blob, a device, a configuration. Outputs: forces for the hand, one record per tick, timing
+//! statistics. It knows no window and no file format of records: a driver compiles without them.
 //!
 //! Invariants:
-//! - After start-up the haptic thread does not allocate, lock, format or write. It never waits for the viewer
-//!   or the caller.
+//! - After start-up the haptic thread does not allocate, lock, format or write. It never waits for an observer
+//!   or a recorder.
 //! - On every exit (completed, stopped, device lost, panic) the device receives zero force.
 //! - The host reads blobs only: this process contains no finite-element code.
 //!

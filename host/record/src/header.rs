@@ -1,7 +1,8 @@
 //! The metadata of a recording: the settings that a replay must match, and the end of the session. Text by
 //! key, as MCAP defines it.
 
-use super::{FORMAT, RecordingError};
+use crate::error::RecordingError;
+use crate::format::FORMAT;
 use core::fmt::Display;
 use core::str::FromStr;
 use palpate_core::{Config, ContactConfig, LimitConfig, Method, Organ, PassivityConfig, Phase};

@@ -1,7 +1,9 @@
 //! Reads a recording from its beginning to its end. No index and no footer are needed.
 
-use super::header::{End, Header};
-use super::{END, RecordingError, SESSION, TOPIC, message};
+use crate::error::RecordingError;
+use crate::format::{END, SESSION, TOPIC};
+use crate::header::{End, Header};
+use crate::message;
 use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};

@@ -3,8 +3,9 @@
 //! The haptic loop fills the queue directly. Neither a slow frame nor a disk that stalls for seconds (a busy
 //! disk or a network disk) makes it wait: records that do not fit are dropped, and the loop counts them.
 
-use super::header::{End, Header};
-use super::{RecordingError, TickWriter};
+use crate::error::RecordingError;
+use crate::header::{End, Header};
+use crate::writer::TickWriter;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_host::rt::TickRecord;

@@ -7,8 +7,10 @@
 //! method the stroke is the same and the forces differ. The response of the hand to those forces is not
 //! modelled.
 
+use crate::error::RecordingError;
+use crate::header::Header;
+use crate::reader::Recording;
 use crate::replay_device::{RecordedReply, ReplayDevice};
-use crate::{Header, Recording, RecordingError};
 use core::fmt;
 use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicBool, Ordering};

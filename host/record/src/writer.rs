@@ -1,7 +1,9 @@
 //! Writes ticks to MCAP in complete chunks of one second.
 
-use super::header::{End, Header};
-use super::{END, RecordingError, SCHEMA, SCHEMA_NAME, SESSION, TOPIC, message};
+use crate::error::RecordingError;
+use crate::format::{END, SCHEMA, SCHEMA_NAME, SESSION, TOPIC};
+use crate::header::{End, Header};
+use crate::message;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use palpate_host::rt::TickRecord;

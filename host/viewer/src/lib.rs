@@ -1,7 +1,19 @@
-//! The viewer: the deformed organ, the tool, the force and text, in a window or as PNG frames.
+//! The viewer: the deformed organ, the tool, the force and text, in a window, as PNG frames or as a film.
 //!
-//! One [`Renderer`] draws for both. It runs on an ordinary thread and reads the newest record; the haptic
-//! thread never waits for it.
+//! ```text
+//! session (palpate-host) -> Observer: newest record, 30 Hz -> Renderer -> Image -> window | PNG | GIF
+//!                                     every record         -> Live (charts, timing)
+//! ```
+//!
+//! Inputs: organs, and the records of a session or a replay through [`Screen`], which is the session's
+//! [`Observer`](palpate_host::session::Observer). Outputs: pictures, and what the user requests by key.
+//!
+//! Invariants:
+//! - One [`Renderer`] draws for every output, on an ordinary thread: the haptic thread never waits for it.
+//! - A [`Screen`] needs no device: a missing display is found before a device moves.
+//!
+//! Depends on palpate-core and palpate-host. Needs no GPU.
+#![forbid(unsafe_code)]
 
 pub mod animation;
 pub mod camera;
