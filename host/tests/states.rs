@@ -1,8 +1,6 @@
 //! The state machine from opening a device to its force, and several models in one session.
 
-#[path = "common/synthetic.rs"]
-mod synthetic;
-
+use crate::synthetic::{self, Shape};
 use core::sync::atomic::{AtomicBool, Ordering};
 use palpate_core::{AlignedBytes, Config, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
 use palpate_host::device::DeviceState;
@@ -14,7 +12,6 @@ use palpate_host::rt::{
 use palpate_host::session::{SessionOptions, TouchStatistics};
 use palpate_host::sys::RtRequest;
 use palpate_host::{Device, DeviceError, DeviceInfo, run_session};
-use synthetic::Shape;
 
 /// A hand on a device that passes through all its states and sometimes loses its homing.
 struct Starting {

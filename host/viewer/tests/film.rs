@@ -3,15 +3,14 @@
 //! If PALPATE_PICTURES is set to a directory, ten seconds are written there as `film.gif`, at the command's
 //! size and rate.
 
-#[path = "../../tests/common/synthetic.rs"]
-mod synthetic;
-
+use crate::synthetic;
 use core::sync::atomic::AtomicBool;
 use palpate_core::{Config, Method, Organ};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::rt::LoopEnd;
 use palpate_host::sys::RtRequest;
 use palpate_host::{SessionOptions, run_session};
-use palpate_viewer::{RendererConfig, Screen, View};
+use palpate_viewer::{RendererConfig, Screen, View, ViewerError};
 use std::fs::File;
 use std::path::PathBuf;
 
@@ -54,4 +53,35 @@ fn a_headless_session_becomes_a_film_of_its_duration() {
     // tick.
     let between_cs: u32 = delays_cs[..delays_cs.len() - 1].iter().sum();
     assert!(f64::from(between_cs) <= 100.0 * seconds + 2.0 * delays_cs.len() as f64, "{delays_cs:?}");
+}
+
+#[test]
+fn a_headless_session_writes_numbered_frames() {
+    let blob = synthetic::organ(&synthetic::Shape::default());
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let directory = folder.path().join("frames");
+    let options =
+        SessionOptions { seconds: Some(1.2), real_time: RtRequest::none(), ..SessionOptions::default() };
+    let picture = RendererConfig { width: 320, height: 180, samples: 1 };
+    let view = View::Frames { directory: directory.clone(), rate_hz: 20.0, picture };
+    let (organs, go) = ([&organ], AtomicBool::new(false));
+    let config = Config::new(Method::Hybrid);
+    let session = |screen: &mut Screen<'_, '_, _>| {
+        let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
+        run_session(&organs, config, hand, &options, &go, screen).expect("it runs")
+    };
+    let mut screen = Screen::open(&organs, config.method, &view).expect("a folder");
+    let summary = session(&mut screen);
+    assert_eq!(summary.end, LoopEnd::Completed);
+    let frames = screen.finish().expect("written");
+    let found = std::fs::read_dir(&directory).expect("there").count() as u64;
+    assert!(frames.written >= 2 && found == frames.written, "{frames}: {found} files");
+
+    // Without the folder the first picture ends the session. The screen keeps its error.
+    let mut screen = Screen::open(&organs, config.method, &view).expect("a folder");
+    std::fs::remove_dir_all(&directory).expect("it is there");
+    let summary = session(&mut screen);
+    assert_eq!(summary.end, LoopEnd::Stopped);
+    assert!(matches!(screen.finish(), Err(ViewerError::Frame(_))));
 }

@@ -4,9 +4,7 @@
 //! If PALPATE_PICTURES is set to a directory, the pictures are written there. If PALPATE_WRITE_REFERENCE is
 //! set too, the reference picture is rewritten.
 
-#[path = "../../tests/common/synthetic.rs"]
-mod synthetic;
-
+use crate::synthetic;
 use palpate_core::{AlignedBytes, Config, Controller, Fault, Method, Organ, Phase, State, vec3};
 use palpate_host::device::Device;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
