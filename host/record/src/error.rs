@@ -15,7 +15,7 @@ pub enum RecordingError {
     /// Written in another format version.
     Format(String),
     /// An entry of the metadata is missing or invalid.
-    Entry(&'static str),
+    Metadata(String),
     /// An invalid message.
     Message {
         /// Number of messages before it.
@@ -44,7 +44,7 @@ impl fmt::Display for RecordingError {
             Self::Format(version) => {
                 write!(f, "a recording of version {version}; this program reads version {FORMAT}")
             }
-            Self::Entry(key) => write!(f, "`{key}` is missing or invalid in its metadata"),
+            Self::Metadata(what) => write!(f, "invalid metadata: {what}"),
             Self::Message { index, what } => write!(f, "message {index} is not a valid tick: {what}"),
             Self::Panicked => f.write_str("the recorder panicked (a defect of this program)"),
         }

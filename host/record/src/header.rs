@@ -3,37 +3,46 @@
 
 use crate::error::RecordingError;
 use crate::format::FORMAT;
-use core::fmt::Display;
-use core::str::FromStr;
 use palpate_core::{Config, ContactConfig, LimitConfig, Method, Organ, PassivityConfig, Phase};
 use palpate_host::device::DeviceInfo;
 use palpate_host::instructions::Instructions;
 use palpate_host::rt::{LoopConfig, LoopEnd};
 use palpate_host::session::SessionSummary;
+use serde::de::value::{Error, MapDeserializer};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 type Entries = BTreeMap<String, String>;
 
+/// The key of the version, which is read before the other fields.
+const FORMAT_KEY: &str = "format";
+
 /// What was recorded, and the settings.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// The program and its version.
     pub program: String,
     /// BLAKE3 of the blob of each model, hexadecimal. A replay needs exactly these blobs.
+    #[serde(with = "list")]
     pub blob_blake3: Vec<String>,
     /// Scene of the blob.
     pub scene: String,
     /// Names of the active nodes; `engaged` of a tick is an index into them.
+    #[serde(with = "list")]
     pub active: Vec<String>,
     /// Vector instructions of the interpolation, for information: they do not change the result.
     pub instructions: String,
     /// The device.
+    #[serde(flatten, with = "DeviceForm")]
     pub device: DeviceInfo,
     /// Timing of the loop and its arming button.
+    #[serde(flatten, with = "LoopForm")]
     pub haptic: LoopConfig,
     /// Method, contact and limits.
+    #[serde(flatten, with = "ConfigForm")]
     pub config: Config,
     /// Wall clock when the recording was opened, some milliseconds before the first tick, ns since 1970.
+    #[serde(with = "text")]
     pub start_unix_ns: u64,
 }
 
@@ -60,127 +69,35 @@ impl Header {
         }
     }
 
-    pub(super) fn entries(&self) -> Entries {
-        let Config { method, contact, limits, passivity } = self.config;
-        let entry = |key: &str, value: &dyn Display| (key.to_string(), value.to_string());
-        // A float is written with enough digits to restore its bits.
-        Entries::from([
-            entry("format", &FORMAT),
-            entry("program", &self.program),
-            entry("blob_blake3", &self.blob_blake3.join(",")),
-            entry("scene", &self.scene),
-            // No name of an active node contains a comma: a scene with such a name is refused.
-            entry("active", &self.active.join(",")),
-            entry("instructions", &self.instructions),
-            entry("device", &self.device.name),
-            entry("device_self_arming", &self.device.self_arming),
-            entry("device_max_force_n", &self.device.max_force_n),
-            entry("device_max_stiffness_n_m", &self.device.max_stiffness_n_m),
-            entry("device_resolution_m", &self.device.resolution_m),
-            entry("period_us", &self.haptic.period_us),
-            entry("spin_us", &self.haptic.spin_us),
-            entry("arm_button", &self.haptic.arm_button),
-            entry("method", &method.name()),
-            entry("capture_radius_m", &contact.capture_radius_m),
-            entry("release_tension_n", &contact.release_tension_n),
-            entry("release_height_m", &contact.release_height_m),
-            entry("friction", &contact.friction),
-            entry("grasp_slip", &contact.grasp_slip),
-            entry("grasp_distance_m", &contact.grasp_distance_m),
-            entry("grasp_button", &contact.grasp_button),
-            entry("max_force_n", &limits.max_force_n),
-            entry("max_slew_n_per_s", &limits.max_slew_n_per_s),
-            entry("ramp_s", &limits.ramp_s),
-            entry("fade_s", &limits.fade_s),
-            entry("stale_hold_ticks", &limits.stale_hold_ticks),
-            entry("stale_fault_us", &limits.stale_fault_us),
-            entry("max_position_m", &limits.max_position_m),
-            entry("max_speed_m_s", &limits.max_speed_m_s),
-            entry("max_stiffness_n_m", &limits.max_stiffness_n_m),
-            entry("energy_margin_j", &passivity.margin_j),
-            entry("energy_damping_n_s_m", &passivity.max_damping_n_s_m),
-            entry("energy_fault_j", &passivity.fault_j),
-            entry("workspace_scale", &passivity.workspace_scale),
-            entry("position_step_m", &passivity.position_step_m),
-            entry("force_delay_us", &passivity.force_delay_us),
-            entry("start_unix_ns", &self.start_unix_ns),
-        ])
+    pub(crate) fn entries(&self) -> Entries {
+        let mut entries = write(self);
+        entries.insert(FORMAT_KEY.into(), FORMAT.to_string());
+        entries
     }
 
-    pub(super) fn of(entries: &Entries) -> Result<Self, RecordingError> {
-        let format: String = get(entries, "format")?;
-        if format != FORMAT.to_string() {
-            return Err(RecordingError::Format(format));
+    pub(crate) fn of(entries: &Entries) -> Result<Self, RecordingError> {
+        match entries.get(FORMAT_KEY) {
+            Some(format) if *format == FORMAT.to_string() => read(entries),
+            Some(format) => Err(RecordingError::Format(format.clone())),
+            None => Err(RecordingError::Metadata(format!("missing field `{FORMAT_KEY}`"))),
         }
-        let method: String = get(entries, "method")?;
-        let list = |key| -> Result<Vec<String>, RecordingError> {
-            let joined: String = get(entries, key)?;
-            Ok(joined.split(',').filter(|name| !name.is_empty()).map(Into::into).collect())
-        };
-        Ok(Self {
-            program: get(entries, "program")?,
-            blob_blake3: list("blob_blake3")?,
-            scene: get(entries, "scene")?,
-            active: list("active")?,
-            instructions: get(entries, "instructions")?,
-            device: DeviceInfo {
-                name: get(entries, "device")?,
-                self_arming: get(entries, "device_self_arming")?,
-                max_force_n: get(entries, "device_max_force_n")?,
-                max_stiffness_n_m: get(entries, "device_max_stiffness_n_m")?,
-                resolution_m: get(entries, "device_resolution_m")?,
-            },
-            haptic: LoopConfig {
-                period_us: get(entries, "period_us")?,
-                spin_us: get(entries, "spin_us")?,
-                arm_button: get(entries, "arm_button")?,
-            },
-            config: Config {
-                method: Method::from_name(&method).ok_or(RecordingError::Entry("method"))?,
-                contact: ContactConfig {
-                    capture_radius_m: get(entries, "capture_radius_m")?,
-                    release_tension_n: get(entries, "release_tension_n")?,
-                    release_height_m: get(entries, "release_height_m")?,
-                    friction: get(entries, "friction")?,
-                    grasp_slip: get(entries, "grasp_slip")?,
-                    grasp_distance_m: get(entries, "grasp_distance_m")?,
-                    grasp_button: get(entries, "grasp_button")?,
-                },
-                limits: LimitConfig {
-                    max_force_n: get(entries, "max_force_n")?,
-                    max_slew_n_per_s: get(entries, "max_slew_n_per_s")?,
-                    ramp_s: get(entries, "ramp_s")?,
-                    fade_s: get(entries, "fade_s")?,
-                    stale_hold_ticks: get(entries, "stale_hold_ticks")?,
-                    stale_fault_us: get(entries, "stale_fault_us")?,
-                    max_position_m: get(entries, "max_position_m")?,
-                    max_speed_m_s: get(entries, "max_speed_m_s")?,
-                    max_stiffness_n_m: get(entries, "max_stiffness_n_m")?,
-                },
-                passivity: PassivityConfig {
-                    margin_j: get(entries, "energy_margin_j")?,
-                    max_damping_n_s_m: get(entries, "energy_damping_n_s_m")?,
-                    fault_j: get(entries, "energy_fault_j")?,
-                    workspace_scale: get(entries, "workspace_scale")?,
-                    position_step_m: get(entries, "position_step_m")?,
-                    force_delay_us: get(entries, "force_delay_us")?,
-                },
-            },
-            start_unix_ns: get(entries, "start_unix_ns")?,
-        })
     }
 }
 
 /// End of a recorded session. Absent from a truncated recording.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct End {
     /// Number of ticks.
+    #[serde(with = "text")]
     pub ticks: u64,
     /// Records dropped by the queue of the thread that also drew. 0 since the recorder has a queue of its own.
+    #[serde(with = "text")]
     pub dropped_by_loop: u64,
     /// Records dropped by the recorder's queue because the disk did not keep up.
+    #[serde(with = "text")]
     pub dropped_by_recorder: u64,
     /// Device exchanges that failed with a transient error.
+    #[serde(with = "text")]
     pub device_errors: u64,
     /// Reason of the end.
     pub reason: String,
@@ -210,32 +127,149 @@ impl End {
         }
     }
 
-    pub(super) fn entries(&self) -> Entries {
-        Entries::from([
-            ("ticks".into(), self.ticks.to_string()),
-            ("dropped_by_loop".into(), self.dropped_by_loop.to_string()),
-            ("dropped_by_recorder".into(), self.dropped_by_recorder.to_string()),
-            ("device_errors".into(), self.device_errors.to_string()),
-            ("reason".into(), self.reason.clone()),
-            ("phase".into(), self.phase.clone()),
-        ])
+    pub(crate) fn entries(&self) -> Entries {
+        write(self)
     }
 
-    pub(super) fn read(entries: &Entries) -> Result<Self, RecordingError> {
-        Ok(Self {
-            ticks: get(entries, "ticks")?,
-            dropped_by_loop: get(entries, "dropped_by_loop")?,
-            dropped_by_recorder: get(entries, "dropped_by_recorder")?,
-            device_errors: get(entries, "device_errors")?,
-            reason: get(entries, "reason")?,
-            phase: get(entries, "phase")?,
-        })
+    pub(crate) fn read(entries: &Entries) -> Result<Self, RecordingError> {
+        read(entries)
     }
 }
 
-fn get<T: FromStr>(entries: &Entries, key: &'static str) -> Result<T, RecordingError> {
-    let value = entries.get(key).ok_or(RecordingError::Entry(key))?;
-    value.parse().map_err(|_| RecordingError::Entry(key))
+/// Declares how the fields of a type of another crate are written: each as text, under the name of the field
+/// or of its `rename`.
+macro_rules! form {
+    ($form:ident of $type:literal { $($(#[$at:meta])* $field:ident: $kind:ty,)* }) => {
+        #[derive(Serialize, Deserialize)]
+        #[serde(remote = $type)]
+        struct $form {
+            $($(#[$at])* #[serde(with = "text")] $field: $kind,)*
+        }
+    };
+}
+
+form!(DeviceForm of "DeviceInfo" {
+    #[serde(rename = "device")]
+    name: String,
+    #[serde(rename = "device_self_arming")]
+    self_arming: bool,
+    #[serde(rename = "device_max_force_n")]
+    max_force_n: f32,
+    #[serde(rename = "device_max_stiffness_n_m")]
+    max_stiffness_n_m: f32,
+    #[serde(rename = "device_resolution_m")]
+    resolution_m: f32,
+});
+
+form!(LoopForm of "LoopConfig" {
+    period_us: u32,
+    spin_us: u32,
+    arm_button: u32,
+});
+
+form!(ContactForm of "ContactConfig" {
+    capture_radius_m: f32,
+    release_tension_n: f32,
+    release_height_m: f32,
+    friction: f32,
+    grasp_slip: f32,
+    grasp_distance_m: f32,
+    grasp_button: u32,
+});
+
+form!(LimitForm of "LimitConfig" {
+    max_force_n: f32,
+    max_slew_n_per_s: f32,
+    ramp_s: f32,
+    fade_s: f32,
+    stale_hold_ticks: u32,
+    stale_fault_us: u64,
+    max_position_m: f32,
+    max_speed_m_s: f32,
+    max_stiffness_n_m: f32,
+});
+
+form!(PassivityForm of "PassivityConfig" {
+    #[serde(rename = "energy_margin_j")]
+    margin_j: f32,
+    #[serde(rename = "energy_damping_n_s_m")]
+    max_damping_n_s_m: f32,
+    #[serde(rename = "energy_fault_j")]
+    fault_j: f32,
+    workspace_scale: f32,
+    position_step_m: f32,
+    force_delay_us: u32,
+});
+
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Config")]
+struct ConfigForm {
+    #[serde(with = "method")]
+    method: Method,
+    #[serde(flatten, with = "ContactForm")]
+    contact: ContactConfig,
+    #[serde(flatten, with = "LimitForm")]
+    limits: LimitConfig,
+    #[serde(flatten, with = "PassivityForm")]
+    passivity: PassivityConfig,
+}
+
+/// A value by its text. A float is written with enough digits to restore its bits.
+mod text {
+    use core::fmt::Display;
+    use core::str::FromStr;
+    use serde::de::{Error, Unexpected};
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(value: &impl Display, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_str(value)
+    }
+
+    pub(super) fn deserialize<'de, T: FromStr, D: Deserializer<'de>>(from: D) -> Result<T, D::Error> {
+        let text = String::deserialize(from)?;
+        let expected = core::any::type_name::<T>();
+        text.parse().map_err(|_| D::Error::invalid_value(Unexpected::Str(&text), &expected))
+    }
+}
+
+/// Names joined by commas. No name of an active node contains a comma: a scene with such a name is refused.
+mod list {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(names: &[String], to: S) -> Result<S::Ok, S::Error> {
+        names.join(",").serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<String>, D::Error> {
+        let joined = String::deserialize(from)?;
+        Ok(joined.split(',').filter(|name| !name.is_empty()).map(Into::into).collect())
+    }
+}
+
+mod method {
+    use palpate_core::Method;
+    use serde::de::{Error, Unexpected};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(method: &Method, to: S) -> Result<S::Ok, S::Error> {
+        method.name().serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Method, D::Error> {
+        let name = String::deserialize(from)?;
+        Method::from_name(&name).ok_or_else(|| D::Error::invalid_value(Unexpected::Str(&name), &"a method"))
+    }
+}
+
+fn write(fields: &impl Serialize) -> Entries {
+    let written = serde_json::to_value(fields).and_then(serde_json::from_value);
+    written.expect("every field is text under a name")
+}
+
+fn read<T: for<'de> Deserialize<'de>>(entries: &Entries) -> Result<T, RecordingError> {
+    let entries = entries.iter().map(|(key, value)| (key.as_str(), value.as_str()));
+    T::deserialize(MapDeserializer::new(entries))
+        .map_err(|error: Error| RecordingError::Metadata(error.to_string()))
 }
 
 #[cfg(test)]
@@ -299,6 +333,58 @@ pub(super) mod tests {
         assert_eq!(Header::of(&header.entries()).expect("complete"), header);
     }
 
+    /// Recordings are read by these keys.
+    #[test]
+    fn the_text_of_the_entries_is_kept() {
+        let text: Vec<String> =
+            header().entries().iter().map(|(key, value)| format!("{key}={value}")).collect();
+        assert_eq!(text, TEXT);
+    }
+
+    const TEXT: [&str; 38] = [
+        "active=A1,A2",
+        "arm_button=4",
+        concat!(
+            "blob_blake3=abababababababababababababababababababababababababababababababab,",
+            "cdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcd"
+        ),
+        "capture_radius_m=0.3",
+        "device=a hand",
+        "device_max_force_n=inf",
+        "device_max_stiffness_n_m=1000",
+        "device_resolution_m=0.00003",
+        "device_self_arming=true",
+        "energy_damping_n_s_m=0.3",
+        "energy_fault_j=inf",
+        "energy_margin_j=0.011",
+        "fade_s=0.017",
+        "force_delay_us=107",
+        "format=3",
+        "friction=inf",
+        "grasp_button=4294967295",
+        "grasp_distance_m=0.0025",
+        "grasp_slip=1.07",
+        "instructions=avx2",
+        "max_force_n=0.33333334",
+        "max_position_m=0.7",
+        "max_slew_n_per_s=340282350000000000000000000000000000000",
+        "max_speed_m_s=16777216",
+        "max_stiffness_n_m=2999.9",
+        "method=rbf-cubic",
+        "period_us=999",
+        "position_step_m=0",
+        "program=palpate 0.0.1",
+        "ramp_s=0",
+        "release_height_m=0.000000000000000000000000000000000000000000001",
+        "release_tension_n=0.000000000000000000000000000000000000011754944",
+        "scene=a liver, \"fresh\"",
+        "spin_us=7",
+        "stale_fault_us=18446744073709551615",
+        "stale_hold_ticks=5",
+        "start_unix_ns=1795000000123456789",
+        "workspace_scale=1.7",
+    ];
+
     #[test]
     fn a_missing_entry_is_named() {
         let entries = header().entries();
@@ -308,6 +394,10 @@ pub(super) mod tests {
             let refused = Header::of(&fewer).expect_err("incomplete").to_string();
             assert!(refused.contains(key.as_str()), "{key}: {refused}");
         }
+        let mut unread = entries.clone();
+        unread.insert("spin_us".into(), "soon".into());
+        let refused = Header::of(&unread).expect_err("no number").to_string();
+        assert!(refused.contains("soon"), "{refused}");
         let mut newer = entries;
         newer.insert("format".into(), "4".into());
         assert!(matches!(Header::of(&newer), Err(RecordingError::Format(version)) if version == "4"));

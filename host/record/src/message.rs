@@ -1,202 +1,28 @@
 //! One tick as a JSON message: encoding and decoding keep every bit.
 
-use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Vec3, vec3};
-use palpate_host::device::DeviceState;
-use palpate_host::rt::{Applied, TickRecord};
-use serde::{Deserialize, Serialize};
-
-/// A tick as stored in the file. `tick.schema.json` documents the fields.
-///
-/// Absent values (`sample`, `coverage`, `fault`) are omitted, because viewers support no null in a schema.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Message<'m> {
-    tick: u64,
-    t_us: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    sample: Option<SampleMessage>,
-    device: &'m str,
-    zeroed: bool,
-    reset: bool,
-    arm: bool,
-    disarm: bool,
-    model: u8,
-    hip_m: Vector,
-    displacement_m: Vector,
-    engaged: i32,
-    shares: Vec<ShareMessage>,
-    reaction_n: Vector,
-    hand_force_n: Vector,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    coverage: Option<&'m str>,
-    phase: &'m str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    fault: Option<&'m str>,
-    ramp: f32,
-    clamped: bool,
-    hand_work_j: f32,
-    damped: bool,
-    compute_ns: u64,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    device_ns: Option<u64>,
-    lateness_ns: u64,
-    skipped_periods: u64,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SampleMessage {
-    t_us: u64,
-    position_m: Vector,
-    buttons: u32,
-}
-
-/// An engaged space and its weight.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ShareMessage {
-    space: u16,
-    weight: f32,
-}
-
-/// A vector. JSON has no NaN and no infinity: a vector with such a component also stores its bits.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Vector {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    x: Option<f32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    y: Option<f32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    z: Option<f32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    bits: Option<[u32; 3]>,
-}
-
-impl From<Vec3> for Vector {
-    fn from(vector: Vec3) -> Self {
-        let [x, y, z] = vector.map(|component| Some(component).filter(|c| c.is_finite()));
-        let bits = (!vec3::is_finite(vector)).then(|| vector.map(f32::to_bits));
-        Self { x, y, z, bits }
-    }
-}
-
-impl Vector {
-    fn into_vec3(self) -> Option<Vec3> {
-        match self.bits {
-            Some(bits) => Some(bits.map(f32::from_bits)),
-            None => Some([self.x?, self.y?, self.z?]),
-        }
-    }
-}
-
-const DISARMED: &str = "disarmed";
-const ACTIVE: &str = "active";
-const SAFE_ZERO: &str = "safe-zero";
+use palpate_host::TickRecord;
 
 /// Appends the message of a tick to `bytes`.
 pub(super) fn encode(record: &TickRecord, bytes: &mut Vec<u8>) -> serde_json::Result<()> {
-    let (phase, fault) = match record.phase {
-        Phase::Disarmed => (DISARMED, None),
-        Phase::Active => (ACTIVE, None),
-        Phase::SafeZero(fault) => (SAFE_ZERO, Some(fault.name())),
-    };
-    let Applied { zeroed, reset, arm, disarm } = record.applied;
-    let message = Message {
-        tick: record.tick,
-        t_us: record.t_us,
-        sample: record.sample.map(|sample| SampleMessage {
-            t_us: sample.t_us,
-            position_m: sample.position_m.into(),
-            buttons: sample.buttons,
-        }),
-        device: record.device.name(),
-        zeroed,
-        reset,
-        arm,
-        disarm,
-        model: record.model,
-        hip_m: record.hip_m.into(),
-        displacement_m: record.displacement_m.into(),
-        engaged: record.engaged.map_or(-1, i32::from),
-        shares: record.shares.map(|NodeWeight { space, weight }| ShareMessage { space, weight }).into(),
-        reaction_n: record.reaction_n.into(),
-        hand_force_n: record.hand_force_n.into(),
-        coverage: record.coverage.map(Coverage::name),
-        phase,
-        fault,
-        ramp: record.ramp,
-        clamped: record.clamped,
-        hand_work_j: record.hand_work_j,
-        damped: record.damped,
-        compute_ns: record.compute_ns,
-        device_ns: record.device_ns,
-        lateness_ns: record.lateness_ns,
-        skipped_periods: record.skipped_periods,
-    };
-    serde_json::to_writer(bytes, &message)
+    serde_json::to_writer(bytes, record)
 }
 
-/// Decodes the tick of a message.
+/// Decodes the tick of a message. The error names the field.
 pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
-    let message: Message<'_> = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
-    let vector = |vector: Vector, name: &str| {
-        vector.into_vec3().ok_or_else(|| format!("`{name}` has no three components"))
-    };
-    let phase = match (message.phase, message.fault) {
-        (DISARMED, None) => Phase::Disarmed,
-        (ACTIVE, None) => Phase::Active,
-        (SAFE_ZERO, Some(name)) => {
-            Phase::SafeZero(Fault::from_name(name).ok_or_else(|| format!("unknown fault `{name}`"))?)
-        }
-        (phase, _) => return Err(format!("invalid phase `{phase}`, or an invalid combination with `fault`")),
-    };
-    let coverage = |name| Coverage::from_name(name).ok_or_else(|| format!("unknown coverage `{name}`"));
-    let engaged = match message.engaged {
-        -1 => None,
-        space => Some(u16::try_from(space).map_err(|_| format!("invalid space {space}"))?),
-    };
-    let sample = |sample: SampleMessage| -> Result<Sample, String> {
-        let position_m = vector(sample.position_m, "sample.position_m")?;
-        Ok(Sample { t_us: sample.t_us, position_m, buttons: sample.buttons })
-    };
-    let device = DeviceState::ALL.into_iter().find(|device| device.name() == message.device);
-    let shares: Vec<NodeWeight> =
-        message.shares.iter().map(|&ShareMessage { space, weight }| NodeWeight { space, weight }).collect();
-    Ok(TickRecord {
-        tick: message.tick,
-        t_us: message.t_us,
-        sample: message.sample.map(sample).transpose()?,
-        device: device.ok_or_else(|| format!("unknown device state `{}`", message.device))?,
-        applied: Applied {
-            zeroed: message.zeroed,
-            reset: message.reset,
-            arm: message.arm,
-            disarm: message.disarm,
-        },
-        model: message.model,
-        hip_m: vector(message.hip_m, "hip_m")?,
-        displacement_m: vector(message.displacement_m, "displacement_m")?,
-        engaged,
-        shares: shares.try_into().map_err(|_| "`shares` does not have three elements".to_owned())?,
-        reaction_n: vector(message.reaction_n, "reaction_n")?,
-        hand_force_n: vector(message.hand_force_n, "hand_force_n")?,
-        coverage: message.coverage.map(coverage).transpose()?,
-        phase,
-        ramp: message.ramp,
-        clamped: message.clamped,
-        hand_work_j: message.hand_work_j,
-        damped: message.damped,
-        compute_ns: message.compute_ns,
-        device_ns: message.device_ns,
-        lateness_ns: message.lateness_ns,
-        skipped_periods: message.skipped_periods,
+    serde_json::from_slice(bytes).map_err(|error| {
+        // A second reading follows the path to the field, which takes time.
+        let message = &mut serde_json::Deserializer::from_slice(bytes);
+        serde_path_to_error::deserialize::<_, TickRecord>(message)
+            .map_or_else(|error| error.to_string(), |_| error.to_string())
     })
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, vec3};
+    use palpate_host::device::DeviceState;
+    use palpate_host::rt::Applied;
     use serde_json::Value;
 
     /// A record in which every field has a value.
@@ -236,6 +62,35 @@ pub(super) mod tests {
         encode(record, &mut bytes).expect("memory is enough");
         String::from_utf8(bytes).expect("JSON is text")
     }
+
+    /// The bytes in the file are a contract: a renamed or reordered field shows here.
+    #[test]
+    fn the_text_of_a_message_is_kept() {
+        assert_eq!(text(&full()), FULL);
+        assert_eq!(text(&TickRecord::EMPTY), EMPTY);
+        assert_eq!(decode(FULL.as_bytes()), Ok(full()));
+        assert_eq!(decode(EMPTY.as_bytes()), Ok(TickRecord::EMPTY));
+    }
+
+    const FULL: &str = concat!(
+        r#"{"tick":1234,"t_us":1234056,"sample":{"t_us":1234001,"position_m":{"x":0.1,"y":-0.2"#,
+        r#","z":1e-9},"buttons":5},"device":"unhomed","zeroed":true,"reset":true,"arm":false"#,
+        r#","disarm":true,"model":3,"hip_m":{"x":0.1,"y":-0.0,"z":0.3},"displacement_m":{"x":0.001"#,
+        r#","y":0.002,"z":-0.003},"engaged":2,"shares":[{"space":2,"weight":0.7},{"space":9"#,
+        r#","weight":0.3},{"space":0,"weight":0.0}],"reaction_n":{"x":0.33333334,"y":2.0,"z":-7.0}"#,
+        r#","hand_force_n":{"x":-0.33333334,"y":-2.0,"z":7.0},"coverage":"supercell""#,
+        r#","phase":"safe-zero","fault":"overspeed","ramp":0.3,"clamped":true"#,
+        r#","hand_work_j":-0.33333334,"damped":true,"compute_ns":9001,"device_ns":8000"#,
+        r#","lateness_ns":401,"skipped_periods":3}"#,
+    );
+    const EMPTY: &str = concat!(
+        r#"{"tick":0,"t_us":0,"device":"disconnected","zeroed":false,"reset":false,"arm":false"#,
+        r#","disarm":false,"model":0,"hip_m":{"x":0.0,"y":0.0,"z":0.0},"displacement_m":{"x":0.0"#,
+        r#","y":0.0,"z":0.0},"engaged":-1,"shares":[{"space":0,"weight":0.0},{"space":0"#,
+        r#","weight":0.0},{"space":0,"weight":0.0}],"reaction_n":{"x":0.0,"y":0.0,"z":0.0}"#,
+        r#","hand_force_n":{"x":0.0,"y":0.0,"z":0.0},"phase":"disarmed","ramp":0.0,"clamped":false"#,
+        r#","hand_work_j":0.0,"damped":false,"compute_ns":0,"lateness_ns":0,"skipped_periods":0}"#,
+    );
 
     /// Every bit, also of floats that are not finite.
     fn bits(record: &TickRecord) -> (Vec<u32>, String) {
@@ -371,6 +226,8 @@ pub(super) mod tests {
             (r#""y":-0.2,"#, "", "sample.position_m"),
             (r#""clamped":true,"#, "", "clamped"),
             (r#""tick":1234"#, r#""tick":-1"#, "invalid value"),
+            (r#""tick":1234"#, r#""tick":1234,"tock":1"#, "tock"),
+            (r#""buttons":5"#, r#""buttons":5,"knobs":1"#, "knobs"),
         ] {
             assert!(good.contains(from), "{from} in {good}");
             let refused = decode(good.replacen(from, to, 1).as_bytes()).expect_err("nonsense");
