@@ -112,9 +112,13 @@ impl Show<'_> {
         opened.map_err(|error| self.screen_failure(error))
     }
 
-    /// Deletes a film without a tick. The failure that left it so is the one to report.
-    pub(crate) fn discard_film(&self) {
+    /// Deletes the outputs of a screen that showed nothing: a film, and the folder if it is empty and the screen
+    /// made it. The failure that left them so is the one to report.
+    pub(crate) fn discard(&self, had_folder: bool) {
         let _ = self.gif.map(Output::remove);
+        if !had_folder {
+            let _ = std::fs::remove_dir(self.pictures);
+        }
     }
 
     /// The options of the session, refused before the device is opened if no session can have them.
@@ -247,15 +251,16 @@ pub(crate) fn run<D: Device>(
 ) -> Result<Touched, Failure> {
     let organ = organs.first().ok_or_else(|| Failure::input(SessionError::Model(ModelError::Count)))?;
     let mut options = show.options()?;
+    let had_folder = show.pictures.exists();
     let mut screen = show.screen(organs, method)?;
-    let device = device().inspect_err(|_| show.discard_film())?;
+    let device = device().inspect_err(|_| show.discard(had_folder))?;
     let info = device.info();
     let mut config = controller_config(organs, method, &info, show.profile);
     config.contact.friction = show.friction.unwrap_or(config.contact.friction);
     // The user arms a real device by pressing its button; the next press grasps.
     options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
     let record = show.record.map(|record| record.start(organ, config, &options, info));
-    let record = record.transpose().inspect_err(|_| show.discard_film())?;
+    let record = record.transpose().inspect_err(|_| show.discard(had_folder))?;
     let (recorder, recording) = record.unzip();
     let granted = Arc::clone(&options.granted);
     let mut watch = Watch { screen: &mut screen, recording, granted: &granted, moved: false, on_record };
@@ -270,7 +275,7 @@ pub(crate) fn run<D: Device>(
             if !moved {
                 // Created by this call, and without a tick.
                 show.record.iter().try_for_each(|record| record.file.remove())?;
-                show.discard_film();
+                show.discard(had_folder);
             }
             return Err(match error {
                 SessionError::Model(_) | SessionError::Seconds(_) | SessionError::Priority(_) => {
@@ -424,6 +429,15 @@ mod tests {
                 || -> Result<SimulatedHand, Failure> { panic!("{refused}: no device may be opened") };
             run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect_err(refused);
         }
+        // The screen of a device that cannot be opened leaves nothing behind.
+        let folder = folder.path().join("other");
+        let show = Show { headless: true, rate_hz: Some(2.0), pictures: &folder, ..show };
+        let device = || -> Result<SimulatedHand, Failure> {
+            assert!(folder.is_dir(), "the screen is open before the device");
+            Err(Failure::input("port in use"))
+        };
+        run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect_err("no device");
+        assert!(!folder.exists());
     }
 
     /// A film has its own default frame rate.

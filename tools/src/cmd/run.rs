@@ -442,6 +442,7 @@ fn run_replay(
     replay::check_blobs(recording.header(), blob_blake3).map_err(|error| Failure::input(named(&error)))?;
     let show = show(args, outputs, None);
     let method = args.method.unwrap_or(recording.header().config.method);
+    let had_folder = show.pictures.exists();
     let mut screen = show.screen(organs, method)?;
     let pace = match screen.interval() {
         None => Pace::Unseen,
@@ -450,7 +451,7 @@ fn run_replay(
     };
     let replayed = replay::replay(organs, blob_blake3, &mut recording, args.method, &stop, &mut screen, pace);
     if let Err(ReplayError::Model(_)) = &replayed {
-        show.discard_film();
+        show.discard(had_folder);
     }
     let frames = screen.finish();
     let summary = replayed.map_err(|error| Failure::input(named(&error)))?;
