@@ -26,7 +26,6 @@ pub(crate) struct ReplayDevice {
 impl ReplayDevice {
     /// A device that returns the replies from the queue, with the limits of the recorded device. It arms
     /// itself if that device did.
-
     pub(crate) const fn new(info: DeviceInfo, replies: rtrb::Consumer<RecordedReply>) -> Self {
         Self { replies, info, state: DeviceState::Disconnected }
     }
