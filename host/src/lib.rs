@@ -1,17 +1,17 @@
-//! The real-time host: drives a haptic device from an organ blob at 1 kHz and shows the organ at 30 Hz.
+//! The real-time host: drives a haptic device from an organ blob at 1 kHz.
 //!
 //! ```text
-//! device <-> haptic thread (core's controller, 1 kHz) -> latest value -> viewer (30 Hz)
-//!                                                     -> bounded queue -> caller -> recorder -> FILE.mcap
-//! FILE.mcap -> the same loop on a virtual clock (replay): the same forces, bit for bit
+//! device <-> haptic thread (core's controller, 1 kHz) -> latest value  -> observer (30 Hz): palpate-viewer
+//!                                                     -> bounded queue -> statistics, observer
+//!                                                     -> bounded queue -> recorder: palpate-record
 //! ```
 //!
-//! Inputs: a blob, a device, a configuration. Outputs: forces for the hand, pictures, one record per tick,
-//! timing statistics.
+//! Inputs: a blob, a device, a configuration. Outputs: forces for the hand, one record per tick, timing
+//! statistics. It knows no window and no file format of records: a driver compiles without them.
 //!
 //! Invariants:
-//! - After start-up the haptic thread does not allocate, lock, format or write. It never waits for the viewer
-//!   or the caller.
+//! - After start-up the haptic thread does not allocate, lock, format or write. It never waits for an observer
+//!   or a recorder.
 //! - On every exit (completed, stopped, device lost, panic) the device receives zero force.
 //! - The host reads blobs only: this process contains no finite-element code.
 //!
@@ -19,20 +19,16 @@
 #![deny(unsafe_code)]
 
 pub mod blob_file;
-pub mod deformation;
 pub mod device;
 pub mod doctor;
 pub mod guard;
 pub mod instructions;
 pub mod model;
-pub mod recording;
-pub mod replay;
 pub mod rt;
 pub mod session;
 pub mod settings;
 pub mod sliding;
 pub mod sys;
-pub mod viewer;
 
 #[cfg(test)]
 #[path = "../tests/common/synthetic.rs"]
@@ -41,7 +37,5 @@ mod synthetic;
 pub use blob_file::BlobFile;
 pub use device::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
 pub use instructions::{Instructions, Interpolator};
-pub use recording::{Recorder, Recording};
-pub use replay::replay;
 pub use rt::TickRecord;
 pub use session::{SessionError, SessionOptions, SessionSummary, run_session};

@@ -3,10 +3,8 @@
 //! The limit is long in tests that are not about silence, so that a busy machine does not trigger it; time is
 //! real.
 
-#[path = "common/synthetic.rs"]
-mod synthetic;
-
-use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use crate::synthetic;
+use assert_no_alloc::assert_no_alloc;
 use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
 use palpate_host::device::fence::{Fence, GuardPath, Wire};
 use palpate_host::guard::{GuardOptions, GuardSummary, Guarded, Guarding, guard};
@@ -17,9 +15,6 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-
-#[global_allocator]
-static ALLOCATOR: AllocDisabler = AllocDisabler;
 
 /// Too long to be reached by accident.
 const LONG_MS: u32 = 5_000;

@@ -1,9 +1,6 @@
 //! Every method gives the same bits with every instruction set of this processor.
 
-#[path = "../../firmware-like-core/tests/common/mod.rs"]
-mod common;
-
-use common::{Random, Recipe};
+use crate::core_blobs::{self, Random, Recipe};
 use palpate_core::{ForceSample, Method, Organ, Vec3};
 use palpate_host::{Instructions, Interpolator};
 
@@ -45,7 +42,7 @@ fn instructions_do_not_change_the_result() {
     let mut random = Random(21);
     let queries: Vec<Vec3> =
         (0..20_000).map(|_| random.point(0.045)).chain(odd_queries(0.01, 0.04)).collect();
-    let kernel = common::kernel::blob();
+    let kernel = core_blobs::kernel::blob();
     let with_kernel: Organ<'_> = Organ::read(&kernel).expect("a valid blob");
     let (mut compared, lattice) = (0, Method::OF_LATTICE.map(|method| (method, space)));
     for (method, space) in lattice.into_iter().chain([(Method::Kernel, &with_kernel.spaces[0])]) {

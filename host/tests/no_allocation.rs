@@ -1,12 +1,8 @@
 //! The path of the tick does not allocate: exchange, controller, histogram, queue and hand-over, over more
 //! than 10^6 ticks, 150,000 per method.
 
-#[path = "../../firmware-like-core/tests/common/mod.rs"]
-mod common;
-#[path = "common/synthetic.rs"]
-mod synthetic;
-
-use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use crate::{core_blobs, synthetic};
+use assert_no_alloc::assert_no_alloc;
 use core::time::Duration;
 use palpate_core::{AlignedBytes, Config, Controller, Method, Organ, Phase, Sample, State, vec3};
 use palpate_host::device::falcon::kinematics::Kinematics;
@@ -23,9 +19,6 @@ use palpate_host::{Device, DeviceError, DeviceErrorKind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-#[global_allocator]
-static ALLOCATOR: AllocDisabler = AllocDisabler;
-
 #[test]
 fn a_million_ticks_without_an_allocation() {
     // Holes, branch jumps and every method.
@@ -36,7 +29,7 @@ fn a_million_ticks_without_an_allocation() {
         let mut memory = TouchMemory::default();
         let controllers = model::controllers(&[&organ, &organ], Config::new(method), &mut memory);
         let controllers = controllers.expect("has the method");
-        // Both states of the queue: it fills up, and then every push fails.
+        // Both states of each queue: it fills up, and then every push fails.
         let (records, mut drained) = rtrb::RingBuffer::new(60_000);
         let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let controls = Controls::default();
@@ -44,7 +37,9 @@ fn a_million_ticks_without_an_allocation() {
         let clock = VirtualClock::default();
         let outputs = Outputs { records, latest };
         let config = LoopConfig::default();
-        let mut haptic = HapticLoop::with_models(&controllers, hand, &clock, config, &controls, outputs);
+        let haptic = HapticLoop::with_models(&controllers, hand, &clock, config, &controls, outputs);
+        let (recording, mut recorded) = rtrb::RingBuffer::new(30_000);
+        let mut haptic = haptic.with_recording(Some(recording));
         let mut engaged = 0;
         assert_no_alloc(|| {
             for index in 0..150_000_u64 {
@@ -61,6 +56,7 @@ fn a_million_ticks_without_an_allocation() {
         });
         assert!(engaged > 50_000, "the strokes touch the organ by {method:?}: {engaged}");
         assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 60_000);
+        assert_eq!(core::iter::from_fn(|| recorded.pop().ok()).count(), 30_000);
     }
 }
 
@@ -68,7 +64,7 @@ fn a_million_ticks_without_an_allocation() {
 /// the controller armed again.
 #[test]
 fn a_kernel_without_an_allocation() {
-    let blob = common::kernel::blob();
+    let blob = core_blobs::kernel::blob();
     let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let controller = Controller::new(&organ, Config::new(Method::Kernel)).expect("it has a kernel");
     let (node, mut state) = (&organ.spaces[0], State::new());
@@ -197,7 +193,7 @@ fn injected_allocation() {
 fn allocation_in_the_tick_ends_the_process() {
     let this = std::env::current_exe().expect("a test has a file");
     let status = std::process::Command::new(this)
-        .args(["--ignored", "--exact", "injected_allocation"])
+        .args(["--ignored", "--exact", "no_allocation::injected_allocation"])
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
         .status()

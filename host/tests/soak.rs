@@ -3,9 +3,7 @@
 //! The same in real time:
 //! `palpate run FILE.blob --device sim:random:1 --profile falcon --headless --seconds 1800`
 
-#[path = "common/synthetic.rs"]
-mod synthetic;
-
+use crate::synthetic;
 use palpate_core::{Method, Organ, Phase, vec3};
 use palpate_host::Device;
 use palpate_host::device::palpation::RandomConfig;

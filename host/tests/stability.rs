@@ -1,11 +1,7 @@
 //! The closed loop of hand, device and controller is stable with the stiffness cap, and unstable without it.
 
-#[path = "common/closed_loop.rs"]
-mod closed_loop;
-#[path = "common/synthetic.rs"]
-mod synthetic;
-
-use closed_loop::{Cap, Disturbance, HoldResult, MAX_GIVEN_J, RELAXED, frictionless, hold, palpate};
+use crate::closed_loop::{Cap, Disturbance, HoldResult, MAX_GIVEN_J, RELAXED, frictionless, hold, palpate};
+use crate::synthetic;
 use palpate_core::{
     AlignedBytes, Config, Controller, Method, Organ, PassivityConfig, Phase, Sample, Space, State, Vec3, vec3,
 };

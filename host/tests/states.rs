@@ -1,8 +1,6 @@
 //! The state machine from opening a device to its force, and several models in one session.
 
-#[path = "common/synthetic.rs"]
-mod synthetic;
-
+use crate::synthetic::{self, Shape};
 use core::sync::atomic::{AtomicBool, Ordering};
 use palpate_core::{AlignedBytes, Config, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
 use palpate_host::device::DeviceState;
@@ -14,7 +12,6 @@ use palpate_host::rt::{
 use palpate_host::session::{SessionOptions, TouchStatistics};
 use palpate_host::sys::RtRequest;
 use palpate_host::{Device, DeviceError, DeviceInfo, run_session};
-use synthetic::Shape;
 
 /// A hand on a device that passes through all its states and sometimes loses its homing.
 struct Starting {
@@ -177,7 +174,9 @@ fn models_of_another_body_are_refused() {
     let both: Vec<&Organ<'_>> = organs.iter().collect();
     let stop = AtomicBool::new(false);
     let refused =
-        run_session(&both, Config::new(Method::Hybrid), hand, &options, &stop, |_| panic!("no tick may run"));
+        run_session(&both, Config::new(Method::Hybrid), hand, &options, &stop, &mut |_: &TickRecord| {
+            panic!("no tick may run")
+        });
     let error = refused.expect_err("another surface").to_string();
     assert!(error.contains("blob 2 differs from the first in its surface"), "{error}");
 }
@@ -196,12 +195,26 @@ fn a_session_cycles_through_its_models() {
     let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
     let mut models = std::collections::BTreeSet::new();
     let stop = AtomicBool::new(false);
-    run_session(&[&organ, &organ, &organ], Config::new(Method::Hybrid), hand, &options, &stop, |record| {
-        models.insert(record.model);
-    })
+    run_session(
+        &[&organ, &organ, &organ],
+        Config::new(Method::Hybrid),
+        hand,
+        &options,
+        &stop,
+        &mut |record: &TickRecord| {
+            models.insert(record.model);
+        },
+    )
     .expect("it runs");
     assert_eq!(models.into_iter().collect::<Vec<_>>(), [0, 1, 2]);
     let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
-    let none = run_session::<_, 256>(&[], Config::new(Method::Hybrid), hand, &options, &stop, |_| {});
+    let none = run_session::<_, 256>(
+        &[],
+        Config::new(Method::Hybrid),
+        hand,
+        &options,
+        &stop,
+        &mut |_: &TickRecord| (),
+    );
     assert!(none.is_err() && !stop.load(Ordering::Relaxed));
 }

@@ -1,9 +1,10 @@
 //! Checks the dependencies between the crates from `cargo metadata`: core and link on no other; precompute on
-//! core; host on core and link; hil on core, link and host; tools and tests on all.
+//! core; host on core and link; viewer and record on core and host; hil on core, link and host; tools and tests
+//! on all.
 
 use std::collections::BTreeSet;
 
-use cargo_metadata::{DependencyKind, MetadataCommand};
+use cargo_metadata::{DependencyKind, MetadataCommand, PackageId};
 
 /// The workspace packages that `package` depends on, for linking or for tests only.
 fn ours(package: &str, kinds: &[DependencyKind]) -> BTreeSet<String> {
@@ -39,9 +40,35 @@ fn dependencies_point_one_way() {
     assert_eq!(ours("palpate-precompute", &TESTED), set(&[]));
     assert_eq!(ours("palpate-host", &LINKED), set(&["palpate-core", "palpate-devices", "palpate-link"]));
     assert_eq!(ours("palpate-host", &TESTED), set(&[]));
+    for beside in ["palpate-viewer", "palpate-record"] {
+        assert_eq!(ours(beside, &LINKED), set(&["palpate-core", "palpate-host"]));
+        assert_eq!(ours(beside, &TESTED), set(&[]));
+    }
     // The emulated FTDI chip implements the host's trait, and the host's hand model holds the emulated grip.
     assert_eq!(ours("palpate-hil", &LINKED), set(&["palpate-core", "palpate-host", "palpate-link"]));
     assert_eq!(ours("palpate-hil", &TESTED), set(&[]));
+}
+
+/// A driver author compiles the host alone, and the guest of the QEMU bench hil alone.
+#[test]
+fn host_and_hil_link_no_window_picture_or_recording() {
+    let metadata = MetadataCommand::new().exec().expect("cargo metadata runs in this workspace");
+    let nodes = &metadata.resolve.as_ref().expect("a graph").nodes;
+    let name = |id: &PackageId| metadata[id].name.to_string();
+    for crate_name in ["palpate-host", "palpate-hil"] {
+        let first = nodes.iter().find(|node| name(&node.id) == crate_name).expect("a member");
+        let (mut linked, mut open) = (BTreeSet::new(), vec![first.id.clone()]);
+        while let Some(id) = open.pop() {
+            let node = nodes.iter().find(|node| node.id == id).expect("in the graph");
+            let deps =
+                node.deps.iter().filter(|dep| dep.dep_kinds.iter().any(|kind| LINKED.contains(&kind.kind)));
+            open.extend(deps.map(|dep| dep.pkg.clone()).filter(|dep| linked.insert(name(dep))));
+        }
+        assert!(linked.contains("palpate-core") && linked.contains("rusb"), "{linked:?}");
+        let heavy = ["minifb", "glam", "gif", "png", "mcap", "palpate-viewer", "palpate-record"];
+        let found: Vec<&str> = heavy.into_iter().filter(|heavy| linked.contains(*heavy)).collect();
+        assert!(found.is_empty(), "{crate_name} links {found:?}");
+    }
 }
 
 #[test]

@@ -3,16 +3,17 @@
 use palpate_core::{Coverage, Phase};
 use palpate_host::device::profile::{Profile, StiffnessCap, Timing};
 use palpate_host::doctor::SystemInfo;
-use palpate_host::recording::End;
-use palpate_host::replay::{Difference, ReplaySummary};
 use palpate_host::rt::{LatencyReport, Miss, Percentiles};
 use palpate_host::session::TouchStatistics;
 use palpate_host::sys::RtReport;
 use palpate_host::{DeviceInfo, SessionSummary};
+use palpate_record::End;
+use palpate_record::replay::{Difference, ReplaySummary};
+use palpate_viewer::Frames;
 use serde_json::{Map, Value, json};
 
 /// The summary of a session.
-pub(crate) fn session(summary: &SessionSummary) -> Value {
+pub(crate) fn session(summary: &SessionSummary, frames: Frames) -> Value {
     let DeviceInfo { name, self_arming, max_force_n, max_stiffness_n_m, resolution_m } = &summary.device;
     let SystemInfo { kernel, governor, isolated } = &summary.system;
     let fault = match summary.phase {
@@ -33,8 +34,9 @@ pub(crate) fn session(summary: &SessionSummary) -> Value {
         "ticks": summary.ticks,
         "latency": latency(&summary.latency),
         "touch": touch(&summary.touch),
-        "dropped_records": summary.dropped_records, "device_errors": summary.device_errors,
-        "frames": summary.frames_written, "mean_frame_ms": summary.mean_frame_ms,
+        "dropped_records": summary.dropped_records, "dropped_by_recorder": summary.dropped_by_recorder,
+        "device_errors": summary.device_errors,
+        "frames": frames.written, "mean_frame_ms": frames.mean_ms,
         "end": reason, "phase": phase.split(':').next(), "fault": fault,
     })
 }
@@ -93,7 +95,7 @@ pub(crate) fn profile(profile: &Profile, report: &LatencyReport) -> Value {
 }
 
 /// The summary of a replay.
-pub(crate) fn replay(summary: &ReplaySummary) -> Value {
+pub(crate) fn replay(summary: &ReplaySummary, frames: Frames) -> Value {
     let difference = |of: &Difference| {
         json!({
             "tick": of.tick, "t_us": of.t_us, "recorded_n": of.recorded_n, "replayed_n": of.replayed_n, "size_n": of.size_n(),
@@ -104,6 +106,6 @@ pub(crate) fn replay(summary: &ReplaySummary) -> Value {
         "identical": summary.is_identical(), "different": summary.different,
         "first": summary.first.as_ref().map(difference), "largest": summary.largest.as_ref().map(difference),
         "lost": summary.lost, "cut": summary.is_cut, "stopped": summary.is_stopped, "touch": touch(&summary.touch),
-        "frames": summary.frames_written,
+        "frames": frames.written,
     })
 }

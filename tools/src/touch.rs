@@ -1,22 +1,25 @@
 //! Sessions of the real-time loop for `run` and `demo`.
 
+use std::fmt;
 use std::fs::File;
 use std::io::BufWriter;
+use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, SystemTime};
 
-use palpate_core::{Config, Method, Organ, Phase, vec3};
+use palpate_core::{Config, Method, Organ, Phase};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::device::profile::Profile;
 use palpate_host::model::ModelError;
-use palpate_host::recording::{End, Header, RecorderReport};
-use palpate_host::rt::{LoopEnd, TickRecord};
-use palpate_host::session::View;
+use palpate_host::rt::{Controls, LoopEnd, TickRecord};
+use palpate_host::session::Observer;
 use palpate_host::settings::controller_config;
-use palpate_host::viewer::{RendererConfig, ViewerError};
-use palpate_host::{Device, DeviceInfo, Recorder, SessionError, SessionOptions, SessionSummary, run_session};
+use palpate_host::sys::RtReport;
+use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_session};
+use palpate_record::{End, Header, Recorder, RecorderReport};
+use palpate_viewer::{Frames, RendererConfig, Screen, View, ViewerError};
 
 use crate::failure::Failure;
 use crate::files::Output;
@@ -77,10 +80,62 @@ impl Show<'_> {
         }
     }
 
-    /// A picture that could not be written during the session.
-    pub(crate) fn picture_failure(&self, error: &std::io::Error) -> Failure {
-        let place = self.gif.map_or(self.pictures, Output::path);
-        Failure::work(Failure::file(place, error).line())
+    /// A screen that could not be opened, or that failed during the session.
+    pub(crate) fn screen_failure(&self, error: ViewerError) -> Failure {
+        match error {
+            ViewerError::Frame(error) => {
+                let place = self.gif.map_or(self.pictures, Output::path);
+                Failure::work(Failure::file(place, &error).line())
+            }
+            error => Failure::work(error),
+        }
+    }
+
+    /// Opens the screen. A window that cannot be opened falls back to PNG frames; the mouse device needs it.
+    pub(crate) fn screen<'s, 'o, const N: usize>(
+        &self,
+        organs: &'s [&'s Organ<'o, N>],
+        method: Method,
+    ) -> Result<Screen<'s, 'o, N>, Failure> {
+        let opened = match Screen::open(organs, method, &self.view()) {
+            Err(ViewerError::NoDisplay(_)) if self.mouse.is_some() => {
+                return Err(Failure::input(MOUSE_NEEDS_WINDOW));
+            }
+            Err(ViewerError::NoDisplay(error)) => {
+                eprintln!("palpate: no window ({error}); writing PNG frames instead");
+                Screen::open(organs, method, &self.frames())
+            }
+            opened => opened,
+        };
+        opened.map_err(|error| self.screen_failure(error))
+    }
+
+    /// Deletes the outputs of a screen that showed nothing: a film, and the folder if it is empty and the screen
+    /// made it. The failure that left them so is the one to report.
+    pub(crate) fn discard(&self, had_folder: bool) {
+        let _ = self.gif.map(Output::remove);
+        if !had_folder {
+            let _ = std::fs::remove_dir(self.pictures);
+        }
+    }
+
+    /// The options of the session, refused before the device is opened if no session can have them.
+    fn options(&self) -> Result<SessionOptions, Failure> {
+        let options = SessionOptions {
+            seconds: self.seconds,
+            change_every: self.change_every,
+            haptic: self.timing.haptic(self.profile),
+            real_time: self.timing.request(),
+            ..SessionOptions::default()
+        };
+        if options.haptic.spin_us >= options.haptic.period_us {
+            return Err(Failure::input(format!(
+                "--spin-us {} leaves no time to sleep in a period of {} us: give a smaller value",
+                options.haptic.spin_us, options.haptic.period_us
+            )));
+        }
+        options.periods().map_err(Failure::input)?;
+        Ok(options)
     }
 
     /// A window, or PNG frames if requested.
@@ -113,7 +168,7 @@ impl Record<'_> {
         config: Config,
         options: &SessionOptions,
         device: DeviceInfo,
-    ) -> Result<Recorder<BufWriter<File>>, Failure> {
+    ) -> Result<(Recorder<BufWriter<File>>, rtrb::Producer<TickRecord>), Failure> {
         let blob = self.blob_blake3.to_vec();
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let start_unix_ns = since_1970.as_nanos() as u64;
@@ -123,91 +178,111 @@ impl Record<'_> {
     }
 }
 
-/// Summary of a session, and of its recording.
+/// Summary of a session, of its recording and of its pictures.
 #[derive(Debug)]
 pub(crate) struct Touched {
     /// Summary of the session.
     pub summary: SessionSummary,
     /// Summary of the recording.
     pub recording: Option<RecorderReport>,
+    /// The pictures.
+    pub frames: Frames,
 }
 
-/// Runs a session; a window that cannot be opened falls back to PNG frames.
-///
-/// `device` is called again if the window fails, before the first tick.
+impl Touched {
+    /// The summary for a terminal.
+    pub(crate) fn text(&self) -> String {
+        with_frames(&self.summary, self.frames)
+    }
+}
+
+/// A summary, followed by its pictures if there are any.
+pub(crate) fn with_frames(summary: &impl fmt::Display, frames: Frames) -> String {
+    if frames.written > 0 { format!("{summary}\n{frames}") } else { summary.to_string() }
+}
+
+/// The screen, the recorder's queue and the caller of a session.
+struct Watch<'w, 's, 'o, F, const N: usize> {
+    screen: &'w mut Screen<'s, 'o, N>,
+    recording: Option<rtrb::Producer<TickRecord>>,
+    granted: &'w OnceLock<RtReport>,
+    /// Whether a tick has run.
+    moved: bool,
+    on_record: F,
+}
+
+impl<F: FnMut(&TickRecord), const N: usize> Observer for Watch<'_, '_, '_, F, N> {
+    fn recording(&mut self) -> Option<rtrb::Producer<TickRecord>> {
+        self.recording.take()
+    }
+
+    fn record(&mut self, record: &TickRecord) {
+        if let (false, Some(report)) = (self.moved, self.granted.get()) {
+            // Printed at once: the user should know of a refused real-time request before touching the device.
+            eprintln!("palpate: {}", report.line());
+        }
+        self.moved = true;
+        self.screen.record(record);
+        (self.on_record)(record);
+    }
+
+    fn time_to_frame(&self) -> Duration {
+        self.screen.time_to_frame()
+    }
+
+    fn show(&mut self, newest: &TickRecord, controls: &Controls) -> ControlFlow<()> {
+        self.screen.show(newest, controls)
+    }
+}
+
+/// Runs a session. Screen and settings come before the device: what they refuse moves no motor, and
+/// `device` is called at most once.
 pub(crate) fn run<D: Device>(
     organs: &[&Organ<'_>],
     method: Method,
     show: Show<'_>,
     stop: &AtomicBool,
-    mut device: impl FnMut() -> Result<D, Failure>,
-    mut on_record: impl FnMut(&TickRecord),
+    device: impl FnOnce() -> Result<D, Failure>,
+    on_record: impl FnMut(&TickRecord),
 ) -> Result<Touched, Failure> {
     let organ = organs.first().ok_or_else(|| Failure::input(SessionError::Model(ModelError::Count)))?;
-    let mut options = SessionOptions {
-        seconds: show.seconds,
-        view: show.view(),
-        change_every: show.change_every,
-        haptic: show.timing.haptic(show.profile),
-        real_time: show.timing.request(),
-        ..SessionOptions::default()
-    };
-    if options.haptic.spin_us >= options.haptic.period_us {
-        return Err(Failure::input(format!(
-            "--spin-us {} leaves no time to sleep in a period of {} us: give a smaller value",
-            options.haptic.spin_us, options.haptic.period_us
-        )));
-    }
+    let mut options = show.options()?;
+    let had_folder = show.pictures.exists();
+    let mut screen = show.screen(organs, method)?;
+    let device = device().inspect_err(|_| show.discard(had_folder))?;
+    let info = device.info();
+    let mut config = controller_config(organs, method, &info, show.profile);
+    config.contact.friction = show.friction.unwrap_or(config.contact.friction);
+    // The user arms a real device by pressing its button; the next press grasps.
+    options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
+    let record = show.record.map(|record| record.start(organ, config, &options, info));
+    let record = record.transpose().inspect_err(|_| show.discard(had_folder))?;
+    let (recorder, recording) = record.unzip();
     let granted = Arc::clone(&options.granted);
-    let mut moved = false;
-    loop {
-        let device = device()?;
-        let info = device.info();
-        let mut config = controller_config(organs, method, &info, show.profile);
-        config.contact.friction = show.friction.unwrap_or(config.contact.friction);
-        // The user arms a real device by pressing its button; the next press grasps.
-        options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
-        let record = show.record.map(|record| record.start(organ, config, &options, info));
-        let mut recorder = record.transpose()?;
-        let ended = run_session(organs, config, device, &options, stop, |record| {
-            if let (false, Some(report)) = (moved, granted.get()) {
-                // Printed at once: the user should know of a refused real-time request before touching the
-                // device.
-                eprintln!("palpate: {}", report.line());
+    let mut watch = Watch { screen: &mut screen, recording, granted: &granted, moved: false, on_record };
+    let ended = run_session(organs, config, device, &options, stop, &mut watch);
+    let moved = watch.moved;
+    let end = ended.as_ref().ok().map(End::of_session);
+    let recording = recorder.map(|recorder| recorder.finish(end));
+    let frames = screen.finish();
+    let summary = match ended {
+        Ok(summary) => summary,
+        Err(error) => {
+            if !moved {
+                // Created by this call, and without a tick.
+                show.record.iter().try_for_each(|record| record.file.remove())?;
+                show.discard(had_folder);
             }
-            moved = true;
-            if let Some(recorder) = &mut recorder {
-                recorder.push(record);
-            }
-            on_record(record);
-        });
-        let end = ended.as_ref().ok().map(End::of_session);
-        let recording = recorder.map(|recorder| recorder.finish(end));
-        if ended.is_err() && !moved {
-            // Created by this call, and without a tick.
-            show.record.iter().try_for_each(|record| record.file.remove())?;
-            show.gif.iter().try_for_each(|gif| gif.remove())?;
+            return Err(match error {
+                SessionError::Model(_) | SessionError::Seconds(_) | SessionError::Priority(_) => {
+                    Failure::input(error)
+                }
+                error => Failure::work(error),
+            });
         }
-        match ended {
-            Err(SessionError::Viewer(ViewerError::NoDisplay(_))) if show.mouse.is_some() && !moved => {
-                return Err(Failure::input(MOUSE_NEEDS_WINDOW));
-            }
-            Err(SessionError::Viewer(ViewerError::NoDisplay(error)))
-                if matches!(options.view, View::Window { .. }) && !moved =>
-            {
-                eprintln!("palpate: no window ({error}); writing PNG frames instead");
-                options.view = show.frames();
-            }
-            Err(error @ (SessionError::Model(_) | SessionError::Seconds(_) | SessionError::Priority(_))) => {
-                return Err(Failure::input(error));
-            }
-            Err(SessionError::Viewer(ViewerError::Frame(error))) => {
-                return Err(show.picture_failure(&error));
-            }
-            Err(error) => return Err(Failure::work(error)),
-            Ok(summary) => return Ok(Touched { summary, recording }),
-        }
-    }
+    };
+    let frames = frames.map_err(|error| show.screen_failure(error))?;
+    Ok(Touched { summary, recording, frames })
 }
 
 /// Fails for a session that lost its device or ended in a fault.
@@ -222,8 +297,9 @@ pub(crate) fn judge(summary: &SessionSummary) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate_host::BlobFile;
     use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-    use palpate_host::{BlobFile, Recording};
+    use palpate_record::Recording;
     use std::panic::{AssertUnwindSafe, catch_unwind};
 
     const BLOB: &[u8] = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
@@ -280,8 +356,82 @@ mod tests {
             let mut recording = Recording::open(source).expect("sound");
             let recorded: Vec<TickRecord> = recording.by_ref().map(|tick| tick.expect("sound")).collect();
             assert!(!recording.is_cut(), "{fault:?}: the file has no end");
-            assert_eq!(recorded.len(), ticks, "{fault:?}");
+            // The loop goes on until it sees the end; its records do not pass through the drawing thread.
+            assert!(
+                recorded.len() >= ticks && recording.lost() == 0,
+                "{fault:?}: {} {ticks}",
+                recorded.len()
+            );
         }
+    }
+
+    fn no_pictures(pictures: &Path) -> Show<'_> {
+        Show {
+            seconds: Some(0.05),
+            headless: false,
+            rate_hz: Some(0.0),
+            pictures,
+            record: None,
+            friction: None,
+            change_every: None,
+            profile: None,
+            timing: Timing { fifo: 0, ..Timing::default() },
+            gif: None,
+            mouse: None,
+        }
+    }
+
+    /// A Falcon that is opened again has lost its homing.
+    #[test]
+    fn a_device_is_opened_once_and_after_the_screen() {
+        let file = BlobFile::of(BLOB);
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        let folder = tempfile::tempdir().expect("a folder");
+        let pictures = folder.path().join("frames");
+        let go = AtomicBool::new(false);
+        // Without a display, and with --headless. A display of the developer would be opened.
+        let modes = if std::env::var_os("DISPLAY").is_none() { vec![false, true] } else { vec![true] };
+        for headless in modes {
+            let show = Show { headless, rate_hz: None, ..no_pictures(&pictures) };
+            let mut opened = 0;
+            let device = || {
+                opened += 1;
+                assert!(pictures.is_dir(), "the screen is open before the device");
+                Ok(SimulatedHand::new(&organ, SimulatedConfig::default()))
+            };
+            let touched = run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect("it runs");
+            assert_eq!(opened, 1);
+            assert!(touched.frames.written >= 1);
+        }
+    }
+
+    #[test]
+    fn a_session_that_cannot_run_opens_no_device() {
+        let file = BlobFile::of(BLOB);
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        let folder = tempfile::tempdir().expect("a folder");
+        let pictures = folder.path().join("frames");
+        let go = AtomicBool::new(false);
+        std::fs::write(&pictures, "a file").expect("writable");
+        let show = Show { headless: true, ..no_pictures(&pictures) };
+        for (refused, show) in [
+            ("not a number", Show { seconds: Some(f64::NAN), ..show }),
+            ("no folder for frames", Show { rate_hz: Some(2.0), ..show }),
+            ("no priority for the watchdog", Show { timing: Timing { fifo: 99, ..show.timing }, ..show }),
+        ] {
+            let device =
+                || -> Result<SimulatedHand, Failure> { panic!("{refused}: no device may be opened") };
+            run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect_err(refused);
+        }
+        // The screen of a device that cannot be opened leaves nothing behind.
+        let folder = folder.path().join("other");
+        let show = Show { headless: true, rate_hz: Some(2.0), pictures: &folder, ..show };
+        let device = || -> Result<SimulatedHand, Failure> {
+            assert!(folder.is_dir(), "the screen is open before the device");
+            Err(Failure::input("port in use"))
+        };
+        run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect_err("no device");
+        assert!(!folder.exists());
     }
 
     /// A film has its own default frame rate.

@@ -5,8 +5,8 @@ use std::io::BufReader;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use palpate_host::recording::TickWriter;
-use palpate_host::{Recording, TickRecord};
+use palpate_host::TickRecord;
+use palpate_record::{Recording, TickWriter};
 
 /// A real organ with every method, without a certificate.
 const BLOB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");

@@ -19,7 +19,6 @@ mod pending;
 pub mod polhem;
 mod position_check;
 pub mod profile;
-pub mod replay;
 pub mod script;
 pub mod serial;
 pub mod simulated;

@@ -48,6 +48,8 @@ pub struct LoopOutcome {
     pub ticks: u64,
     /// Records dropped because the queue was full.
     pub dropped_records: u64,
+    /// Records dropped because the queue of the recorder was full.
+    pub dropped_by_recorder: u64,
     /// Exchanges that failed, including the one that ended the loop.
     pub device_errors: u64,
     /// The last error of an exchange.
@@ -84,6 +86,8 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits
     config: LoopConfig,
     controls: &'l Controls,
     outputs: Outputs,
+    /// The queue of a recorder.
+    recording: Option<rtrb::Producer<TickRecord>>,
     /// Force of the next exchange: that of the last record.
     sent_force_n: Vec3,
     buttons: u32,
@@ -91,6 +95,7 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits
     ticks: u64,
     skipped_periods: u64,
     dropped_records: u64,
+    dropped_by_recorder: u64,
     device_errors: u64,
     last_device_error: Option<DeviceError>,
     /// Flag of the session's caller that ends the loop.
@@ -165,6 +170,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             config,
             controls,
             outputs,
+            recording: None,
             sent_force_n: vec3::ZERO,
             // All bits set: arming needs a transition from released to pressed.
             buttons: u32::MAX,
@@ -172,10 +178,18 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             ticks: 0,
             skipped_periods: 0,
             dropped_records: 0,
+            dropped_by_recorder: 0,
             device_errors: 0,
             last_device_error: None,
             stop: None,
         }
+    }
+
+    /// Sets the queue of a recorder, besides the one of [`Outputs`]: neither waits for the other's reader.
+    #[must_use]
+    pub fn with_recording(mut self, queue: Option<rtrb::Producer<TickRecord>>) -> Self {
+        self.recording = queue;
+        self
     }
 
     /// Sets a second stop flag, besides the one of [`HapticLoop::run`].
@@ -203,7 +217,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     /// Runs for a number of periods or until the flag is set, then stops the device.
     pub fn run(mut self, stop: &AtomicBool, periods: u64) -> LoopOutcome {
         let end = self.run_periods(stop, periods);
-        let Self { state, device, latency, ticks, dropped_records, .. } = self;
+        let Self { state, device, latency, ticks, dropped_records, dropped_by_recorder, .. } = self;
         let (device_errors, last_device_error) = (self.device_errors, self.last_device_error);
         drop(device);
         LoopOutcome {
@@ -211,6 +225,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             latency,
             ticks,
             dropped_records,
+            dropped_by_recorder,
             device_errors,
             last_device_error,
             phase: state.phase(),
@@ -290,6 +305,9 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         };
         if self.outputs.records.push(record).is_err() {
             self.dropped_records += 1;
+        }
+        if self.recording.as_mut().is_some_and(|queue| queue.push(record).is_err()) {
+            self.dropped_by_recorder += 1;
         }
         self.outputs.latest.write(record);
         Ok(())

@@ -1,12 +1,17 @@
 //! The record of a tick: its inputs, its outputs and its times.
+//!
+//! The names of the fields are those of the messages in a recording, which serde writes and reads.
+
+mod form;
 
 use crate::device::DeviceState;
 use palpate_core::{Command, Coverage, NodeWeight, Phase, Sample, Vec3, vec3};
+use serde::{Deserialize, Serialize};
 
 /// Requests of other threads that were applied before a tick, in the order of application.
 ///
 /// A press of the arming button is not included: it follows from the samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Applied {
     /// The watchdog zeroed the device since the last tick.
     pub zeroed: bool,
@@ -19,35 +24,50 @@ pub struct Applied {
 }
 
 /// Inputs and outputs of one tick, small enough to be copied through a queue.
-#[derive(Debug, Clone, Copy, PartialEq)]
+///
+/// Absent values (`sample`, `coverage`, `fault`) are omitted in a message, because viewers support no null in a
+/// schema.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct TickRecord {
     /// Number of the deadline of this tick. A gap means skipped deadlines.
     pub tick: u64,
     /// Time of the tick since the start of the loop, us.
     pub t_us: u64,
     /// The sample from the device, if there was one.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "form::sample")]
     pub sample: Option<Sample>,
     /// State of the device.
+    #[serde(with = "form::device")]
     pub device: DeviceState,
     /// Requests applied before the tick.
+    #[serde(flatten)]
     pub applied: Applied,
     /// Index of the rendered model.
     pub model: u8,
     /// HIP, model frame, m.
+    #[serde(with = "form::vector")]
     pub hip_m: Vec3,
     /// Displacement of the engaged node, m; zero when free.
+    #[serde(with = "form::vector")]
     pub displacement_m: Vec3,
     /// Index of the engaged space; with several engaged spaces the one with the largest weight.
+    #[serde(with = "form::engaged")]
     pub engaged: Option<u16>,
     /// The engaged spaces with their weights.
+    #[serde(with = "form::shares")]
     pub shares: [NodeWeight; 3],
     /// h of the model, force by the tool on the body, N; zero when free.
+    #[serde(with = "form::vector")]
     pub reaction_n: Vec3,
     /// Force for the hand after every limit, N.
+    #[serde(with = "form::vector")]
     pub hand_force_n: Vec3,
     /// Coverage of the reaction.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "form::coverage")]
     pub coverage: Option<Coverage>,
     /// Phase of the controller.
+    #[serde(flatten, with = "form::phase")]
     pub phase: Phase,
     /// Share of the force after arming; 1 after the ramp.
     pub ramp: f32,
@@ -60,6 +80,7 @@ pub struct TickRecord {
     /// Device exchange and controller together, ns.
     pub compute_ns: u64,
     /// Time of the device exchange, ns; `None` in old recordings without this field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device_ns: Option<u64>,
     /// Start of the tick minus its deadline, ns.
     pub lateness_ns: u64,

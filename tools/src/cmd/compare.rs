@@ -5,13 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args as ClapArgs;
-use palpate_host::viewer::comparison::{Comparison, DeformedShape, draw};
-use palpate_host::viewer::frames::still;
 use palpate_precompute::fem::material::LAWS;
 use palpate_precompute::fem::{Configuration, Solver};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::norm;
 use palpate_precompute::pipeline::Analysis;
+use palpate_viewer::comparison::{Comparison, DeformedShape, draw};
+use palpate_viewer::frames::still;
 use serde::Serialize;
 
 use super::path::direction;

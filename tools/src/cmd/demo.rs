@@ -6,7 +6,6 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
-use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_precompute::certificate::Certificate;
@@ -152,13 +151,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let file = blob::load(outputs.blob.path())?;
     let organ = blob::organ(outputs.blob.path(), &file)?;
     let frames = args.out.join("frames");
-    let (summary, visits) = palpate(args, &organ, &frames, &stop)?;
-    say(format!("\nmethod       {}\n{summary}", args.method.name()))?;
+    let (touched, visits) = palpate(args, &organ, &frames, &stop)?;
+    say(format!("\nmethod       {}\n{}", args.method.name(), touched.text()))?;
     if stop.load(Ordering::Relaxed) {
         return Err(Failure::work("interrupted; the force on the hand is zero, the spaces are kept"));
     }
 
-    touch::judge(&summary)?;
+    touch::judge(&touched.summary)?;
 
     let start = Instant::now();
     let Errors { checked, unsolved, errors } =
@@ -170,7 +169,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         error_table(&errors, args.method)
     ))?;
     write_forces(&outputs.forces, &bench, &organ, &checked)?;
-    let figures = figures(args, &solved, bytes.len(), &summary, &errors, checked.len());
+    let figures = figures(args, &solved, bytes.len(), &touched, &errors, checked.len());
     let text = serde_json::to_string_pretty(&figures).map_err(Failure::work)?;
     outputs.summary.put(text.as_bytes())?;
     if args.json {
@@ -290,7 +289,7 @@ fn palpate(
     organ: &Organ<'_>,
     frames: &Path,
     stop: &AtomicBool,
-) -> Result<(SessionSummary, Vec<Visit>), Failure> {
+) -> Result<(touch::Touched, Vec<Visit>), Failure> {
     let nodes = organ.spaces.len().max(1) as f32;
     // The tour touches every active node once within the duration.
     let strokes = StrokeConfig { seconds_per_node: args.seconds as f32 / nodes, ..StrokeConfig::default() };
@@ -325,7 +324,7 @@ fn palpate(
             }
         },
     )?;
-    Ok((touched.summary, visits))
+    Ok((touched, visits))
 }
 
 /// Selects `count` visits, evenly distributed over the session.
@@ -386,7 +385,7 @@ fn figures(
     args: &Args,
     solved: &Solved,
     blob_bytes: usize,
-    summary: &SessionSummary,
+    touched: &touch::Touched,
     errors: &[MethodError],
     checks: usize,
 ) -> serde_json::Value {
@@ -399,6 +398,7 @@ fn figures(
                     "failed": c.failed, "unknown": c.unknown })
         })
         .collect();
+    let summary = &touched.summary;
     let tick = &summary.latency.compute;
     let wake = &summary.latency.wake;
     json!({
@@ -407,6 +407,6 @@ fn figures(
         "seconds": args.seconds, "ticks": summary.ticks, "missed_deadlines": summary.latency.skipped_periods,
         "tick_ns": { "p50": tick.p50_ns, "p99": tick.p99_ns, "max": tick.max_ns },
         "lateness_ns": { "p50": wake.p50_ns, "p99": wake.p99_ns, "max": wake.max_ns },
-        "frames": summary.frames_written, "checks": checks, "errors": errors,
+        "frames": touched.frames.written, "checks": checks, "errors": errors,
     })
 }

@@ -15,10 +15,10 @@ use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::guard::{DEFAULT_LIMIT_MS, GuardOptions};
-use palpate_host::replay::ReplayError;
 use palpate_host::rt::Miss;
-use palpate_host::viewer::ViewerError;
-use palpate_host::{BlobFile, Device, Recording, replay};
+use palpate_host::{BlobFile, Device};
+use palpate_record::Recording;
+use palpate_record::replay::{self, Pace, ReplayError};
 use serde_json::json;
 
 use super::inspect::certificate;
@@ -328,7 +328,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let bytes = files.iter().map(|file| file.bytes().len()).sum::<usize>();
     if args.json {
         let figures = json!({
-            "blobs": paths, "blob_bytes": bytes, "method": method.name(), "session": summary::session(&touched.summary),
+            "blobs": paths, "blob_bytes": bytes, "method": method.name(), "session": summary::session(&touched.summary, touched.frames),
             "profile": profile.as_ref().map(|profile| summary::profile(profile, &touched.summary.latency)),
             "guard": guard.as_ref().map(ToString::to_string), "start_s": ready.map(|ready| ready.as_secs_f64()), "memory_kb": resident.figures(),
             "recording": args.record.as_ref().zip(touched.recording.as_ref()).map(|(path, report)| json!({
@@ -338,7 +338,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         output::line(format!("{figures:#}"))?;
     }
-    say(format!("method       {}\n{}", method.name(), touched.summary))?;
+    say(format!("method       {}\n{}", method.name(), touched.text()))?;
     if let Some(guard) = &guard {
         say(format!("guard        {guard}"))?;
     }
@@ -402,28 +402,33 @@ fn run_replay(
     }
     let stop = stop_flag()?;
     let named = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-    let once = |view| -> Result<_, Failure> {
-        let source = File::open(path).map_err(|error| Failure::file(path, &error))?;
-        let mut recording =
-            Recording::open(BufReader::new(source)).map_err(|error| Failure::input(named(&error)))?;
-        Ok(replay(organs, blob_blake3, &mut recording, args.method, &view, &stop))
-    };
+    let source = File::open(path).map_err(|error| Failure::file(path, &error))?;
+    let mut recording =
+        Recording::open(BufReader::new(source)).map_err(|error| Failure::input(named(&error)))?;
+    replay::check_blobs(recording.header(), blob_blake3).map_err(|error| Failure::input(named(&error)))?;
     let show = show(args, outputs, None);
-    let mut replayed = once(show.view())?;
-    if let (Err(ReplayError::Viewer(ViewerError::NoDisplay(error))), false) = (&replayed, args.headless) {
-        eprintln!("palpate: no window ({error}); writing PNG frames instead");
-        replayed = once(show.frames())?;
+    let method = args.method.unwrap_or(recording.header().config.method);
+    let had_folder = show.pictures.exists();
+    let mut screen = show.screen(organs, method)?;
+    let pace = match screen.interval() {
+        None => Pace::Unseen,
+        Some(_) if screen.is_window() => Pace::RealTime,
+        Some(interval) => Pace::Recorded(interval),
+    };
+    let replayed = replay::replay(organs, blob_blake3, &mut recording, args.method, &stop, &mut screen, pace);
+    if let Err(ReplayError::Model(_)) = &replayed {
+        show.discard(had_folder);
     }
-    let summary = replayed.map_err(|error| match error {
-        ReplayError::Viewer(ViewerError::Frame(error)) => show.picture_failure(&error),
-        ReplayError::Viewer(error) => Failure::work(error),
-        error => Failure::input(named(&error)),
-    })?;
+    let frames = screen.finish();
+    let summary = replayed.map_err(|error| Failure::input(named(&error)))?;
+    let frames = frames.map_err(|error| show.screen_failure(error))?;
     if args.json {
-        let figures = json!({ "blob": args.blob, "recording": path, "replay": summary::replay(&summary) });
+        let figures =
+            json!({ "blob": args.blob, "recording": path, "replay": summary::replay(&summary, frames) });
         output::line(format!("{figures:#}"))?;
     } else {
-        output::line(format!("method       {}\n{summary}", summary.method.name()))?;
+        let text = touch::with_frames(&summary, frames);
+        output::line(format!("method       {}\n{text}", summary.method.name()))?;
     }
     if summary.method == summary.recorded_method && summary.different > 0 {
         return Err(Failure::work(named(&format!("{} of its ticks differ", summary.different))));

@@ -3,10 +3,10 @@
 
 use std::collections::HashMap;
 
-use palpate_host::viewer::frames::still;
-use palpate_host::viewer::map::{ScalarField, SurfaceMap, draw};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::space::{Record, Store};
+use palpate_viewer::frames::still;
+use palpate_viewer::map::{ScalarField, SurfaceMap, draw};
 
 use crate::failure::Failure;
 use crate::files::Output;

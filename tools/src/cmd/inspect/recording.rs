@@ -5,11 +5,10 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use palpate_core::Phase;
-use palpate_host::Recording;
-use palpate_host::recording::{End, Header};
+use palpate_core::{Phase, Sample};
 use palpate_host::rt::TickRecord;
 use palpate_host::session::TouchStatistics;
+use palpate_record::{End, Header, Recording};
 use serde::Serialize;
 use serde_json::json;
 
@@ -138,105 +137,77 @@ fn ended(is_cut: bool, end: Option<&End>) -> String {
     }
 }
 
-/// One tick. As in the table of a space, `x_m` is the displacement of the active node and `fx_n` the force of
-/// the tool on the body.
+/// A value of the table. Numbers keep their type, so a float is written with the digits that restore its bits.
 #[derive(Serialize)]
-struct Row<'r> {
-    tick: u64,
-    t_us: u64,
-    active: &'r str,
-    x_m: f32,
-    y_m: f32,
-    z_m: f32,
-    fx_n: f32,
-    fy_n: f32,
-    fz_n: f32,
-    coverage: &'r str,
-    hand_fx_n: f32,
-    hand_fy_n: f32,
-    hand_fz_n: f32,
-    clamped: u8,
-    phase: &'r str,
-    fault: &'r str,
-    hip_x_m: f32,
-    hip_y_m: f32,
-    hip_z_m: f32,
-    sample_t_us: Option<u64>,
-    sample_x_m: Option<f32>,
-    sample_y_m: Option<f32>,
-    sample_z_m: Option<f32>,
-    buttons: Option<u32>,
-    reset: u8,
-    arm: u8,
-    disarm: u8,
-    zeroed: u8,
-    model: u8,
-    device: &'static str,
-    ramp: f32,
-    hand_work_j: f32,
-    damped: u8,
-    compute_ns: u64,
-    device_ns: Option<u64>,
-    lateness_ns: u64,
-    skipped_periods: u64,
+#[serde(untagged)]
+enum Cell<'r> {
+    Count(u64),
+    Number(f32),
+    Text(&'r str),
+    Empty(()),
 }
 
-impl<'r> Row<'r> {
-    fn of(record: &TickRecord, header: &'r Header) -> Self {
-        let [x_m, y_m, z_m] = record.displacement_m;
-        let [fx_n, fy_n, fz_n] = record.reaction_n;
-        let [hand_fx_n, hand_fy_n, hand_fz_n] = record.hand_force_n;
-        let [hip_x_m, hip_y_m, hip_z_m] = record.hip_m;
-        let [sample_x_m, sample_y_m, sample_z_m] = match record.sample {
-            Some(sample) => sample.position_m.map(Some),
-            None => [None; 3],
-        };
-        let name = |space: u16| header.active.get(usize::from(space)).map_or("?", String::as_str);
-        let (phase, fault) = match record.phase {
-            Phase::Disarmed => ("disarmed", ""),
-            Phase::Active => ("active", ""),
-            Phase::SafeZero(fault) => ("safe-zero", fault.name()),
-        };
-        Self {
-            tick: record.tick,
-            t_us: record.t_us,
-            active: record.engaged.map_or("", name),
-            x_m,
-            y_m,
-            z_m,
-            fx_n,
-            fy_n,
-            fz_n,
-            coverage: record.coverage.map_or("", |coverage| coverage.name()),
-            hand_fx_n,
-            hand_fy_n,
-            hand_fz_n,
-            clamped: record.clamped.into(),
-            phase,
-            fault,
-            hip_x_m,
-            hip_y_m,
-            hip_z_m,
-            sample_t_us: record.sample.map(|sample| sample.t_us),
-            sample_x_m,
-            sample_y_m,
-            sample_z_m,
-            buttons: record.sample.map(|sample| sample.buttons),
-            reset: record.applied.reset.into(),
-            arm: record.applied.arm.into(),
-            disarm: record.applied.disarm.into(),
-            zeroed: record.applied.zeroed.into(),
-            model: record.model,
-            device: record.device.name(),
-            ramp: record.ramp,
-            hand_work_j: record.hand_work_j,
-            damped: record.damped.into(),
-            compute_ns: record.compute_ns,
-            device_ns: record.device_ns,
-            lateness_ns: record.lateness_ns,
-            skipped_periods: record.skipped_periods,
-        }
+/// A column and its value in the row of a tick. As in the table of a space, `x_m` is the displacement of the
+/// active node and `fx_n` the force of the tool on the body.
+type Column = (&'static str, for<'r> fn(&'r TickRecord, &'r Header) -> Cell<'r>);
+
+const COLUMNS: [Column; 37] = [
+    ("tick", |r, _| Cell::Count(r.tick)),
+    ("t_us", |r, _| Cell::Count(r.t_us)),
+    ("active", |r, header| Cell::Text(r.engaged.map_or("", |space| node(header, space)))),
+    ("x_m", |r, _| Cell::Number(r.displacement_m[0])),
+    ("y_m", |r, _| Cell::Number(r.displacement_m[1])),
+    ("z_m", |r, _| Cell::Number(r.displacement_m[2])),
+    ("fx_n", |r, _| Cell::Number(r.reaction_n[0])),
+    ("fy_n", |r, _| Cell::Number(r.reaction_n[1])),
+    ("fz_n", |r, _| Cell::Number(r.reaction_n[2])),
+    ("coverage", |r, _| Cell::Text(r.coverage.map_or("", |coverage| coverage.name()))),
+    ("hand_fx_n", |r, _| Cell::Number(r.hand_force_n[0])),
+    ("hand_fy_n", |r, _| Cell::Number(r.hand_force_n[1])),
+    ("hand_fz_n", |r, _| Cell::Number(r.hand_force_n[2])),
+    ("clamped", |r, _| Cell::Count(r.clamped.into())),
+    ("phase", |r, _| Cell::Text(phase(r).0)),
+    ("fault", |r, _| Cell::Text(phase(r).1)),
+    ("hip_x_m", |r, _| Cell::Number(r.hip_m[0])),
+    ("hip_y_m", |r, _| Cell::Number(r.hip_m[1])),
+    ("hip_z_m", |r, _| Cell::Number(r.hip_m[2])),
+    ("sample_t_us", |r, _| sampled(r, |sample| Cell::Count(sample.t_us))),
+    ("sample_x_m", |r, _| sampled(r, |sample| Cell::Number(sample.position_m[0]))),
+    ("sample_y_m", |r, _| sampled(r, |sample| Cell::Number(sample.position_m[1]))),
+    ("sample_z_m", |r, _| sampled(r, |sample| Cell::Number(sample.position_m[2]))),
+    ("buttons", |r, _| sampled(r, |sample| Cell::Count(sample.buttons.into()))),
+    ("reset", |r, _| Cell::Count(r.applied.reset.into())),
+    ("arm", |r, _| Cell::Count(r.applied.arm.into())),
+    ("disarm", |r, _| Cell::Count(r.applied.disarm.into())),
+    ("zeroed", |r, _| Cell::Count(r.applied.zeroed.into())),
+    ("model", |r, _| Cell::Count(r.model.into())),
+    ("device", |r, _| Cell::Text(r.device.name())),
+    ("ramp", |r, _| Cell::Number(r.ramp)),
+    ("hand_work_j", |r, _| Cell::Number(r.hand_work_j)),
+    ("damped", |r, _| Cell::Count(r.damped.into())),
+    ("compute_ns", |r, _| Cell::Count(r.compute_ns)),
+    ("device_ns", |r, _| r.device_ns.map_or(Cell::Empty(()), Cell::Count)),
+    ("lateness_ns", |r, _| Cell::Count(r.lateness_ns)),
+    ("skipped_periods", |r, _| Cell::Count(r.skipped_periods)),
+];
+
+/// The name of an active node.
+fn node(header: &Header, space: u16) -> &str {
+    header.active.get(usize::from(space)).map_or("?", String::as_str)
+}
+
+/// The phase, and the fault of a safe zero.
+fn phase(record: &TickRecord) -> (&'static str, &'static str) {
+    match record.phase {
+        Phase::Disarmed => ("disarmed", ""),
+        Phase::Active => ("active", ""),
+        Phase::SafeZero(fault) => ("safe-zero", fault.name()),
     }
+}
+
+/// A value of the sample; empty if the device sent none.
+fn sampled(record: &TickRecord, value: impl FnOnce(Sample) -> Cell<'static>) -> Cell<'static> {
+    record.sample.map_or(Cell::Empty(()), value)
 }
 
 /// The table, written row by row.
@@ -247,11 +218,15 @@ struct Table<'o> {
 
 impl<'o> Table<'o> {
     fn begin(file: &'o Output) -> Result<Self, Failure> {
-        Ok(Self { file, writer: csv::Writer::from_writer(file.stream()?) })
+        let mut writer = csv::Writer::from_writer(file.stream()?);
+        let named = writer.write_record(COLUMNS.map(|(name, _)| name));
+        named.map_err(|error| file.failure(&error.into()))?;
+        Ok(Self { file, writer })
     }
 
     fn row(&mut self, record: &TickRecord, header: &Header) -> Result<(), Failure> {
-        self.writer.serialize(Row::of(record, header)).map_err(|error| self.file.failure(&error.into()))
+        let row = COLUMNS.map(|(_, value)| value(record, header));
+        self.writer.serialize(row.as_slice()).map_err(|error| self.file.failure(&error.into()))
     }
 
     fn finish(self) -> Result<(), Failure> {

@@ -1,0 +1,3 @@
+//! The integration tests of recordings in one binary.
+
+mod replay;

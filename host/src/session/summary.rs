@@ -1,0 +1,114 @@
+//! The summary of a session, as the caller prints it.
+
+use super::statistics::TouchStatistics;
+use crate::device::DeviceInfo;
+use crate::doctor::SystemInfo;
+use crate::instructions::Instructions;
+use crate::rt::{LatencyReport, LoopEnd};
+use crate::sys::RtReport;
+use core::fmt;
+use palpate_core::{Coverage, Phase};
+
+/// Summary of a session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionSummary {
+    /// The device.
+    pub device: DeviceInfo,
+    /// The instructions that evaluated the force.
+    pub instructions: Instructions,
+    /// Largest stiffness of the organ at the hand, N/m.
+    pub stiffest_n_m: f32,
+    /// Factor on every force that keeps the stiffness within the device's limit; 1 if no reduction is
+    /// necessary.
+    pub force_share: f32,
+    /// What the operating system granted.
+    pub real_time: RtReport,
+    /// Kernel and CPUs.
+    pub system: SystemInfo,
+    /// Reason of the end.
+    pub end: LoopEnd,
+    /// Phase at the end.
+    pub phase: Phase,
+    /// Number of ticks.
+    pub ticks: u64,
+    /// Timing.
+    pub latency: LatencyReport,
+    /// Records missing from the statistics because the session's queue was full.
+    pub dropped_records: u64,
+    /// Records missing from the recording because its queue was full; 0 without a recording.
+    pub dropped_by_recorder: u64,
+    /// Device exchanges that failed.
+    pub device_errors: u64,
+    /// Forces, displacements, contacts.
+    pub touch: TouchStatistics,
+}
+
+impl SessionSummary {
+    /// Writes the share of the contact ticks by coverage.
+    fn write_coverage(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "\ncoverage    ")?;
+        for (kind, ticks) in Coverage::ALL.iter().zip(self.touch.coverage_ticks) {
+            if ticks > 0 {
+                let share = 100.0 * ticks as f64 / self.touch.engaged_ticks as f64;
+                write!(f, " {} {share:.1} %", kind.name())?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for SessionSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "device       {}", self.device.name)?;
+        writeln!(f, "instructions {}", self.instructions)?;
+        write!(f, "stiffness    up to {:.0} N/m", self.stiffest_n_m)?;
+        if self.force_share < 1.0 {
+            let cap_n_m = self.force_share * self.stiffest_n_m;
+            write!(
+                f,
+                ", limited to {cap_n_m:.0} N/m: all forces are multiplied by {:.2}, the organ feels softer",
+                self.force_share
+            )?;
+        }
+        writeln!(f)?;
+        writeln!(f, "{}", self.real_time)?;
+        writeln!(f, "{}", self.system)?;
+        writeln!(f, "{}", self.latency)?;
+        let touch = &self.touch;
+        write!(
+            f,
+            "touch        {} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; \
+             peak displacement {:.1} mm",
+            touch.contacts,
+            100.0 * touch.engaged_ticks as f64 / self.ticks.max(1) as f64,
+            touch.peak_reaction_n,
+            touch.peak_hand_force_n,
+            touch.peak_displacement_m * 1e3
+        )?;
+        if touch.engaged_ticks > 0 {
+            self.write_coverage(f)?;
+            write!(
+                f,
+                "\nsmoothness   largest step of the force {:.0} mN a tick; work on the hand at most {:+.1} mJ in a touch",
+                touch.largest_step_n * 1e3,
+                touch.largest_work_j * 1e3
+            )?;
+            if touch.damped_ticks > 0 {
+                write!(f, ", {} ticks damped", touch.damped_ticks)?;
+            }
+        }
+        match self.end {
+            LoopEnd::Completed => {}
+            LoopEnd::Stopped => write!(f, "\nend          stopped")?,
+            LoopEnd::DeviceLost(error) => write!(f, "\nend          {error}")?,
+        }
+        if let Phase::SafeZero(fault) = self.phase {
+            write!(f, "\nfault        {} (force zero, latched)", fault.name())?;
+        }
+        if self.dropped_records + self.device_errors > 0 {
+            let (dropped, errors) = (self.dropped_records, self.device_errors);
+            write!(f, "\nlosses       {dropped} records dropped, {errors} device exchanges failed")?;
+        }
+        Ok(())
+    }
+}

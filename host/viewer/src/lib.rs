@@ -1,0 +1,63 @@
+//! The viewer: the deformed organ, the tool, the force and text, in a window, as PNG frames or as a film.
+//!
+//! ```text
+//! session (palpate-host) -> Observer: newest record, 30 Hz -> Renderer -> Image -> window | PNG | GIF
+//!                                     every record         -> Live (charts, timing)
+//! ```
+//!
+//! Inputs: organs, and the records of a session or a replay through [`Screen`], which is the session's
+//! [`Observer`](palpate_host::session::Observer). Outputs: pictures, and what the user requests by key.
+//!
+//! Invariants:
+//! - One [`Renderer`] draws for every output, on an ordinary thread: the haptic thread never waits for it.
+//! - A [`Screen`] needs no device: a missing display is found before a device moves.
+//!
+//! Depends on palpate-core and palpate-host. Needs no GPU.
+#![forbid(unsafe_code)]
+
+pub mod animation;
+pub mod camera;
+mod charts;
+pub mod comparison;
+pub mod deformation;
+mod error;
+pub mod font;
+pub mod frames;
+mod help;
+pub mod image;
+mod lanes;
+pub mod live;
+pub mod map;
+pub mod material;
+mod mouse_tool;
+pub mod navigation;
+mod occlusion;
+pub mod overlay;
+pub mod palette;
+pub mod pick;
+mod quantise;
+pub mod raster;
+mod reach;
+pub mod renderer;
+pub mod scene;
+pub mod screen;
+pub mod shade;
+pub mod shapes;
+pub mod smooth;
+pub mod viewpoint;
+pub mod window;
+mod window_controller;
+
+#[cfg(test)]
+#[path = "../../tests/common/synthetic.rs"]
+mod synthetic;
+
+pub use animation::GifWriter;
+pub use error::ViewerError;
+pub use frames::FrameWriter;
+pub use help::Help;
+pub use image::Image;
+pub use live::Live;
+pub use renderer::{Layers, Renderer, RendererConfig};
+pub use screen::{Frames, Screen, View};
+pub use window::{ViewWindow, WindowEvents};

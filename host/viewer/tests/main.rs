@@ -1,0 +1,7 @@
+//! The integration tests of the viewer in one binary.
+
+#[path = "../../tests/common/synthetic.rs"]
+mod synthetic;
+
+mod film;
+mod picture;
