@@ -23,7 +23,7 @@ use palpate_precompute::space::{Threads, expand, with_threads};
 
 use crate::analysis;
 use crate::analysis::threads_or;
-use crate::cmd::held_out;
+use crate::cmd::paper::held_out;
 use crate::cmd::precompute::{self, Workers};
 use crate::failure::Failure;
 use crate::files::Output;

@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::columns::{field, number, numbers};
 use super::{Args, Shown, held_out, map, scattered};
-use crate::cmd::held_out::in_words;
+use crate::cmd::paper::held_out::in_words;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output};
 

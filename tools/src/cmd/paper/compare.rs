@@ -1,4 +1,4 @@
-//! `palpate compare`: the same pull of a body with several laws, in one picture.
+//! `palpate paper compare`: the same pull of a body with several laws, in one picture.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use palpate_precompute::num::norm;
 use palpate_precompute::pipeline::Analysis;
 use serde::Serialize;
 
-use super::path::direction;
+use crate::cmd::path::direction;
 use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
@@ -36,7 +36,7 @@ use crate::progress::WorkProgress;
 /// the exit code is 1. Ctrl-C keeps the rows of the laws so far, the last one at its last converged step; no
 /// picture is drawn.
 ///
-/// Example: palpate compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
+/// Example: palpate paper compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -197,7 +197,7 @@ fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
 }
 
 /// The same scene with the law of every region replaced.
-pub(super) fn by_law(bench: &Analysis, law: &str) -> Result<Analysis, Failure> {
+pub(crate) fn by_law(bench: &Analysis, law: &str) -> Result<Analysis, Failure> {
     let mut scene = bench.scene.clone();
     for (region, own) in scene.materials.iter_mut().zip(bench.scene.model().regions) {
         let found = own

@@ -1,4 +1,4 @@
-//! `palpate held-out`: solutions that no fit uses, solved into the `.space` file.
+//! `palpate paper held-out`: solutions that no fit uses, solved into the `.space` file.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Kind, Store, with_threads};
 use serde_json::json;
 
-use super::precompute::Workers;
+use crate::cmd::precompute::Workers;
 use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};

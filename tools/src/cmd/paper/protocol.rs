@@ -1,4 +1,4 @@
-//! `palpate protocol`: the paper's regular paths, 10 active nodes x 26 directions x 2 fixed sets.
+//! `palpate paper protocol`: the paper's regular paths, 10 active nodes x 26 directions x 2 fixed sets.
 
 use std::path::PathBuf;
 use std::sync::Arc;
