@@ -28,16 +28,18 @@ use crate::cmd::precompute::{self, Workers};
 use crate::failure::Failure;
 use crate::files::Output;
 use crate::interrupt::stop_flag;
+use crate::usage;
 use messages::RankConfig;
 use ranks::Ranks;
 
-/// `palpate precompute` and `palpate held-out` on many machines:
-/// `mpirun -n 64 palpate-mpi precompute liver.toml --out liver.space`.
+/// `palpate precompute` and `palpate paper held-out` on many machines
+///
+/// mpirun -n 64 palpate-mpi precompute liver.toml --out liver.space
 ///
 /// Rank 0 plans, reads and writes; the others solve. A single rank does everything. See docs/guide.md,
 /// section 10.
 #[derive(Debug, Parser)]
-#[command(name = "palpate-mpi", version, arg_required_else_help = true, max_term_width = 110)]
+#[command(name = "palpate-mpi", version, arg_required_else_help = true, max_term_width = 100)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -75,7 +77,7 @@ impl Command {
 
 /// Runs the command `palpate-mpi` with the arguments of the process.
 pub fn palpate_mpi() -> ExitCode {
-    let parsed = Cli::try_parse();
+    let parsed: Result<Cli, clap::Error> = usage::parse(std::env::args_os());
     // Only the main thread calls MPI.
     let Some((mut universe, _)) = mpi::initialize_with_threading(Threading::Funneled) else {
         eprintln!("palpate-mpi: MPI cannot be started");
@@ -89,10 +91,7 @@ pub fn palpate_mpi() -> ExitCode {
     let command = match parsed {
         Ok(cli) => cli.command,
         Err(error) => {
-            if first {
-                let _ = error.print();
-            }
-            return ExitCode::from(error.exit_code() as u8);
+            return if first { usage::answer("palpate-mpi", &error) } else { ExitCode::from(error.exit_code() as u8) };
         }
     };
     let threads = match threads_or(command.threads(), 1) {

@@ -29,26 +29,26 @@ use crate::{blob, output, touch};
 
 /// Solve, pack, palpate and check the bundled organ in one command.
 ///
-/// Solves the 514-point configuration spaces of two active nodes of a liver-like phantom (incompressible
-/// Mooney-Rivlin), packs them, lets a simulated hand palpate at 1 kHz, and compares the rendered force with
+/// Solves the configuration spaces of two active nodes of a liver-like phantom (incompressible Mooney-Rivlin,
+/// 514 points each), packs them, lets a simulated hand palpate at 1 kHz, and compares the rendered force with
 /// new finite-element solves at 200 visited positions. All files stay in the output folder. A second run uses
-/// the solved spaces there; --fresh solves them again.
+/// the solved spaces there; --again solves them again.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds of palpation
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
     seconds: f64,
     /// PNG frames instead of a window, even with a display
     #[arg(long)]
     headless: bool,
     /// Output folder
-    #[arg(long, default_value = "palpate-demo")]
+    #[arg(long, value_name = "DIR", default_value = "palpate-demo")]
     out: PathBuf,
     /// Solve the spaces again even if the folder holds them
     #[arg(long)]
-    fresh: bool,
+    again: bool,
     /// Interpolation method of the loop
-    #[arg(long, default_value = "energy", value_parser = super::pack::method)]
+    #[arg(long, value_name = "M", default_value = "energy", value_parser = super::pack::method)]
     method: Method,
     /// Print the figures as JSON (they are always in summary.json)
     #[arg(long)]
@@ -125,7 +125,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         bench.body.law_names(),
         bench.scene.fixed.len()
     ))?;
-    if args.fresh {
+    if args.again {
         outputs.space.remove_database()?;
     }
     let store = open_space(&bench, &outputs.space, false)?;

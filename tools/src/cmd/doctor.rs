@@ -25,15 +25,18 @@ use crate::{hardware, output};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds to measure; 0 does not measure
-    #[arg(long, default_value_t = 2.0)]
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
     seconds: f64,
     /// Only measure, for this many seconds
-    #[arg(long, value_name = "SECONDS", conflicts_with = "seconds")]
+    #[arg(long, value_name = "S", conflicts_with = "seconds")]
     measure: Option<f64>,
     /// Write the histogram of the measurement to this file
     #[arg(long, value_name = "FILE.csv")]
     histograms: Option<PathBuf>,
-    /// Figures as JSON
+    /// Print every check and setting, also those that are ok
+    #[arg(long)]
+    verbose: bool,
+    /// Print the figures as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]

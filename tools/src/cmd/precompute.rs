@@ -39,15 +39,17 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     pub scene: PathBuf,
     /// The .space file to write or to continue
-    #[arg(long)]
+    #[arg(long, value_name = "FILE.space")]
     out: PathBuf,
-    /// Worker threads; if not given, one per core (palpate-mpi: one per rank)
-    #[arg(long)]
-    pub threads: Option<usize>,
     /// Only this active node; all if not given
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Save the intact part of a damaged file into a new one, keep the old one beside it, and continue
+    /// Worker threads; one per core if not given (palpate-mpi: one per rank)
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Continue a damaged file from its intact part
+    ///
+    /// The intact part is saved into a new file, and the old one is kept beside it.
     #[arg(long)]
     salvage: bool,
     /// Print the figures as JSON

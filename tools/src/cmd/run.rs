@@ -48,75 +48,88 @@ use palpate_precompute::certificate::Verdict;
 pub(crate) struct Args {
     /// The .blob file
     blob: PathBuf,
-    /// More .blob files, other models of the same organ: N in the window changes to the next, without a step
-    /// in the force
+    /// More .blob files, models of the same organ; key N changes to the next
+    ///
+    /// The force has no step at the change.
     more: Vec<PathBuf>,
-    /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse
-    /// (drags the organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or
-    /// falcon:FIRMWARE (Novint Falcon on USB, with its firmware file for when it is silent), link:PORT or
-    /// link:PORT@BAUD (a controller that speaks the device link), or replay:FILE.mcap (a recording)
-    #[arg(long, default_value = "sim")]
+    /// sim, mouse, polhem:PORT, falcon, link:PORT or replay:FILE.mcap
+    ///
+    /// sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse (drags the
+    /// organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or falcon:FIRMWARE
+    /// (Novint Falcon on USB, with its firmware file for when it is silent), link:PORT or link:PORT@BAUD (a
+    /// controller that speaks the device link), or replay:FILE.mcap (a recording).
+    #[arg(long, value_name = "DEVICE", default_value = "sim")]
     device: String,
-    /// Capabilities of the device: a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem,
-    /// premium-1.5, sigma.7, simulated, touch) or a file that ends in .toml. With sim that device's mechanics
-    /// are simulated; polhem:PORT, falcon and link:PORT have their own
+    /// Capabilities of the device: a bundled profile or a .toml file
+    ///
+    /// Bundled: delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7, simulated, touch.
+    /// With sim that device's mechanics are simulated; polhem:PORT, falcon and link:PORT have their own.
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
-    /// Interpolation method; if not given, the first that the blob holds of energy, kernel, hermite,
-    /// tricubic, rbf-cubic, rbf-linear, hybrid, trilinear
-    #[arg(long, value_parser = method)]
+    /// Interpolation method; the most accurate one in the blob if not given
+    ///
+    /// The first that the blob holds of energy, kernel, hermite, tricubic, rbf-cubic, rbf-linear, hybrid,
+    /// trilinear.
+    #[arg(long, value_name = "M", value_parser = method)]
     method: Option<Method>,
     /// Seconds to run; until Ctrl-C if not given
-    #[arg(long)]
+    #[arg(long, value_name = "S")]
     seconds: Option<f64>,
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
-    /// Frames per second without a window; 0 for none; if not given 2, and 12.5 in a film
-    #[arg(long, value_name = "HZ", value_parser = frame_rate)]
-    frame_rate: Option<f32>,
-    /// With --headless: an animated GIF instead of PNG frames; the file must not exist yet
-    #[arg(long, value_name = "FILE.gif", requires = "headless")]
-    gif: Option<PathBuf>,
-    /// Run a blob without a certificate: its error against finite elements is unknown
-    #[arg(long)]
-    uncertified: bool,
-    /// Record every tick to this file (MCAP), which must not exist yet
+    /// Record every tick to this file, which must not exist yet
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
-    /// number, or stick
-    #[arg(long, value_name = "MU", value_parser = friction)]
-    friction: Option<f32>,
-    /// Change to the next of several blobs every S seconds
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    change_every: Option<Duration>,
-    /// Write the histograms of wake-up lateness, device time and compute time to this file, and show them
-    #[arg(long, value_name = "FILE.csv")]
-    histograms: Option<PathBuf>,
-    #[command(flatten)]
-    timing: Timing,
-    /// Standstill of the loop after which the watchdog zeros the force itself, ms; not below the 10 ms at
-    /// which a sample is stale
-    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS)]
-    watchdog_ms: u32,
-    /// Print only the summary, as one JSON object, on standard output
-    #[arg(long)]
-    json: bool,
-    /// Silence of this process after which the supervisor of a real device zeros the force, ms
-    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = supervisor::DEFAULT_LIMIT_MS,
-          value_parser = clap::value_parser!(u32).range(3..=20))]
-    supervisor_ms: u32,
-    /// Hold a real device in this process: if it is killed or stopped, the motors keep their last force
-    #[arg(long)]
-    no_supervisor: bool,
-    /// Send no force to the device: positions are read and forces computed, recorded and shown (five times a
-    /// second on standard error). For the first power-up of a real device: docs/devices.md
+    /// Send no force: for the first power-up of a real device
+    ///
+    /// Positions are read and forces computed, recorded and shown (five times a second on standard error).
+    /// See docs/devices.md.
     #[arg(long)]
     motors_off: bool,
+    /// Run a blob that has no certificate, or a red one on a real device
+    ///
+    /// The error of its forces against finite elements is unknown, or they depend on the path.
+    #[arg(long)]
+    uncertified: bool,
+    /// Print every figure of the session
+    #[arg(long)]
+    verbose: bool,
+    /// Print only the summary, as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Frames per second without a window; 0 for none; if not given 2, and 12.5 in a film
+    #[arg(long, value_name = "HZ", value_parser = frame_rate, hide_short_help = true, help_heading = "Pictures")]
+    frame_rate: Option<f32>,
+    /// With --headless: an animated GIF instead of PNG frames; the file must not exist yet
+    #[arg(long, value_name = "FILE.gif", requires = "headless", hide_short_help = true, help_heading = "Pictures")]
+    gif: Option<PathBuf>,
     /// Folder for frames and screenshots; existing ones stay, and the numbers continue
-    #[arg(long, default_value = "palpate-frames")]
+    #[arg(long, value_name = "DIR", default_value = "palpate-frames", hide_short_help = true, help_heading = "Pictures")]
     pictures: PathBuf,
+    /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
+    /// number, or stick
+    #[arg(long, value_name = "MU", value_parser = friction, hide_short_help = true, help_heading = "Contact")]
+    friction: Option<f32>,
+    /// Change to the next of several blobs every S seconds
+    #[arg(long, value_name = "S", value_parser = seconds, hide_short_help = true, help_heading = "Contact")]
+    change_every: Option<Duration>,
+    #[command(flatten)]
+    timing: Timing,
+    /// Write the histograms of wake-up lateness, device time and compute time to this file
+    #[arg(long, value_name = "FILE.csv", hide_short_help = true, help_heading = "Timing")]
+    histograms: Option<PathBuf>,
+    /// Standstill of the loop after which the watchdog zeros the force itself, ms; not below the 10 ms at
+    /// which a sample is stale
+    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS, hide_short_help = true)]
+    watchdog_ms: u32,
+    /// Silence of this process after which the supervisor of a real device zeros the force, ms
+    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = supervisor::DEFAULT_LIMIT_MS,
+          value_parser = clap::value_parser!(u32).range(3..=20), hide_short_help = true)]
+    supervisor_ms: u32,
+    /// Hold a real device in this process: if it is killed or stopped, the motors keep their last force
+    #[arg(long, help_heading = "Timing", hide_short_help = true)]
+    no_supervisor: bool,
     #[command(flatten)]
     replace: Replace,
 }

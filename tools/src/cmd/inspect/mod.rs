@@ -25,41 +25,47 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 use crate::output;
 
-/// Show the content of a mesh, scene (.toml), space (.space), blob (.blob) or recording (.mcap).
+/// Show what a mesh, scene, space, blob or recording holds.
 ///
 /// Of a space: points by tag, failures by reason, retries, branch jumps (between neighbours), inverted and
 /// unstable states, forces, iterations and seconds.
 ///
-/// Of a blob: its content and its certificate: verdict (green, yellow, red) with the reasons, errors at
-/// positions that no fit uses, and the ledger of omissions.
+/// Of a blob: its content and its certificate: verdict (green, yellow, red) with the reasons, and errors at
+/// positions that no fit uses; with --verbose all tables and the ledger of omissions.
 ///
 /// Of a recording: device, method, length, contacts, peak forces, faults, timing, and what is missing.
 ///
 /// Of a mesh, alone or in a scene: counts, size, groups, the quality of its tets with a histogram of their
-/// smallest dihedral angles, and warnings with the fix.
+/// smallest dihedral angles (--verbose), and warnings with the fix.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// The file
+    /// A mesh, .toml, .space, .blob or .mcap file
     file: PathBuf,
-    /// Of a .space or .mcap: write one row per configuration (sorted) or tick to this CSV file, full
-    /// precision
+    /// Print everything: whole certificate, all nodes, histograms
     #[arg(long)]
+    verbose: bool,
+    /// Of a .space or .mcap: a row per configuration or tick
+    ///
+    /// Sorted, with full precision.
+    #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
-    /// With --csv: one row per attempt, also abandoned and superseded ones
+    /// With --csv: a row per attempt, also superseded ones
     #[arg(long, requires = "csv")]
     all_tries: bool,
-    /// Of a .space: write its configurations to this VTU file, a cloud of points for ParaView (one file per
-    /// active node: FILE-NAME.vtu if several)
-    #[arg(long)]
+    /// Of a .space: its configurations as points for ParaView
+    ///
+    /// One file per active node: FILE-NAME.vtu if there are several.
+    #[arg(long, value_name = "FILE.vtu")]
     vtu: Option<PathBuf>,
-    /// Of a .space: write its held-out solutions to this CSV file, one row per position
-    #[arg(long, value_name = "CSV")]
+    /// Of a .space: its held-out solutions, a row per position
+    #[arg(long, value_name = "FILE.csv")]
     held_out: Option<PathBuf>,
-    /// Of a .space: write a picture to this PNG file, the organ coloured by its stiffness at rest and by the
-    /// configurations of its nodes
-    #[arg(long, value_name = "PNG")]
+    /// Of a .space: a picture of stiffness and configurations
+    ///
+    /// The organ coloured by its stiffness at rest and by the configurations of its nodes.
+    #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
-    /// Of a mesh: its unit of length, m, cm or mm (a scene states its own) [default: m]
+    /// Of a mesh: its unit, m, cm or mm (a scene states its own) [default: m]
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Print the figures as JSON

@@ -11,11 +11,12 @@ use palpate_precompute::space::{Equilibrium, FallbackLattice, Record, Store, bra
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
-use super::columns::{field, number, numbers};
+use super::columns::cells;
 use super::{Args, Shown, held_out, map, scattered};
 use crate::cmd::paper::held_out::in_words;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output};
+use crate::output::Csv;
 
 /// One active node's space, read once.
 struct Space {
@@ -90,7 +91,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         super::left_out(&unreachable),
         store.meta("solver")?
     );
-    let (mut figures, mut table) = (Vec::new(), format!("{CSV_HEADER}\n"));
+    let (mut figures, mut table) = (Vec::new(), Csv::new(CSV_HEADER.split(','))?);
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let attempts = store.attempts(active)?;
         let records = store.records(active)?;
@@ -119,14 +120,14 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         numbers["held_out"] = json!(walks);
         figures.push(numbers);
         if outputs.csv.is_some() {
-            space.rows(&sampling, args.all_tries, &mut table);
+            space.rows(&sampling, args.all_tries, &mut table)?;
         }
         if let Some(vtu) = outputs.vtu.get(active) {
             space.cloud(&sampling, vtu)?;
         }
     }
     if let Some(csv) = &outputs.csv {
-        csv.put(table.as_bytes())?;
+        csv.put(&table.finish()?)?;
     }
     if let Some(file) = &outputs.held_out {
         held_out::write(&store, &sampling, file)?;
@@ -232,14 +233,15 @@ impl Space {
         worst
     }
 
-    fn rows(&self, grid: &Sampling, all_tries: bool, table: &mut String) {
+    fn rows(&self, grid: &Sampling, all_tries: bool, table: &mut Csv) -> Result<(), Failure> {
         let excesses = self.excesses();
         let kept: HashMap<GridIndex, u32> = self.records.iter().map(|r| (r.index, r.attempt)).collect();
         for record in if all_tries { &self.attempts } else { &self.records } {
             let counts = kept.get(&record.index) == Some(&record.attempt);
             let jump = excesses.get(&record.index).filter(|_| counts);
-            table.push_str(&csv_row(&self.name, grid, record, counts, jump));
+            write_row(table, &self.name, grid, record, counts, jump)?;
         }
+        Ok(())
     }
 
     fn cloud(&self, grid: &Sampling, file: &Output) -> Result<(), Failure> {
@@ -291,25 +293,24 @@ const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,p
                           jump_rho_n,jump_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
                           w112_n_m2,w122_n_m2,w222_n_m2";
 
-fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, jump: Option<&[f64; 2]>) -> String {
-    let ([i, j, k], [x, y, z]) = (r.index, grid.displacement_m(r.index));
+fn write_row(
+    table: &mut Csv,
+    active: &str,
+    grid: &Sampling,
+    r: &Record,
+    counts: bool,
+    jump: Option<&[f64; 2]>,
+) -> Result<(), Failure> {
     let (solution, at) = (r.result.as_ref().ok(), r.equilibrium());
-    let mut cells = vec![active.to_string()];
-    cells.extend([i, j, k].map(|n| n.to_string()));
-    cells.extend([x, y, z].map(number));
-    cells.extend([r.tag().name().into(), r.round.to_string()]);
-    cells.extend(r.parent.map_or([const { String::new() }; 3], |(index, _)| index.map(|n| n.to_string())));
-    cells.push(field(r.result.as_ref().err()));
-    cells.extend(numbers(at.map(Equilibrium::numbers)));
-    cells.extend([field(r.residual_n.map(number)), field(at.map(|at| number(at.min_jacobian)))]);
-    cells.extend([field(at.map(|at| at.inverted)), field(solution.map(|s| number(s.volume_m3)))]);
-    cells.extend([r.iterations.to_string(), r.increments.to_string(), number(r.seconds)]);
-    cells.extend([r.attempt.to_string(), field(r.parent.map(|(_, attempt)| attempt))]);
-    cells.extend([u32::from(counts).to_string(), r.factorisations.to_string()]);
-    cells.extend([field(at.and_then(|at| at.unstable_modes)), field(at.map(|at| u32::from(at.switched)))]);
-    cells.extend(numbers(jump.copied()));
-    cells.extend(numbers(solution.map(|s| s.third_n_m2)));
-    cells.join(",") + "\n"
+    let parent = r.parent.map_or([None; 3], |(index, _)| index.map(Some));
+    let place = (active, r.index, grid.displacement_m(r.index), r.tag().name(), r.round, parent);
+    let outcome = (r.result.as_ref().err(), cells(at.map(Equilibrium::numbers)), r.residual_n);
+    let quality = (at.map(|at| at.min_jacobian), at.map(|at| at.inverted), solution.map(|s| s.volume_m3));
+    let cost = (r.iterations, r.increments, r.seconds);
+    let attempt = (r.attempt, r.parent.map(|(_, attempt)| attempt), u32::from(counts), r.factorisations);
+    let branch = (at.and_then(|at| at.unstable_modes), at.map(|at| u32::from(at.switched)));
+    let more = (cells(jump.copied()), cells(solution.map(|s| s.third_n_m2)));
+    table.row((place, outcome, quality, cost, attempt, branch, more))
 }
 
 #[cfg(test)]

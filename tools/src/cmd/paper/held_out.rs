@@ -19,7 +19,7 @@ use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Solve held-out positions into a .space file: they measure interpolation errors, and no fit uses them.
+/// Solve held-out positions, which measure errors and which no fit uses.
 ///
 /// Three kinds for every active node: regular paths from rest in 26 directions and random paths whose
 /// direction turns slowly (both as in the paper), and uniform positions in the ball that can be reached (|h|
@@ -31,9 +31,9 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     pub scene: PathBuf,
     /// The .space file of the scene
-    #[arg(long)]
+    #[arg(long, value_name = "FILE.space")]
     out: PathBuf,
-    /// Length of the regular paths, mm; 0 for none. The grid's radius if not given
+    /// Length of the regular paths, mm; 0 for none; r_G if not given
     #[arg(long, value_name = "MM")]
     regular_mm: Option<f64>,
     /// Random paths per active node
@@ -42,24 +42,27 @@ pub(crate) struct Args {
     /// Steps of a random path
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.random_steps)]
     random_steps: u32,
-    /// Uniform reachable positions per node (if all 299 are within the tolerance, 99 % of the positions are,
-    /// with 95 % confidence)
+    /// Uniform reachable positions per node
+    ///
+    /// If all of the 299 are within the tolerance, 99 % of the positions are, with 95 % confidence.
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.uniform)]
     uniform: u32,
-    /// Length of a step, mm; if not given, 1, or a tenth of a grid's radius below 10
+    /// Length of a step, mm; 1, or r_G / 10 below 10 mm, if not given
     #[arg(long, value_name = "MM")]
     step_mm: Option<f64>,
     /// Seed of random paths and uniform positions
-    #[arg(long, default_value_t = Draw::PAPER.seed)]
+    #[arg(long, value_name = "SEED", default_value_t = Draw::PAPER.seed)]
     seed: u64,
-    /// Discard the held-out solutions of all active nodes in the file and draw again
+    /// Discard the held-out solutions in the file and draw again
+    ///
+    /// Those of all active nodes.
     #[arg(long, conflicts_with = "active")]
     again: bool,
     /// Only this active node; all if not given
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Worker threads; if not given, one per core (palpate-mpi: one per rank)
-    #[arg(long)]
+    /// Worker threads; one per core if not given (palpate-mpi: one per rank)
+    #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
     /// Print the figures as JSON
     #[arg(long)]

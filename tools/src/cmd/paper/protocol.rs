@@ -20,10 +20,10 @@ use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Solve the paper's regular paths (section 5.2) and count those that do not converge.
+/// Solve the paper's regular paths and count those that do not converge.
 ///
-/// There are 520 paths of 10 cm in steps of 1 mm for the scene's law: 10 active nodes, 26 directions, 2 fixed
-/// sets.
+/// Section 5.2 of the paper. There are 520 paths of 10 cm in steps of 1 mm for the scene's law: 10 active
+/// nodes, 26 directions, 2 fixed sets.
 ///
 /// The active nodes are free surface nodes as far apart as possible, including the scene's first one. The
 /// scene's force limit is ignored, as in the paper. One .space file per fixed set holds every position. Run
@@ -33,12 +33,12 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     scene: PathBuf,
     /// Folder for the .space files
-    #[arg(long)]
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Groups of the mesh to fix, one per run of the protocol
-    #[arg(long, value_delimiter = ',', default_value = "F1,F2")]
+    #[arg(long, value_name = "F1,F2", value_delimiter = ',', default_value = "F1,F2")]
     fixed: Vec<String>,
-    /// Active nodes
+    /// Number of active nodes
     #[arg(long, value_name = "N", default_value_t = 10)]
     active_nodes: usize,
     /// Length of a path, mm
@@ -54,7 +54,7 @@ pub(crate) struct Args {
     #[arg(long)]
     again: bool,
     /// Worker threads; one per core if not given
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print the figures as JSON
     #[arg(long)]

@@ -73,21 +73,24 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     #[arg(required_unless_present = "check", conflicts_with = "check")]
     scene: Option<PathBuf>,
-    /// Worker threads of the plan and of the predicted work; one per core if not given
-    #[arg(long)]
-    threads: Option<usize>,
-    /// Save the intervals to this JSON file
+    /// Save the prediction to this file
     #[arg(long, value_name = "FILE.json", conflicts_with = "check")]
     out: Option<PathBuf>,
-    /// Compare a saved prediction with this solved .space file; nothing is planned
+    /// Compare a saved prediction with this solved space
     #[arg(long, value_name = "FILE.space")]
     check: Option<PathBuf>,
-    /// The prediction that --out saved
+    /// With --check: the prediction that --out saved
     #[arg(long, value_name = "FILE.json", requires = "check")]
     prediction: Option<PathBuf>,
-    /// The .blob packed from the space, for bytes, error and query time
+    /// With --check: the blob of the space, for bytes, error and query time
     #[arg(long, value_name = "FILE.blob", requires = "check")]
     blob: Option<PathBuf>,
+    /// Worker threads, of the plan and of the predicted work; one per core if not given
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Print all rows, nodes and intervals
+    #[arg(long)]
+    verbose: bool,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,

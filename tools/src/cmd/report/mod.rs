@@ -70,7 +70,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                 family,
                 &case,
                 path.as_deref(),
-                args.fit_again,
+                args.again,
                 &mut steps,
             )?);
             path.get_or_insert_with(|| plan.work.path().join(format!("{}.space", case.name)));
@@ -80,7 +80,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let first = &plan.families[0];
     let curves = curves::measured(&plan, first, &mut steps)?;
     let bodies = bodies::measured(&plan, &mut steps)?;
-    let hard = hard::measured(&plan, plan.grids[0], args.fit_again, &mut steps)?;
+    let hard = hard::measured(&plan, plan.grids[0], args.again, &mut steps)?;
     let parts = parts::measured(&plan, &plan.families[0], plan.grids[0], &mut steps)?;
     let case = first.on_grid(plan.grids[0])?;
     let ledger = ledger::measured(&plan, &case, &measured[0][0], &mut steps)?;
