@@ -9,7 +9,7 @@ use palpate_precompute::pack::{PackError, PackOptions, pack};
 use palpate_precompute::pipeline::{Run, add_ledgers, certified, solve_held_out_positions, unfinished};
 use palpate_precompute::space::{Store, state};
 
-use super::inspect::certificate::as_text;
+use super::inspect::overview::{headline, overview};
 use crate::analysis::threads;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
@@ -125,14 +125,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let bytes = packed.bytes()?;
     blob.put(&bytes)?;
     if args.json {
-        return output::line(serde_json::to_string_pretty(&certificate).map_err(Failure::work)?);
+        return output::json(&certificate);
     }
     let names: Vec<&str> = methods.iter().map(|m| m.name()).collect();
-    output::line(format!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", ")))?;
-    match certificate {
-        Some(certificate) => output::line(as_text(&certificate)),
-        None => output::line("not certified"),
-    }
+    let (out, size) = (args.out.display(), bytes.len());
+    let written = format!("{out}: {size} bytes, {}", names.join(", "));
+    let Some(certificate) = certificate else {
+        return output::line(format!("{written}; not certified, `palpate run` needs --uncertified"));
+    };
+    output::line(headline(&certificate))?;
+    output::line(format!("{written}\n\n{}", overview(&certificate)))?;
+    output::line(format!("\nthe whole certificate: palpate inspect {out} --verbose"))
 }
 
 /// Progress display of a phase of unknown length.

@@ -247,7 +247,7 @@ fn open_device(
 }
 
 /// Without --method: the most accurate method with a cost independent of the grid, its fit, then the others.
-const PREFERENCE: [Method; 8] = [
+pub(crate) const PREFERENCE: [Method; 8] = [
     Method::Energy,
     Method::Kernel,
     Method::Hermite,

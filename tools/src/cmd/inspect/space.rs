@@ -12,6 +12,7 @@ use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
 use super::columns::cells;
+use super::summarised::Summarised;
 use super::{Args, Shown, held_out, map, scattered};
 use crate::cmd::paper::held_out::in_words;
 use crate::failure::Failure;
@@ -83,7 +84,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         map::write(&store, picture)?;
     }
     let unreachable = super::left_out_of(&store)?;
-    let mut text = format!(
+    let head = format!(
         "scene   {} ({})\ngrid    {grid_words}, f_max {} N{}\nsolver  {}\n",
         identity.scene_name,
         identity.law,
@@ -91,6 +92,8 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         super::left_out(&unreachable),
         store.meta("solver")?
     );
+    let mut text = head.clone();
+    let mut summary = Summarised::new();
     let (mut figures, mut table) = (Vec::new(), Csv::new(CSV_HEADER.split(','))?);
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let attempts = store.attempts(active)?;
@@ -105,6 +108,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         };
         let space = Space { name, node, branch_jumps, attempts, records, open: state.open };
         let (words, mut numbers) = space.describe(points_of_all);
+        summary.take(&numbers);
         text.push_str(&words);
         if sampling.scattered().is_some() {
             let fallback = fallback.as_ref().map(|lattice| (lattice, &space.records[..]));
@@ -138,6 +142,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         "max_force_n": identity.max_force_n, "unreachable": unreachable,
         "solver": store.meta("solver")?, "spaces": figures,
     });
+    let text = if args.verbose { format!("{}\n\n{text}", summary.headline()) } else { summary.text(&head) };
     Ok((text.trim_end().into(), figures))
 }
 
