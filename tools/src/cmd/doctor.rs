@@ -78,10 +78,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         output::line(format!("{figures:#}"))?;
     } else {
-        print(&checks, cpu, measured.as_ref(), &surroundings)?;
+        let what = Printed { checks: &checks, measured: measured.as_ref(), surroundings: &surroundings };
+        what.print(cpu, args.verbose)?;
     }
     if let (Some(file), Some(measured)) = (&histograms, &measured) {
         output::histograms(file, &measured.latency)?;
+        if !args.json {
+            output::line(format!("histogram    {}", file.path().display()))?;
+        }
     }
     match measured {
         Some(measured) if measured.verdict() == Verdict::Bad => Err(Failure::work(format!(
@@ -127,40 +131,61 @@ fn supervisor(started: Result<Duration, StartError>, fifo_priority: Option<i32>)
     }
 }
 
-fn print(
-    checks: &[Check],
-    cpu: usize,
-    measured: Option<&Measurement>,
-    surroundings: &SystemInfo,
-) -> Result<(), Failure> {
-    if !checks.is_empty() {
-        output::line(format!("{:<9} {:<13} found; fix, for a loop on CPU {cpu}", "", "what"))?;
-    }
-    for check in checks {
-        output::line(check)?;
-    }
-    if let Some(measured) = measured {
+/// What the command prints.
+struct Printed<'a> {
+    checks: &'a [Check],
+    measured: Option<&'a Measurement>,
+    surroundings: &'a SystemInfo,
+}
+
+impl Printed<'_> {
+    /// The verdict, then the checks with a fix; with `verbose` every check and setting.
+    fn print(&self, cpu: usize, verbose: bool) -> Result<(), Failure> {
+        output::line(self.headline())?;
+        let (good, rest): (Vec<&Check>, Vec<&Check>) =
+            self.checks.iter().partition(|check| check.verdict == Verdict::Good && !verbose);
+        if !rest.is_empty() {
+            output::line(format!("\n{:<9} {:<13} found; fix, for a loop on CPU {cpu}", "", "what"))?;
+        }
+        for check in rest {
+            output::line(check)?;
+        }
+        if !good.is_empty() {
+            let names: Vec<&str> = good.iter().map(|check| check.name).collect();
+            output::line(format!("{:<9} {}", Verdict::Good.name(), names.join(", ")))?;
+        }
+        let Some(measured) = self.measured else { return Ok(()) };
         let LatencyReport { wake, overruns, skipped_periods, .. } = &measured.latency;
-        let seconds = (wake.count + skipped_periods) as f64 * f64::from(measured.config.period_us) * 1e-6;
+        if verbose {
+            output::line(format!(
+                "\n{}\n{}\nperiod       {} us, the last {} us of it spun",
+                measured.real_time, self.surroundings, measured.config.period_us, measured.config.spin_us
+            ))?;
+        }
         output::line(format!(
-            "\nmeasured for {seconds:.1} s: {}\n\n{}\n{surroundings}\nperiod       {} us, the last {} us of it spun\n\
-             wake-up late {wake}\nmissed       {skipped_periods} deadlines in {overruns} overruns",
-            measured.verdict().name(),
-            measured.real_time,
-            measured.config.period_us,
-            measured.config.spin_us,
-        ))?;
+            "\nwake-up late {wake}\nmissed       {skipped_periods} deadlines in {overruns} overruns"
+        ))
     }
-    let count = |verdict| checks.iter().filter(|check| check.verdict == verdict).count();
-    if !checks.is_empty() {
-        let (bad, better, unknown) = (count(Verdict::Bad), count(Verdict::Better), count(Verdict::Unknown));
-        output::line(format!(
-            "\n{} checks: {} ok, {better} could be better, {bad} bad, {unknown} unknown. More: docs/guide.md, section 11",
-            checks.len(),
-            count(Verdict::Good)
-        ))?;
+
+    /// Verdict of the measurement and number of checks by verdict.
+    fn headline(&self) -> String {
+        let count = |verdict| self.checks.iter().filter(|check| check.verdict == verdict).count();
+        let measured = self.measured.map(|measured| {
+            let LatencyReport { wake, skipped_periods, .. } = &measured.latency;
+            let periods = (wake.count + skipped_periods) as f64;
+            let seconds = periods * f64::from(measured.config.period_us) * 1e-6;
+            format!("measured for {seconds:.1} s: {}", measured.verdict().name())
+        });
+        let checks = (!self.checks.is_empty()).then(|| {
+            let [good, better, bad, unknown] =
+                [Verdict::Good, Verdict::Better, Verdict::Bad, Verdict::Unknown].map(count);
+            format!(
+                "{} checks: {good} ok, {better} could be better, {bad} bad, {unknown} unknown (docs/guide.md, section 11)",
+                self.checks.len()
+            )
+        });
+        measured.into_iter().chain(checks).collect::<Vec<_>>().join("; ")
     }
-    Ok(())
 }
 
 fn figures(measured: &Measurement) -> serde_json::Value {

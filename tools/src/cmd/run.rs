@@ -378,7 +378,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         output::line(format!("{figures:#}"))?;
     }
-    say(format!("method       {}\n{}", method.name(), touched.summary))?;
+    say(summary::headline(&touched.summary))?;
+    say(format!("\nmethod       {}\n{}", method.name(), touched.summary))?;
     if let Some(hardware) = Hardware::named(&args.device) {
         let none = if hardware.needs_supervisor() {
             "none (--no-supervisor)"
@@ -397,11 +398,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     say(resident.to_string())?;
     if let Some(file) = &outputs.histograms {
-        if !args.json {
+        if args.verbose && !args.json {
             output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
             print_misses(&touched.summary.latency.worst)?;
         }
         output::histograms(file, &touched.summary.latency)?;
+        say(format!("histograms   {}", file.path().display()))?;
     }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);

@@ -53,7 +53,7 @@ pub(crate) fn overview(certificate: &Certificate) -> String {
 }
 
 /// The spaces, the worst first if there are too many.
-fn nodes(certificate: &Certificate) -> String {
+pub(crate) fn nodes(certificate: &Certificate) -> String {
     let mut spaces: Vec<&SpaceCertificate> = certificate.spaces.iter().collect();
     if spaces.len() > MAX_NODES {
         spaces.sort_by_key(|space| Reverse(verdict_of(space)));

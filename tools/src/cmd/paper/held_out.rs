@@ -69,6 +69,9 @@ pub(crate) struct Args {
     json: bool,
 }
 
+/// Maximum number of nodes whose counts are printed.
+const MAX_NODES: usize = 8;
+
 impl Args {
     /// The output file, which must not be an input of the scene.
     pub(crate) fn space(&self) -> Result<Output, Failure> {
@@ -137,9 +140,16 @@ pub(crate) fn run_with(
             .collect();
         let figures = json!({ "space": args.out, "draw": draw.identity(), "actives": actives,
                               "positions_now": last.positions_now, "seconds": seconds, "threads": team.workers });
-        return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
+        return output::json(&figures);
     }
-    for (name, kinds) in &all {
+    output::line(format!(
+        "{}: {} positions solved now in {seconds:.1} s {} ({})",
+        args.out.display(),
+        last.positions_now,
+        team.words,
+        draw.identity()
+    ))?;
+    for (number, (name, kinds)) in all.iter().enumerate() {
         let uniform = kinds.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
         if uniform < draw.uniform {
             eprintln!(
@@ -148,15 +158,15 @@ pub(crate) fn run_with(
                 draw.uniform
             );
         }
-        output::line(in_words(&format!("{name}:"), kinds))?;
+        if number < MAX_NODES {
+            output::line(in_words(&format!("{name}:"), kinds))?;
+        }
     }
-    output::line(format!(
-        "{}: {} positions solved now in {seconds:.1} s {} ({})",
-        args.out.display(),
-        last.positions_now,
-        team.words,
-        draw.identity()
-    ))
+    if all.len() > MAX_NODES {
+        let (more, out) = (all.len() - MAX_NODES, args.out.display());
+        output::line(format!("and {more} more nodes: palpate inspect {out} --verbose"))?;
+    }
+    Ok(())
 }
 
 /// Adds a warning to a failure if `--again` has deleted the held-out solutions of the file: the same command

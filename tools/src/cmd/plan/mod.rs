@@ -35,6 +35,7 @@ use serde_json::json;
 use self::model::{ComparedModel, Model};
 use self::node::{NodePlan, mean};
 use self::prediction::{Basis, Prediction};
+use self::row::Row;
 use self::probe::{MAX_SOLVES, Order, Probed, probe};
 use crate::analysis::{self, threads};
 use crate::cmd::inspect::certificate::significant;
@@ -129,9 +130,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
-    output::line(plan.in_words(&bench))?;
-    output::line(row::table(&rows, threads))?;
     output::line(format!("Recommended: {}: {why}.\n", rows[chosen].in_words()))?;
+    // Of each sampling the default method, unless all are asked for.
+    let is_shown = |row: &&Row| args.verbose || row.recommended || row.asked || row.method == Method::Energy.name();
+    let shown: Vec<Row> = rows.iter().filter(is_shown).cloned().collect();
+    output::line(row::table(&shown, threads))?;
+    if args.verbose {
+        output::line(plan.in_words(&bench))?;
+    }
     output::line(prediction.in_words())?;
     output::line(format!(
         "Seconds are on {threads} thread{} of this machine with its present load; ~ marks values extrapolated from coarser or smaller solves. Planned in \
