@@ -59,6 +59,7 @@ enum Command {
     Doctor(cmd::doctor::Args),
     Report(cmd::report::Args),
     Paper(cmd::paper::Args),
+    /// Measure the cost of the parts, and of installed peers
     Bench(cmd::bench::Args),
 }
 
@@ -69,7 +70,7 @@ pub use cluster::palpate_mpi;
 pub fn palpate() -> ExitCode {
     let cli: Cli = match usage::parse(std::env::args_os()) {
         Ok(cli) => cli,
-        Err(error) => return usage::answer("palpate", &error),
+        Err(error) => return usage::answer::<Cli>(&error),
     };
     let done = match cli.command {
         Command::Demo(args) => cmd::demo::run(&args),

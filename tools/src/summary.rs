@@ -21,11 +21,12 @@ pub(crate) fn headline(summary: &SessionSummary) -> String {
         (_, LoopEnd::Completed) => "completed".into(),
     };
     format!(
-        "{end}: {} ticks, {} deadlines missed, compute p99 {:.1} us; {} contacts, at most {:.2} N on the hand",
+        "{end}: {} ticks, {} deadlines missed, compute p99 {:.1} us; {} contact{}, at most {:.2} N on the hand",
         summary.ticks,
         latency.skipped_periods,
         latency.compute.p99_ns as f64 * 1e-3,
         touch.contacts,
+        if touch.contacts == 1 { "" } else { "s" },
         touch.peak_hand_force_n
     )
 }

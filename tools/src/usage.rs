@@ -9,9 +9,8 @@ use clap::{Arg, ArgAction, Command, Error, Parser};
 
 /// Replaces clap's help flags in `command` and in its subcommands.
 fn with_help(command: Command) -> Command {
-    let flag = |name: &'static str, action, help: &'static str| {
-        Arg::new(name).long(name).action(action).help(help)
-    };
+    let flag =
+        |name: &'static str, action, help: &'static str| Arg::new(name).long(name).action(action).help(help);
     command
         .disable_help_flag(true)
         .disable_help_subcommand(true)
@@ -26,8 +25,20 @@ pub(crate) fn parse<P: Parser>(arguments: impl IntoIterator<Item = OsString>) ->
     P::from_arg_matches(&matches)
 }
 
+/// The command and subcommands that these arguments name.
+fn named<P: Parser>(arguments: impl IntoIterator<Item = OsString>) -> String {
+    let root = P::command();
+    let (mut at, mut name) = (&root, root.get_name().to_owned());
+    for word in arguments.into_iter().skip(1) {
+        let Some(below) = at.get_subcommands().find(|below| word == *below.get_name()) else { break };
+        at = below;
+        name = format!("{name} {}", below.get_name());
+    }
+    name
+}
+
 /// Prints help or version, or the error on one line. Returns the exit code.
-pub(crate) fn answer(program: &str, error: &Error) -> ExitCode {
+pub(crate) fn answer<P: Parser>(error: &Error) -> ExitCode {
     match error.kind() {
         ErrorKind::DisplayHelp
         | ErrorKind::DisplayVersion
@@ -35,24 +46,21 @@ pub(crate) fn answer(program: &str, error: &Error) -> ExitCode {
             // A reader that closes the pipe has read enough.
             let _ = error.print();
         }
-        _ => eprintln!("{program}: {}", one_line(&error.render().to_string())),
+        _ => {
+            let program = P::command().get_name().to_owned();
+            let command = named::<P>(std::env::args_os());
+            eprintln!("{program}: {}", one_line(&error.render().to_string(), &command));
+        }
     }
     ExitCode::from(error.exit_code() as u8)
 }
 
-/// A message of clap without its blank lines; the usage becomes a reference to the command's help.
-fn one_line(message: &str) -> String {
+/// A message of clap without its blank lines; its usage is replaced by a reference to the command's help.
+fn one_line(message: &str, command: &str) -> String {
     let mut line = String::new();
-    let mut command = "palpate".to_owned();
-    for part in message.lines().map(str::trim).filter(|part| !part.is_empty()) {
-        if let Some(usage) = part.strip_prefix("Usage: ") {
-            let is_name = |word: &&str| !word.starts_with(['[', '<', '-']);
-            command = usage.split_whitespace().take_while(is_name).collect::<Vec<_>>().join(" ");
-            break;
-        }
-        if part.starts_with("For more information") {
-            break;
-        }
+    let is_message = |part: &&str| !part.starts_with("Usage: ") && !part.starts_with("For more information");
+    let parts = message.lines().map(str::trim).filter(|part| !part.is_empty());
+    for part in parts.take_while(is_message) {
         line.push_str(match line.chars().last() {
             None => "",
             Some(':') => " ",
@@ -71,9 +79,10 @@ mod tests {
 
     fn said(arguments: &str) -> String {
         let words = std::iter::once("palpate").chain(arguments.split_whitespace()).map(OsString::from);
-        let error = parse::<Cli>(words).expect_err("no command");
+        let words: Vec<OsString> = words.collect();
+        let error = parse::<Cli>(words.clone()).expect_err("no command");
         let text = error.render().to_string();
-        if error.use_stderr() { one_line(&text) } else { text }
+        if error.use_stderr() { one_line(&text, &named::<Cli>(words)) } else { text }
     }
 
     /// Every command and subcommand, as typed.
@@ -108,9 +117,13 @@ mod tests {
             "unexpected argument '--sceonds' found; tip: a similar argument exists: '--seconds'; see palpate run --help"
         );
         let missing = said("pack");
-        assert!(missing.contains("not provided: --out <FILE.blob>, <SPACE>; see palpate pack --help"), "{missing}");
+        assert!(
+            missing.contains("not provided: --out <FILE.blob>, <SPACE>; see palpate pack --help"),
+            "{missing}"
+        );
         let method = said("query a.blob --method magic");
         assert!(method.contains("'magic'") && method.contains("choose from trilinear, "), "{method}");
+        assert!(method.ends_with("; see palpate query --help"), "{method}");
         assert!(said("dmeo").contains("'demo'; see palpate --help"), "{}", said("dmeo"));
     }
 }

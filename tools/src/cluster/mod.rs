@@ -48,6 +48,13 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Precompute(precompute::Args),
+    #[command(subcommand)]
+    Paper(Paper),
+}
+
+/// Repeat the paper's measurements.
+#[derive(Debug, Subcommand)]
+enum Paper {
     HeldOut(held_out::Args),
 }
 
@@ -55,14 +62,14 @@ impl Command {
     fn scene(&self) -> &Path {
         match self {
             Self::Precompute(args) => &args.scene,
-            Self::HeldOut(args) => &args.scene,
+            Self::Paper(Paper::HeldOut(args)) => &args.scene,
         }
     }
 
     fn space(&self) -> Result<Output, Failure> {
         match self {
             Self::Precompute(args) => args.space(),
-            Self::HeldOut(args) => args.space(),
+            Self::Paper(Paper::HeldOut(args)) => args.space(),
         }
     }
 
@@ -70,7 +77,7 @@ impl Command {
     fn threads(&self) -> Option<usize> {
         match self {
             Self::Precompute(args) => args.threads,
-            Self::HeldOut(args) => args.threads,
+            Self::Paper(Paper::HeldOut(args)) => args.threads,
         }
     }
 }
@@ -91,7 +98,11 @@ pub fn palpate_mpi() -> ExitCode {
     let command = match parsed {
         Ok(cli) => cli.command,
         Err(error) => {
-            return if first { usage::answer("palpate-mpi", &error) } else { ExitCode::from(error.exit_code() as u8) };
+            return if first {
+                usage::answer::<Cli>(&error)
+            } else {
+                ExitCode::from(error.exit_code() as u8)
+            };
         }
     };
     let threads = match threads_or(command.threads(), 1) {
@@ -130,7 +141,7 @@ fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
                 with_threads(&context, threads, run).map_err(|error| precompute::of_scene(&bench, error))
             })
         }
-        Command::HeldOut(args) => {
+        Command::Paper(Paper::HeldOut(args)) => {
             held_out::run_with(args, (&bench, &space), &stop, &team, |held_out, store, stop, progress| {
                 Ok(with_threads(&context, threads, |executor| held_out.run(store, executor, stop, progress))?)
             })
@@ -153,7 +164,7 @@ fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
                     .map_err(|error| precompute::of_scene(&bench, error))
             })
         }
-        Command::HeldOut(args) => {
+        Command::Paper(Paper::HeldOut(args)) => {
             held_out::run_with(args, (&bench, &space), &stop, &team, |held_out, store, stop, progress| {
                 Ok(held_out.run(store, &mut ranks, stop, progress)?)
             })

@@ -10,14 +10,14 @@ use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
-use palpate_precompute::certificate::{Certificate, Verdict};
+use palpate_precompute::certificate::Certificate;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::pack::{PackOptions, Packed};
 use palpate_precompute::pipeline::{Analysis, Run, certified};
 use palpate_precompute::space::{Store, TagCounts};
 use serde_json::json;
 
-use super::inspect::certificate::{as_text, mn};
+use super::inspect::certificate::as_text;
 use super::inspect::overview;
 use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
@@ -38,7 +38,7 @@ use crate::{blob, output, summary, touch};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds of palpation
-    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    #[arg(long, value_name = "S", default_value_t = 10.0, allow_negative_numbers = true)]
     seconds: f64,
     /// PNG frames instead of a window, even with a display
     #[arg(long)]
@@ -112,7 +112,7 @@ impl Outputs {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(args.seconds > 0.0 && args.seconds.is_finite()) {
-        return Err(Failure::input("--seconds must be a positive number"));
+        return Err(Failure::input(format!("--seconds {}: give a positive number", args.seconds)));
     }
     let stop = stop_flag()?;
     let outputs = Outputs::of(args)?;
@@ -169,14 +169,10 @@ impl Outcome<'_> {
     fn in_words(&self, args: &Args, blob_bytes: usize, summary: &SessionSummary) -> String {
         let Self { bench, solved, certificate, errors } = self;
         let rendered = errors.rendered();
-        let health = match overview::verdict(certificate) {
-            Verdict::Green => "the model is numerically sound".into(),
-            _ => overview::headline(certificate),
-        };
         let first = format!(
-            "{}: {health}, and the force on the hand is within {} mN of {} new finite-element solves",
-            output::verdict(overview::verdict(certificate)),
-            mn(rendered.max_n),
+            "{}; the rendered force is within {:.3} mN of {} new finite-element solves",
+            overview::verdict_in_words(certificate),
+            1e3 * rendered.max_n,
             errors.checked.len()
         );
         let scene = &bench.scene;
@@ -364,7 +360,8 @@ fn write_forces(
     organ: &Organ<'_>,
     checked: &[Checked],
 ) -> Result<(), Failure> {
-    let of_method = |method: Method| ["fx_n", "fy_n", "fz_n", "coverage"].map(|name| format!("{}_{name}", method.name()));
+    let of_method =
+        |method: Method| ["fx_n", "fy_n", "fz_n", "coverage"].map(|name| format!("{}_{name}", method.name()));
     let own = ["active", "x_m", "y_m", "z_m", "fe_fx_n", "fe_fy_n", "fe_fz_n"].map(String::from);
     let mut table = Csv::new(own.into_iter().chain(Method::OF_LATTICE.into_iter().flat_map(of_method)))?;
     for c in checked {

@@ -25,7 +25,7 @@ use crate::{hardware, output};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds to measure; 0 does not measure
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    #[arg(long, value_name = "S", default_value_t = 2.0, allow_negative_numbers = true)]
     seconds: f64,
     /// Only measure, for this many seconds
     #[arg(long, value_name = "S", conflicts_with = "seconds")]
@@ -49,7 +49,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let seconds = args.measure.unwrap_or(args.seconds);
     if !(0.0..=1e6).contains(&seconds) {
-        return Err(Failure::input(format!("{seconds} is not a valid duration in seconds")));
+        return Err(Failure::input(format!("{seconds}: give the seconds to measure, 0 to 1e6")));
     }
     let mut files = Files::new(args.replace);
     let histograms = args.histograms.as_ref().map(|path| files.write("--histograms", path, FileKind::Table));

@@ -10,14 +10,14 @@ use palpate_precompute::pipeline::{Run, add_ledgers, certified, solve_held_out_p
 use palpate_precompute::space::{Store, state};
 
 use super::inspect::overview::{headline, overview};
-use crate::analysis::threads;
+use crate::analysis::{existing_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Fit the tables of a .space file, measure their errors, and pack them into a .blob.
+/// Fit a .space file, measure the errors, pack it into a .blob.
 ///
 /// The tables are compared with finite-element solutions that no fit uses. The errors are stored in the blob
 /// as its certificate, which `palpate inspect --verbose` prints. Missing uniform positions are first solved
@@ -85,7 +85,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut files = Files::new(args.replace);
     let space = files.update_space(&args.space);
     let blob = files.write("--out", &args.out, FileKind::Blob)?;
-    let store = Store::open(&args.space)?;
+    let store = existing_space(&args.space)?;
     let finished = check_finished(&store, args)?;
     let threads = threads(args.threads)?;
     let methods = &args.methods;

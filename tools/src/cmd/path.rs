@@ -31,7 +31,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true)]
     direction: [f64; 3],
     /// Length of a step, mm
-    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    #[arg(long, value_name = "MM", default_value_t = 1.0, allow_negative_numbers = true)]
     step_mm: f64,
     /// Number of steps
     #[arg(long, value_name = "N")]

@@ -183,7 +183,10 @@ fn solve(
     let peak = peak_bytes.map_or(String::new(), |bytes| format!(", at most {} MB", bytes / 1_000_000));
     let all: usize = counts.iter().map(TagCounts::solved).sum();
     let out = args.out.display();
-    output::line(format!("{out}: {all} configurations, {solved_now} solved now in {seconds:.1} s {}{peak}", team.words))?;
+    output::line(format!(
+        "{out}: {all} configurations, {solved_now} solved now in {seconds:.1} s {}{peak}",
+        team.words
+    ))?;
     if bench.scene.unreachable.any() {
         output::line(bench.scene.unreachable)?;
     }

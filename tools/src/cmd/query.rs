@@ -1,7 +1,7 @@
 //! `palpate query`: evaluates a blob at given displacements, as the real-time loop does.
 
 use std::fs::File;
-use std::io::{BufReader, IsTerminal, Read, stdin};
+use std::io::{BufReader, ErrorKind, IsTerminal, Read, stdin};
 use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
@@ -14,7 +14,9 @@ use crate::files::{Files, Replace, STANDARD};
 use crate::output::Csv;
 use crate::{blob, output};
 
-/// Evaluate the force of a blob at given displacements of an active node.
+/// Evaluate the force of a blob at given displacements.
+///
+/// They are displacements of an active node from rest.
 ///
 /// Input: CSV with the header x_m,y_m,z_m. Output: x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage, where coverage is
 /// cell, supercell or scattered if data of the method surround the point, else extrapolated. The force is
@@ -28,7 +30,7 @@ pub(crate) struct Args {
     /// Active node; the first if not given
     #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Interpolation method; the most accurate one in the blob if not given
+    /// Interpolation method; the blob's most accurate if not given
     #[arg(long, value_name = "M", value_parser = method)]
     method: Option<Method>,
     /// CSV file with the displacements; standard input if not given, or -
@@ -54,7 +56,8 @@ pub(crate) struct Args {
 const COLUMNS: [&str; 7] = ["x_m", "y_m", "z_m", "fx_n", "fy_n", "fz_n", "coverage"];
 /// Additional columns of --stiffness.
 const STIFFNESS: [&str; 10] = [
-    "sxx_n_m", "sxy_n_m", "sxz_n_m", "syx_n_m", "syy_n_m", "syz_n_m", "szx_n_m", "szy_n_m", "szz_n_m", "energy_j",
+    "sxx_n_m", "sxy_n_m", "sxz_n_m", "syx_n_m", "syy_n_m", "syz_n_m", "szx_n_m", "szy_n_m", "szz_n_m",
+    "energy_j",
 ];
 
 /// The space named `name`, or the first.
@@ -79,7 +82,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let method = args.method.or_else(|| preferred(&[&organ])).unwrap_or(Method::Energy);
     if !space.has(method) {
         let (blob, name) = (args.blob.display(), method.name());
-        return Err(Failure::input(format!("{blob}: {name} was not packed; run `palpate pack` with --method {name}")));
+        return Err(Failure::input(format!(
+            "{blob}: {name} was not packed; run `palpate pack` with --method {name}"
+        )));
     }
     if args.displacements && space.displacement().is_none() {
         return Err(Failure::input(format!(
@@ -151,7 +156,7 @@ fn read_points(path: &Path) -> Result<Vec<[f64; 3]>, Failure> {
     }
     let file = File::open(path).map_err(|error| Failure::file(path, &error))?;
     if file.metadata().is_ok_and(|there| there.is_dir()) {
-        return Err(Failure::input(format!("--points {}: is a folder; give a CSV file", path.display())));
+        return Err(Failure::file(path, &ErrorKind::IsADirectory.into()));
     }
     parse_points(&path.display().to_string(), BufReader::new(file))
 }
@@ -170,7 +175,12 @@ fn parse_points(name: &str, source: impl Read) -> Result<Vec<[f64; 3]>, Failure>
     let mut points = Vec::new();
     for (row, record) in reader.records().enumerate() {
         let line = row as u64 + 2;
-        let record = record.map_err(|error| at(line, error.to_string()))?;
+        let record = record.map_err(|error| match error.kind() {
+            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+                at(line, format!("{len} values for {expected_len} columns"))
+            }
+            _ => at(line, error.to_string()),
+        })?;
         let number = |column: usize| -> Result<f64, Failure> {
             let text = record.get(column).unwrap_or("");
             let finite = text.parse().ok().filter(|number: &f64| number.is_finite());

@@ -28,12 +28,13 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::hardware::{self, Hardware, Holding};
 use crate::interrupt::stop_flag;
+use crate::output::Table;
 use crate::resident::Resident;
 use crate::timing::Timing;
 use crate::{blob, motors_off, output, summary, touch};
 use palpate_precompute::certificate::Verdict;
 
-/// Palpate the organ in a blob: the 1 kHz loop, a device and the viewer.
+/// Palpate a blob: the 1 kHz loop, a device and the viewer.
 ///
 /// Without a display (or with --headless) PNG frames are written instead of a window. The device's button or
 /// the window's key arms a real device; a start does not. Ctrl-C ends the session with zero force.
@@ -66,14 +67,14 @@ pub(crate) struct Args {
     /// With sim that device's mechanics are simulated; polhem:PORT, falcon and link:PORT have their own.
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
-    /// Interpolation method; the most accurate one in the blob if not given
+    /// Interpolation method; the blob's most accurate if not given
     ///
     /// The first that the blob holds of energy, kernel, hermite, tricubic, rbf-cubic, rbf-linear, hybrid,
     /// trilinear.
     #[arg(long, value_name = "M", value_parser = method)]
     method: Option<Method>,
     /// Seconds to run; until Ctrl-C if not given
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     seconds: Option<f64>,
     /// PNG frames instead of a window
     #[arg(long)]
@@ -92,7 +93,7 @@ pub(crate) struct Args {
     /// The error of its forces against finite elements is unknown, or they depend on the path.
     #[arg(long)]
     uncertified: bool,
-    /// Print every figure of the session
+    /// Print also the distributions of times, and the worst misses
     #[arg(long)]
     verbose: bool,
     /// Print only the summary, as one JSON object
@@ -102,10 +103,22 @@ pub(crate) struct Args {
     #[arg(long, value_name = "HZ", value_parser = frame_rate, hide_short_help = true, help_heading = "Pictures")]
     frame_rate: Option<f32>,
     /// With --headless: an animated GIF instead of PNG frames; the file must not exist yet
-    #[arg(long, value_name = "FILE.gif", requires = "headless", hide_short_help = true, help_heading = "Pictures")]
+    #[arg(
+        long,
+        value_name = "FILE.gif",
+        requires = "headless",
+        hide_short_help = true,
+        help_heading = "Pictures"
+    )]
     gif: Option<PathBuf>,
     /// Folder for frames and screenshots; existing ones stay, and the numbers continue
-    #[arg(long, value_name = "DIR", default_value = "palpate-frames", hide_short_help = true, help_heading = "Pictures")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        default_value = "palpate-frames",
+        hide_short_help = true,
+        help_heading = "Pictures"
+    )]
     pictures: PathBuf,
     /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
     /// number, or stick
@@ -147,22 +160,13 @@ fn print_misses(worst: &[Miss]) -> Result<(), Failure> {
     if worst.is_empty() {
         return Ok(());
     }
-    output::line(format!(
-        "\nworst misses {:>9} {:>9} {:>12} {:>12} {:>12}  (ms)",
-        "tick", "late by", "woken late", "device", "controller"
-    ))?;
+    let mut table = Table::new(0, ["tick", "late, ms", "woken late, ms", "device, ms", "controller, ms"]);
     for Miss { tick, late_ns, times, .. } in worst {
-        let ms = |ns: u64| ns as f64 * 1e-6;
-        output::line(format!(
-            "{:22} {:>9.3} {:>12.3} {:>12.3} {:>12.3}",
-            tick,
-            ms(*late_ns),
-            ms(times.wake_ns),
-            ms(times.device_ns),
-            ms(times.compute_ns)
-        ))?;
+        let ms = |ns: u64| format!("{:.3}", ns as f64 * 1e-6);
+        let [wake, device, compute] = [times.wake_ns, times.device_ns, times.compute_ns].map(ms);
+        table.row([tick.to_string(), ms(*late_ns), wake, device, compute]);
     }
-    Ok(())
+    output::line(format!("\nworst misses\n{table}"))
 }
 
 fn frame_rate(text: &str) -> Result<f32, String> {
@@ -397,11 +401,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         say(format!("start        {seconds:.2} s from {megabytes:.1} MB to the first tick"))?;
     }
     say(resident.to_string())?;
+    if args.verbose && !args.json {
+        output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
+        print_misses(&touched.summary.latency.worst)?;
+    }
     if let Some(file) = &outputs.histograms {
-        if args.verbose && !args.json {
-            output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
-            print_misses(&touched.summary.latency.worst)?;
-        }
         output::histograms(file, &touched.summary.latency)?;
         say(format!("histograms   {}", file.path().display()))?;
     }

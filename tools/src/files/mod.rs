@@ -150,7 +150,11 @@ impl Files {
     }
 
     /// A table at `path`, or on standard output if there is no path or it is `-`.
-    pub(crate) fn table(&mut self, option: &'static str, path: Option<&Path>) -> Result<TableOutput, Failure> {
+    pub(crate) fn table(
+        &mut self,
+        option: &'static str,
+        path: Option<&Path>,
+    ) -> Result<TableOutput, Failure> {
         let path = path.filter(|path| *path != Path::new(STANDARD));
         Ok(TableOutput(path.map(|path| self.write(option, path, FileKind::Table)).transpose()?))
     }

@@ -220,6 +220,10 @@ fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     ));
     let shown = if verbose { organ.spaces.len() } else { MAX_SPACES };
     organ.spaces.iter().take(shown).for_each(|space| text.push_str(&space_in_words(space)));
+    if let Some(space) = organ.spaces.first() {
+        let displacements = if space.displacement().is_some() { ", displacements" } else { "" };
+        text.push_str(&format!("tables   {}{displacements}\n", contents(space).1.join(", ")));
+    }
     if organ.spaces.len() > shown {
         text.push_str(&format!("         and {} more nodes\n", organ.spaces.len() - shown));
     }
@@ -232,7 +236,10 @@ fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
             text.push_str(&certificate::as_text(certificate));
         } else {
             text.push_str(&overview::overview(certificate));
-            text.push_str(&format!("\n\nthe whole certificate: palpate inspect {} --verbose", path.display()));
+            text.push_str(&format!(
+                "\n\nthe whole certificate: palpate inspect {} --verbose",
+                path.display()
+            ));
         }
     }
     let figures = json!({
@@ -256,16 +263,14 @@ fn contents(space: &Space<'_>) -> (usize, Vec<&'static str>) {
 }
 
 fn space_in_words(space: &Space<'_>) -> String {
-    let (solved, methods) = contents(space);
     format!(
-        "{:<8} node {}, r_G {} m, {solved} of {} slots {} m apart solved: {}{}\n",
+        "{:<8} node {}, r_G {} m, {} of {} slots {} m apart solved\n",
         space.active.name,
         space.active.node,
         space.lattice().radius_m(),
+        contents(space).0,
         space.lattice().slots(),
-        space.lattice().spacing_m(),
-        methods.join(", "),
-        if space.displacement().is_some() { ", displacements" } else { "" }
+        space.lattice().spacing_m()
     )
 }
 

@@ -25,24 +25,26 @@ fn verdict_of(space: &SpaceCertificate) -> Verdict {
     space.health.as_ref().map_or(Verdict::Green, |health| health.verdict)
 }
 
-/// The verdict with its meaning, and the error of the method that `run` would choose.
-pub(crate) fn headline(certificate: &Certificate) -> String {
+/// The verdict with its meaning.
+pub(crate) fn verdict_in_words(certificate: &Certificate) -> String {
     let verdict = verdict(certificate);
     let meaning = match verdict {
         Verdict::Green => "numerically sound",
-        Verdict::Yellow => "usable, read the reasons below",
-        Verdict::Red => "not sound everywhere, `palpate run` refuses it with motors; the reasons are below",
+        Verdict::Yellow => "usable after a look at the reasons",
+        Verdict::Red => "not sound everywhere, `palpate run` refuses it on a device with motors",
     };
+    format!("{}: {meaning}", output::verdict(verdict))
+}
+
+/// The verdict, and the error of the method that `run` would choose.
+pub(crate) fn headline(certificate: &Certificate) -> String {
     let error = PREFERENCE.into_iter().find_map(|method| {
         let of = Together::of(certificate, method.name())?;
-        Some(format!(
-            "; {} differs from finite elements by at most {} mN at {} held-out positions",
-            method.name(),
-            mn(of.max_n),
-            of.count
-        ))
+        let (name, max, count) = (method.name(), mn(of.max_n), of.count);
+        Some(format!("{name} is within {max} mN of finite elements at {count} held-out positions"))
     });
-    format!("{}: {meaning}{}", output::verdict(verdict), error.unwrap_or_default())
+    let verdict = verdict_in_words(certificate);
+    error.map_or_else(|| verdict.clone(), |error| format!("{verdict}\n{error}"))
 }
 
 /// Nodes, methods and reasons, at most 26 lines.
@@ -58,7 +60,8 @@ pub(crate) fn nodes(certificate: &Certificate) -> String {
     if spaces.len() > MAX_NODES {
         spaces.sort_by_key(|space| Reverse(verdict_of(space)));
     }
-    let header = ["node", "health", "configurations", "failed", "smallest J", "at branch jumps, %", "held-out"];
+    let header =
+        ["node", "health", "configurations", "failed", "smallest J", "at branch jumps, %", "held-out"];
     let mut table = Table::new(2, header);
     for space in spaces.iter().take(MAX_NODES) {
         table.row([
@@ -112,10 +115,19 @@ impl Together {
 
 /// The methods over all spaces.
 fn methods(certificate: &Certificate) -> Table {
-    let header =
-        ["force error", "mean, mN", "p99, mN", "max, mN", "covered, %", "< JND, %", "certified, %", "query, ns"];
+    let header = [
+        "force error",
+        "mean, mN",
+        "p99, mN",
+        "max, mN",
+        "covered, %",
+        "< JND, %",
+        "certified, %",
+        "query, ns",
+    ];
     let mut table = Table::new(1, header);
-    let names: Vec<&str> = certificate.spaces.iter().flat_map(|s| &s.methods).map(|m| &m.method[..]).collect();
+    let names: Vec<&str> =
+        certificate.spaces.iter().flat_map(|s| &s.methods).map(|m| &m.method[..]).collect();
     for method in Method::ALL.into_iter().map(Method::name).filter(|name| names.contains(name)) {
         let percent = |share: f64| format!("{:.1}", 100.0 * share);
         table.row(match Together::of(certificate, method) {

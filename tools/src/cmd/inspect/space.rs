@@ -14,6 +14,7 @@ use serde_json::json;
 use super::columns::cells;
 use super::summarised::Summarised;
 use super::{Args, Shown, held_out, map, scattered};
+use crate::analysis::existing_space;
 use crate::cmd::paper::held_out::in_words;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output};
@@ -62,7 +63,7 @@ impl Outputs {
 /// Describes the store, and writes the requested files.
 pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
     files.update_space(&args.file);
-    let store = Store::open(&args.file)?;
+    let store = existing_space(&args.file)?;
     let outputs = Outputs::of(args, &store, files)?;
     let identity = store.identity()?;
     let (sampling, points_of_all) = (identity.sampling, identity.sampling.points());

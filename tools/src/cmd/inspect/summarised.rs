@@ -20,7 +20,15 @@ pub(super) struct Summarised {
 impl Summarised {
     pub(super) fn new() -> Self {
         let header = [
-            "node", "state", "reachable", "beyond f_max", "failed", "not reached", "branch jumps", "inverted", "|h|, N",
+            "node",
+            "state",
+            "reachable",
+            "beyond f_max",
+            "failed",
+            "not reached",
+            "branch jumps",
+            "inverted",
+            "|h|, N",
             "solving, s",
         ];
         let table = Table::new(2, header);
@@ -56,7 +64,11 @@ impl Summarised {
 
     pub(super) fn headline(&self) -> String {
         let Self { nodes, complete, solved, failed, branch_jumps, .. } = self;
-        let state = if complete == nodes { "complete".into() } else { format!("{complete} of {nodes} nodes complete") };
+        let state = if complete == nodes {
+            "complete".into()
+        } else {
+            format!("{complete} of {nodes} nodes complete")
+        };
         let nodes = if *nodes == 1 { "1 active node".into() } else { format!("{nodes} active nodes") };
         format!("{state}: {solved} configurations of {nodes}, {failed} failed, {branch_jumps} branch jumps")
     }
@@ -66,6 +78,9 @@ impl Summarised {
         let Self { table, nodes, .. } = self;
         let more = nodes.saturating_sub(MAX_NODES);
         let more = if more > 0 { format!("\nand {more} more nodes") } else { String::new() };
-        format!("{}\n\n{head}\n{table}{more}\n\nfits, retries and held-out solutions: --verbose", self.headline())
+        format!(
+            "{}\n\n{head}\n{table}{more}\n\nfits, retries and held-out solutions: --verbose",
+            self.headline()
+        )
     }
 }

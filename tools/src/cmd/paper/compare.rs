@@ -14,8 +14,8 @@ use palpate_precompute::num::norm;
 use palpate_precompute::pipeline::Analysis;
 use serde::Serialize;
 
-use crate::cmd::path::direction;
 use crate::analysis;
+use crate::cmd::path::direction;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
@@ -51,8 +51,12 @@ pub(crate) struct Args {
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     length_mm: f64,
     /// Laws to compare, at least two, by their names in a scene file
-    #[arg(long, value_name = "L,L", value_delimiter = ',',
-          default_value = "linear,st-venant-kirchhoff,mooney-rivlin")]
+    #[arg(
+        long,
+        value_name = "L,L",
+        value_delimiter = ',',
+        default_value = "linear,st-venant-kirchhoff,mooney-rivlin"
+    )]
     laws: Vec<String>,
     /// PNG file to write
     #[arg(long, value_name = "FILE.png")]

@@ -11,8 +11,8 @@ use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Kind, Store, with_threads};
 use serde_json::json;
 
-use crate::cmd::precompute::Workers;
 use crate::analysis::{self, open_space, threads};
+use crate::cmd::precompute::Workers;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;

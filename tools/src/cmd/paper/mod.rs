@@ -8,7 +8,7 @@ use clap::{Args as ClapArgs, Subcommand};
 
 use crate::failure::Failure;
 
-/// Repeat the paper's measurements: regular paths, held-out positions, comparison of laws.
+/// Repeat the paper's paths, held-out errors, comparison of laws.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     #[command(subcommand)]

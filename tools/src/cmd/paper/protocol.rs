@@ -98,8 +98,18 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     };
     let (stop, sets) = (stop_flag()?, benches.len());
     let start = Instant::now();
-    let header =
-        ["fixed", "paths", "whole", "failed", "failed, %", "positions", "inverted", "branches", "iterations", "CPU, s"];
+    let header = [
+        "fixed",
+        "paths",
+        "whole",
+        "failed",
+        "failed, %",
+        "positions",
+        "inverted",
+        "branches",
+        "iterations",
+        "CPU, s",
+    ];
     let (mut table, mut figures) = (Table::new(1, header), Vec::new());
     let mut total = Summary::default();
     for (number, ((fixed, bench), space)) in (1..).zip(benches.iter().zip(&spaces)) {
@@ -140,7 +150,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let reasons: Vec<String> = total.failed.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
     let reasons = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
     output::line(format!("{} of {} paths failed{reasons}\n\n{table}", total.failures(), total.walks))?;
-    output::line(format!("\n{seconds:.1} s on {threads} threads; every position is in {}", args.out.display()))
+    output::line(format!(
+        "\n{seconds:.1} s on {threads} threads; every position is in {}",
+        args.out.display()
+    ))
 }
 
 fn row(fixed: &str, s: &Summary) -> [String; 10] {

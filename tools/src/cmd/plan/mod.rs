@@ -28,15 +28,15 @@ use palpate_core::Method;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::in_parallel;
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::space::{ExpansionError, Store};
+use palpate_precompute::space::ExpansionError;
 use palpate_precompute::spec::{Sampling, Tolerance};
 use serde_json::json;
 
 use self::model::{ComparedModel, Model};
 use self::node::{NodePlan, mean};
 use self::prediction::{Basis, Prediction};
-use self::row::Row;
 use self::probe::{MAX_SOLVES, Order, Probed, probe};
+use self::row::Row;
 use crate::analysis::{self, threads};
 use crate::cmd::inspect::certificate::significant;
 use crate::cmd::precompute;
@@ -132,7 +132,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     output::line(format!("Recommended: {}: {why}.\n", rows[chosen].in_words()))?;
     // Of each sampling the default method, unless all are asked for.
-    let is_shown = |row: &&Row| args.verbose || row.recommended || row.asked || row.method == Method::Energy.name();
+    let is_shown =
+        |row: &&Row| args.verbose || row.recommended || row.asked || row.method == Method::Energy.name();
     let shown: Vec<Row> = rows.iter().filter(is_shown).cloned().collect();
     output::line(row::table(&shown, threads))?;
     if args.verbose {
@@ -148,7 +149,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Compares a saved prediction with a solved space.
 fn run_check(args: &Args, space: &Path) -> Result<(), Failure> {
-    let store = Store::open(space)?;
+    let store = analysis::existing_space(space)?;
     let Some(path) = &args.prediction else {
         return Err(Failure::input(format!(
             "--check {}: needs the prediction that was saved before; save one with `palpate plan SCENE.toml --out FILE.json` \

@@ -65,14 +65,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         for &grid in &plan.grids {
             let case = family.on_grid(grid)?;
             let path: &mut Option<PathBuf> = &mut sibling;
-            of_family.push(measure::measured(
-                &plan,
-                family,
-                &case,
-                path.as_deref(),
-                args.again,
-                &mut steps,
-            )?);
+            of_family.push(measure::measured(&plan, family, &case, path.as_deref(), args.again, &mut steps)?);
             path.get_or_insert_with(|| plan.work.path().join(format!("{}.space", case.name)));
         }
         measured.push(of_family);
