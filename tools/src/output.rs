@@ -19,13 +19,18 @@ pub(crate) fn line(text: impl fmt::Display) -> Result<(), Failure> {
 }
 
 /// Writes bytes to standard output.
-pub(crate) fn bytes(bytes: &[u8]) -> Result<(), Failure> {
+fn bytes(bytes: &[u8]) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     match out.write_all(bytes).and_then(|()| out.flush()) {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => std::process::exit(0),
         Err(error) => Err(Failure::work(format!("standard output: {error}"))),
         Ok(()) => Ok(()),
     }
+}
+
+/// Writes a whole table to a file, or to standard output.
+pub(crate) fn table(file: Option<&Output>, table: &[u8]) -> Result<(), Failure> {
+    file.map_or_else(|| bytes(table), |file| file.put(table))
 }
 
 /// Prints a value as indented JSON.

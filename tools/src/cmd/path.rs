@@ -157,11 +157,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     progress.finish();
     // The rows are written after any end of the path. Its error is reported first.
-    let written = table.finish().and_then(|table| csv.put(&table)).and_then(|()| displacements.finish());
-    if let (Some((step, length_mm, force_n)), Some(file), true) = (last, csv.path(), written.is_ok()) {
+    let written = table
+        .finish()
+        .and_then(|table| output::table(csv.as_ref(), &table))
+        .and_then(|()| displacements.finish());
+    if let (Some((step, length_mm, force_n)), Some(file), true) = (last, csv.as_ref(), written.is_ok()) {
         output::line(format!(
             "{}: {step} of {} steps, {length_mm} mm, |h| {force_n:.3} N",
-            file.display(),
+            file.path().display(),
             args.steps
         ))?;
     }

@@ -8,7 +8,6 @@ use clap::Args as ClapArgs;
 use palpate_core::{Coverage, Method, Organ, Space};
 
 use super::pack::method;
-use super::run::preferred;
 use crate::failure::Failure;
 use crate::files::{Files, Replace, STANDARD};
 use crate::output::Csv;
@@ -79,7 +78,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let names: Vec<&str> = organ.spaces.iter().map(|s| s.active.name.as_str()).collect();
         Failure::input(format!("{}: no such active node; it has {}", args.blob.display(), names.join(", ")))
     })?;
-    let method = args.method.or_else(|| preferred(&[&organ])).unwrap_or(Method::Energy);
+    let method = args.method.or_else(|| blob::preferred(&[&organ])).unwrap_or(Method::Energy);
     if !space.has(method) {
         let (blob, name) = (args.blob.display(), method.name());
         return Err(Failure::input(format!(
@@ -94,9 +93,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let points = read_points(&args.points)?;
     let (table, extrapolated) = answers(args, &organ, space, method, &points)?;
-    csv.put(&table)?;
-    if let Some(file) = csv.path() {
-        let (file, count, method) = (file.display(), points.len(), method.name());
+    output::table(csv.as_ref(), &table)?;
+    if let Some(file) = &csv {
+        let (file, count, method) = (file.path().display(), points.len(), method.name());
         output::line(format!("{file}: {count} points by {method}, {extrapolated} of them extrapolated"))?;
     }
     Ok(())

@@ -250,24 +250,6 @@ fn open_device(
     }
 }
 
-/// Without --method: the most accurate method with a cost independent of the grid, its fit, then the others.
-pub(crate) const PREFERENCE: [Method; 8] = [
-    Method::Energy,
-    Method::Kernel,
-    Method::Hermite,
-    Method::Tricubic,
-    Method::RbfCubic,
-    Method::RbfLinear,
-    Method::Hybrid,
-    Method::Trilinear,
-];
-
-/// The default method for these organs: one that all their active nodes have.
-pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
-    let has = |method: &Method| organs.iter().all(|organ| organ.spaces.iter().all(|s| s.has(*method)));
-    PREFERENCE.into_iter().find(has)
-}
-
 /// Refuses arguments that have no effect together.
 fn check(args: &Args) -> Result<(), Failure> {
     if args.change_every.is_some() && args.more.is_empty() {
@@ -323,7 +305,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(recording) = args.device.strip_prefix("replay:") {
         return run_replay(args, &outputs, &organs, &blob_blake3, Path::new(recording));
     }
-    let method = args.method.or_else(|| preferred(&organs)).ok_or_else(|| {
+    let method = args.method.or_else(|| blob::preferred(&organs)).ok_or_else(|| {
         Failure::input(format!(
             "{}: no method that all its active nodes{} hold; pack again",
             args.blob.display(),

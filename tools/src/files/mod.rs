@@ -17,7 +17,7 @@ use palpate_precompute::scene::Scene;
 
 use crate::failure::Failure;
 pub(crate) use kind::FileKind;
-pub(crate) use output::{Folder, Output, Stream, TableOutput};
+pub(crate) use output::{Folder, Output, Stream};
 
 /// The option of every command that writes files.
 #[derive(Debug, Clone, Copy, Default, ClapArgs)]
@@ -149,14 +149,14 @@ impl Files {
         Ok(output)
     }
 
-    /// A table at `path`, or on standard output if there is no path or it is `-`.
+    /// A table at `path`; `None` for standard output, if there is no path or it is `-`.
     pub(crate) fn table(
         &mut self,
         option: &'static str,
         path: Option<&Path>,
-    ) -> Result<TableOutput, Failure> {
+    ) -> Result<Option<Output>, Failure> {
         let path = path.filter(|path| *path != Path::new(STANDARD));
-        Ok(TableOutput(path.map(|path| self.write(option, path, FileKind::Table)).transpose()?))
+        path.map(|path| self.write(option, path, FileKind::Table)).transpose()
     }
 
     /// An output that must not exist: a recording or film of a session, which cannot be repeated.

@@ -143,25 +143,6 @@ impl Drop for Stream {
     }
 }
 
-/// A table that goes to a file or to standard output.
-#[derive(Debug)]
-pub(crate) struct TableOutput(pub(super) Option<Output>);
-
-impl TableOutput {
-    /// The path as given; `None` for standard output.
-    pub(crate) fn path(&self) -> Option<&Path> {
-        self.0.as_ref().map(Output::path)
-    }
-
-    /// Writes the whole table.
-    pub(crate) fn put(&self, bytes: &[u8]) -> Result<(), Failure> {
-        match &self.0 {
-            Some(file) => file.put(bytes),
-            None => crate::output::bytes(bytes),
-        }
-    }
-}
-
 /// A folder in which [`Files`](super::Files) allows the command to write.
 #[derive(Debug, Clone)]
 pub(crate) struct Folder(PathBuf);

@@ -21,7 +21,6 @@ use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Lattice, Sampling, Scattered, Tolerance};
 use serde_json::json;
 
-use super::run;
 use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
@@ -286,7 +285,7 @@ fn space_figures(space: &Space<'_>) -> serde_json::Value {
 /// The cost of sliding with the method and friction that `run` would use; `None` without a triangle to slide
 /// on.
 fn sliding(organ: &Organ<'_>) -> Option<SlidingReport> {
-    let method = run::preferred(&[organ])?;
+    let method = crate::blob::preferred(&[organ])?;
     let mut memory = vec![0; TouchSurface::words(organ)];
     let surface = TouchSurface::new(organ, &mut memory)?;
     let report = sliding::report(organ, &surface, method, ContactConfig::default().friction);

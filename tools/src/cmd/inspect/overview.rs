@@ -8,7 +8,7 @@ use palpate_precompute::certificate::{
 };
 
 use super::certificate::mn;
-use crate::cmd::run::PREFERENCE;
+use crate::blob::PREFERENCE;
 use crate::output::{self, Table};
 
 /// Maximum number of nodes shown one by one; of more, the worst are shown.
