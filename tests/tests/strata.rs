@@ -244,10 +244,11 @@ const HIL: [&str; 28] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 55] = [
+const TOOLS: [&str; 58] = [
     "memory",
     "resident",
     "timing",
+    "usage",
     "failure",
     "files",
     "output",
@@ -264,11 +265,13 @@ const TOOLS: [&str; 55] = [
     "documents",
     "cmd::inspect::scattered",
     "cmd::inspect::certificate",
+    "cmd::inspect::overview",
     "cmd::precompute",
-    "cmd::held_out",
-    "cmd::protocol",
+    "cmd::paper::held_out",
+    "cmd::paper::protocol",
     "cmd::path",
-    "cmd::compare",
+    "cmd::paper::compare",
+    "cmd::paper",
     "cmd::doctor",
     "cmd::supervise",
     "cmd::plan",

@@ -1,5 +1,7 @@
 //! Loads scenes for the commands. Warnings go to standard error. Spaces are opened as checked outputs.
 
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use palpate_precompute::pipeline::Analysis;
@@ -20,6 +22,15 @@ pub(crate) fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Analysis, Fa
         eprintln!("palpate: warning: {warning}");
     }
     Ok(Analysis::of_scene(path, scene)?)
+}
+
+/// Opens a space that must exist.
+pub(crate) fn existing_space(path: &Path) -> Result<Store, Failure> {
+    let file = File::open(path).map_err(|error| Failure::file(path, &error))?;
+    if file.metadata().is_ok_and(|there| there.is_dir()) {
+        return Err(Failure::file(path, &ErrorKind::IsADirectory.into()));
+    }
+    Ok(Store::open(path)?)
 }
 
 /// Opens or creates the space of a scene; with `salvage`, from the intact part of a damaged space.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use palpate_core::Organ;
+use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
 
 use crate::failure::Failure;
@@ -15,4 +15,22 @@ pub(crate) fn load(path: &Path) -> Result<BlobFile, Failure> {
 /// Checks a loaded file and returns the view of it that the loop uses.
 pub(crate) fn organ<'a>(path: &Path, file: &'a BlobFile) -> Result<Organ<'a>, Failure> {
     Organ::read(file.bytes()).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+}
+
+/// Without --method: the most accurate method with a cost independent of the grid, its fit, then the others.
+pub(crate) const PREFERENCE: [Method; 8] = [
+    Method::Energy,
+    Method::Kernel,
+    Method::Hermite,
+    Method::Tricubic,
+    Method::RbfCubic,
+    Method::RbfLinear,
+    Method::Hybrid,
+    Method::Trilinear,
+];
+
+/// The default method for these organs: one that all their active nodes have.
+pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
+    let has = |method: &Method| organs.iter().all(|organ| organ.spaces.iter().all(|s| s.has(*method)));
+    PREFERENCE.into_iter().find(has)
 }

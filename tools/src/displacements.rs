@@ -7,6 +7,7 @@ use palpate_precompute::mesh::write::{Cell, Field, Grid, Series};
 
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output};
+use crate::output::Csv;
 
 /// The option that names the file.
 const OPTION: &str = "--displacements";
@@ -22,7 +23,7 @@ pub(crate) enum Displacements {
     /// None.
     Unwanted,
     /// A row per node and step, written at the end.
-    Csv { file: Output, table: String },
+    Csv { file: Output, table: Csv },
     /// A VTU file per step, including rest, listed in a PVD file that is complete after each step.
     Pvd { file: Output, series: Option<Series> },
 }
@@ -33,7 +34,7 @@ impl Displacements {
         let Some(path) = path else { return Ok(Self::Unwanted) };
         match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
             Some("csv") => {
-                let table = String::from("step,node,ux_m,uy_m,uz_m\n");
+                let table = Csv::new(["step", "node", "ux_m", "uy_m", "uz_m"])?;
                 Ok(Self::Csv { file: files.write(OPTION, path, FileKind::Table)?, table })
             }
             Some("pvd") => {
@@ -63,8 +64,8 @@ impl Displacements {
         match self {
             Self::Unwanted => {}
             Self::Csv { table, .. } if step > 0 => {
-                for (node, [x, y, z]) in u.as_chunks::<3>().0.iter().enumerate() {
-                    table.push_str(&format!("{step},{node},{x:?},{y:?},{z:?}\n"));
+                for (node, moved_m) in u.as_chunks::<3>().0.iter().enumerate() {
+                    table.row((step, node, moved_m))?;
                 }
             }
             Self::Csv { .. } => {}
@@ -102,7 +103,7 @@ impl Displacements {
     /// Writes the remaining data.
     pub(crate) fn finish(self) -> Result<(), Failure> {
         match self {
-            Self::Csv { file, table } => file.put(table.as_bytes()),
+            Self::Csv { file, table } => file.put(&table.finish()?),
             Self::Unwanted | Self::Pvd { .. } => Ok(()),
         }
     }

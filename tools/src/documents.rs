@@ -1,10 +1,11 @@
 //! Checks that the command line accepts the arguments of every `palpate` command in the documents.
 
-use clap::Parser;
+use std::ffi::OsString;
+
 use clap::error::ErrorKind;
 use palpate_tests::documents;
 
-use crate::Cli;
+use crate::{Cli, usage};
 
 /// The arguments of the first `palpate` in a command, which may follow variables, a path or `cargo run`.
 fn arguments(command: &str) -> Option<Vec<String>> {
@@ -23,8 +24,8 @@ fn arguments(command: &str) -> Option<Vec<String>> {
 }
 
 fn refusal(arguments: &[String]) -> Option<String> {
-    let program = std::iter::once("palpate".to_owned());
-    let error = Cli::try_parse_from(program.chain(arguments.iter().cloned())).err()?;
+    let words = std::iter::once("palpate").chain(arguments.iter().map(String::as_str)).map(OsString::from);
+    let error = usage::parse::<Cli>(words).err()?;
     let shows = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
     (!shows).then(|| error.to_string())
 }

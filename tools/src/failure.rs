@@ -37,6 +37,9 @@ impl Failure {
                 "{path}: no space left on the disk ({error}); free some space and run the same command again"
             ));
         }
+        if error.kind() == ErrorKind::IsADirectory {
+            return Self::input(format!("{}: is a folder; give the name of a file", path.display()));
+        }
         Self::input(format!("{}: {error}; check the name, the folder and its permissions", path.display()))
     }
 

@@ -28,16 +28,18 @@ mod summary;
 mod timing;
 mod touch;
 mod truth;
+mod usage;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Touch a nonlinear soft organ: solve its hyperelastic model offline, interpolate it at 1 kHz.
-///
-/// Data flow: scene (TOML) -> precompute -> .space -> pack -> .blob -> run. Start with `palpate demo`.
+const FLOW: &str = "scene.toml -> precompute -> .space -> pack -> .blob -> run
+Start with `palpate demo`. The guide from scene to hand is docs/guide.md.";
+
+/// Touch a nonlinear soft organ: solve its model offline, interpolate at 1 kHz.
 #[derive(Debug, Parser)]
-#[command(name = "palpate", version, arg_required_else_help = true, max_term_width = 110)]
+#[command(name = "palpate", version, arg_required_else_help = true, max_term_width = 100, after_help = FLOW)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -47,19 +49,18 @@ struct Cli {
 enum Command {
     Demo(cmd::demo::Args),
     Path(cmd::path::Args),
-    Compare(cmd::compare::Args),
     Plan(cmd::plan::Args),
     Precompute(cmd::precompute::Args),
-    HeldOut(cmd::held_out::Args),
-    Protocol(cmd::protocol::Args),
     Pack(cmd::pack::Args),
     Query(cmd::query::Args),
     Inspect(cmd::inspect::Args),
-    Report(cmd::report::Args),
     Run(cmd::run::Args),
     #[command(hide = true)]
     Guard(cmd::guard::Args),
     Doctor(cmd::doctor::Args),
+    Report(cmd::report::Args),
+    Paper(cmd::paper::Args),
+    /// Measure the cost of the parts, and of installed peers
     Bench(cmd::bench::Args),
 }
 
@@ -68,15 +69,15 @@ pub use cluster::palpate_mpi;
 
 /// Runs the command `palpate` with the arguments of the process.
 pub fn palpate() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = match usage::parse(std::env::args_os()) {
+        Ok(cli) => cli,
+        Err(error) => return usage::answer::<Cli>(&error),
+    };
     let done = match cli.command {
         Command::Demo(args) => cmd::demo::run(&args),
         Command::Path(args) => cmd::path::run(&args),
-        Command::Compare(args) => cmd::compare::run(&args),
         Command::Plan(args) => cmd::plan::run(&args),
         Command::Precompute(args) => cmd::precompute::run(&args),
-        Command::HeldOut(args) => cmd::held_out::run(&args),
-        Command::Protocol(args) => cmd::protocol::run(&args),
         Command::Pack(args) => cmd::pack::run(&args),
         Command::Query(args) => cmd::query::run(&args),
         Command::Inspect(args) => cmd::inspect::run(&args),
@@ -84,6 +85,7 @@ pub fn palpate() -> ExitCode {
         Command::Run(args) => cmd::run::run(&args),
         Command::Guard(args) => cmd::guard::run(&args),
         Command::Doctor(args) => cmd::doctor::run(&args),
+        Command::Paper(args) => cmd::paper::run(&args),
         Command::Bench(args) => cmd::bench::run(&args),
     };
     match done {

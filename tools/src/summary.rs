@@ -3,7 +3,7 @@
 use palpate_core::{Coverage, Phase};
 use palpate_host::device::profile::{Profile, StiffnessCap, Timing};
 use palpate_host::doctor::SystemInfo;
-use palpate_host::rt::{LatencyReport, Miss, Percentiles};
+use palpate_host::rt::{LatencyReport, LoopEnd, Miss, Percentiles};
 use palpate_host::session::TouchStatistics;
 use palpate_host::sys::RtReport;
 use palpate_host::{DeviceInfo, SessionSummary};
@@ -11,6 +11,26 @@ use palpate_record::End;
 use palpate_record::replay::{Difference, ReplaySummary};
 use palpate_viewer::Frames;
 use serde_json::{Map, Value, json};
+
+/// The result of a session in one line.
+pub(crate) fn headline(summary: &SessionSummary) -> String {
+    let (touch, latency) = (&summary.touch, &summary.latency);
+    let end = match (summary.phase, summary.end) {
+        (Phase::SafeZero(fault), _) => format!("FAULT {}, force zero", fault.name()),
+        (_, LoopEnd::DeviceLost(_)) => "DEVICE LOST".into(),
+        (_, LoopEnd::Stopped) => "stopped".into(),
+        (_, LoopEnd::Completed) => "completed".into(),
+    };
+    format!(
+        "{end}: {} ticks, {} deadlines missed, compute p99 {:.1} us; {} contact{}, at most {:.2} N on the hand",
+        summary.ticks,
+        latency.skipped_periods,
+        latency.compute.p99_ns as f64 * 1e-3,
+        touch.contacts,
+        if touch.contacts == 1 { "" } else { "s" },
+        touch.peak_hand_force_n
+    )
+}
 
 /// The summary of a session.
 pub(crate) fn session(summary: &SessionSummary, frames: Frames) -> Value {

@@ -15,19 +15,19 @@ const DEFAULT: LoopConfig = LoopConfig { period_us: 1_000, spin_us: 100, arm_but
 #[derive(Debug, Clone, Copy, ClapArgs)]
 pub(crate) struct Timing {
     /// Pin the haptic thread to this CPU; if not given the kernel chooses
-    #[arg(long, value_name = "N", help_heading = "Timing")]
+    #[arg(long, value_name = "N", help_heading = "Timing", hide_short_help = true)]
     pub cpu: Option<usize>,
     /// SCHED_FIFO priority of the haptic thread, 1 to 97 (the guard gets one more); 0 asks for ordinary
     /// scheduling
-    #[arg(long, value_name = "PRIORITY", help_heading = "Timing", default_value_t = DEFAULT_FIFO_PRIORITY,
+    #[arg(long, value_name = "PRIORITY", help_heading = "Timing", default_value_t = DEFAULT_FIFO_PRIORITY, hide_short_help = true,
           value_parser = clap::value_parser!(i32).range(0..=i64::from(MAX_LOOP_FIFO_PRIORITY)))]
     pub fifo: i32,
     /// Last part of every wait that spins instead of sleeping, us
-    #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us)]
+    #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us, hide_short_help = true)]
     pub spin_us: u32,
     /// Time between two ticks, us, 100 to 2500; 1000, or the period of the profile, if not given. The
     /// stiffness cap of a profile is that of this period
-    #[arg(long, value_name = "US", help_heading = "Timing",
+    #[arg(long, value_name = "US", help_heading = "Timing", hide_short_help = true,
           value_parser = clap::value_parser!(u32).range(100..=i64::from(MAX_PERIOD_US)))]
     pub period_us: Option<u32>,
 }

@@ -1,7 +1,8 @@
 //! Tests the command line as a user types it: exit codes, output files, and one clear line for bad input.
 
+use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use palpate_tests::{mooney_rivlin, nearest_node, soft_beam, write_beam_scene};
 
@@ -159,7 +160,7 @@ fn inspect_measures_meshes_and_scenes() {
     let of_scene = json(&[text(&scene)]);
     assert_eq!(of_scene["mesh"], figures);
     assert_eq!(of_scene["pressure_doubts"]["tets"], beam.tets.len());
-    for shown in [show(&[text(&mesh)]), show(&[text(&scene)])] {
+    for shown in [text(&mesh), text(&scene)].map(|file| show(&[file, "--verbose"])) {
         assert!(shown.contains("smallest dihedral angle of each tet") && shown.contains("|####"), "{shown}");
         assert!(shown.lines().filter(|l| !l.contains(": ")).all(|l| l.chars().count() <= 80), "{shown}");
     }
@@ -241,7 +242,7 @@ fn scene_to_blob_to_query() {
     assert!(methods[0]["method"] == "trilinear" && methods[3]["method"] == "rbf-cubic");
     let mean = |n: usize| methods[n]["uniform"]["mean_n"].as_f64().expect("a number");
     assert!(mean(3) < mean(0), "the order of the methods is right: {methods:?}");
-    assert!(ok(&["inspect", text(&blob)]).contains("certificate of A: 125 configurations"));
+    assert!(ok(&["inspect", text(&blob), "--verbose"]).contains("certificate of A: 125 configurations"));
     // One lattice table serves three methods.
     assert_eq!(
         shown["spaces"][0]["methods"],
@@ -290,6 +291,115 @@ fn scene_to_blob_to_query() {
         &["query", text(&blob), "--method", "trilinear", "--points", text(&points), "--csv", text(&forces)],
         &["in.csv:3", "`nan` is not a finite number"],
     );
+}
+
+/// A real organ with every method.
+const BLOB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");
+
+/// Runs `palpate query` with these points on standard input.
+fn query(more: &[&str], points: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+    let piped = command.args(["query", BLOB]).args(more).stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut child = piped.stderr(Stdio::piped()).spawn().expect("the binary runs");
+    let mut input = child.stdin.take().expect("a pipe");
+    // A command that refuses its arguments reads nothing.
+    let _ = input.write_all(points.as_bytes());
+    drop(input);
+    child.wait_with_output().expect("it ends")
+}
+
+#[test]
+fn a_query_is_a_filter() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [points, forces] = ["in.csv", "out.csv"].map(|name| folder.path().join(name));
+    let text_of_points = "x_m,y_m,z_m\n0.001,-0.00002,0\n0,0,-0.004\n";
+    std::fs::write(&points, text_of_points).expect("written");
+    let by_file = palpate(&["query", BLOB, "--points", text(&points), "--csv", text(&forces)]);
+    assert!(by_file.status.success(), "{}", String::from_utf8_lossy(&by_file.stderr));
+    assert!(String::from_utf8_lossy(&by_file.stdout).contains("out.csv: 2 points by energy"));
+    let expected = std::fs::read(&forces).expect("the answers");
+    for more in [&[][..], &["--points", "-"], &["--points", "-", "--csv", "-"], &["--method", "energy"]] {
+        let piped = query(more, text_of_points);
+        assert!(piped.status.success(), "{}", String::from_utf8_lossy(&piped.stderr));
+        assert_eq!(piped.stdout, expected, "{more:?}");
+    }
+    let wrong = query(&[], "x_m,y_m,z_m\n1,2\n");
+    let said = String::from_utf8_lossy(&wrong.stderr);
+    assert_eq!(wrong.status.code(), Some(2), "{said}");
+    assert!(said.contains("standard input:2: 2 values for 3 columns"), "{said}");
+}
+
+/// The columns and values of a query of the golden blob; the values are those that `f32` and `f64` print.
+#[test]
+fn the_table_of_a_query_is_as_ever() {
+    let answer = query(&["--method", "trilinear", "--stiffness"], "x_m,y_m,z_m\n0,0,0\n1.5e-5,0,-0\n");
+    let table = String::from_utf8(answer.stdout).expect("text");
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!(
+        lines[0],
+        "x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage,sxx_n_m,sxy_n_m,sxz_n_m,syx_n_m,syy_n_m,syz_n_m,szx_n_m,szy_n_m,szz_n_m,energy_j"
+    );
+    assert!(lines[1].starts_with("0.0,0.0,0.0,0.0,0.0,0.0,cell,"), "{}", lines[1]);
+    let cells: Vec<&str> = lines[2].split(',').collect();
+    assert_eq!((cells.len(), cells[16]), (17, ""), "trilinear has no energy: {}", lines[2]);
+    let read: Vec<f64> = cells[..3].iter().map(|cell| cell.parse().expect("a number")).collect();
+    assert_eq!(read, [1.5e-5, 0.0, -0.0]);
+}
+
+/// As with other filters, a reader that has seen enough is no error.
+#[test]
+fn a_closed_pipe_ends_a_command_in_silence() {
+    let many = "0,0,-0.001\n".repeat(20_000);
+    let script = format!(
+        "\"$1\" query \"$2\" | head -n 2; echo ${{PIPESTATUS[0]}}; \"$1\" run --help-all | head -n 1"
+    );
+    let mut command = Command::new("bash");
+    command.args(["-c", &script, "sh", env!("CARGO_BIN_EXE_palpate"), BLOB]).stdin(Stdio::piped());
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("bash runs");
+    child.stdin.take().expect("a pipe").write_all(format!("x_m,y_m,z_m\n{many}").as_bytes()).expect("read");
+    let output = child.wait_with_output().expect("it ends");
+    let (out, said) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(said.is_empty(), "{said}");
+    let lines: Vec<&str> = out.lines().collect();
+    assert!(lines[0].starts_with("x_m,y_m") && lines[2] == "0" && lines[3].starts_with("Palpate"), "{out}");
+}
+
+/// Plausible mistakes: each one line with the fix.
+#[test]
+fn mistakes_are_refused_in_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let (dir, scene) = (text(folder.path()), text(&scene));
+    let out = folder.path().join("a.out");
+    let out = text(&out);
+    let points = folder.path().join("in.csv");
+    std::fs::write(&points, "x_m,y_m,z_m\n").expect("written");
+    let points = text(&points);
+    let mistakes: [(&[&str], &[&str]); 20] = [
+        (&["dmeo"], &["demo", "palpate --help"]),
+        (&["compare", scene], &["compare", "palpate --help"]),
+        (&["run"], &["<BLOB>", "palpate run --help"]),
+        (&["run", BLOB, "--sceonds", "1"], &["--seconds", "palpate run --help"]),
+        (&["run", BLOB, "--uncertified", "--headless", "--seconds", "-1"], &["-1"]),
+        (&["run", BLOB, "--uncertified", "--device", "flacon"], &["no device `flacon`", "falcon"]),
+        (&["run", BLOB, "--uncertified", "--profile", "delta"], &["delta.3"]),
+        (&["run", dir], &["is a folder"]),
+        (&["run", scene], &["beam.toml", "blob"]),
+        (&["query", BLOB, "--method", "magic"], &["magic", "trilinear", "palpate query --help"]),
+        (&["query", BLOB, "--points", dir], &["is a folder"]),
+        (&["query", BLOB, "--points", points, "--csv", dir], &["--csv", "is a folder"]),
+        (&["query", BLOB, "--points", points, "--active", "Z"], &["no such active node", "it has"]),
+        (&["pack", dir, "--out", out], &["is a folder"]),
+        (&["pack", "nowhere.space", "--out", out], &["nowhere.space", "No such file", "check the name"]),
+        (&["pack", scene, "--out", out], &["beam.toml", "not a .space file"]),
+        (&["precompute", scene], &["--out <FILE.space>", "palpate precompute --help"]),
+        (&["path", scene, "--steps", "1", "--direction", "0,0"], &["0,0", "three numbers"]),
+        (&["plan", "nowhere.toml"], &["nowhere.toml", "check the path"]),
+        (&["demo", "--out", scene], &["is a file; give a folder"]),
+    ];
+    for (arguments, words) in mistakes {
+        refused(arguments, words);
+    }
 }
 
 #[test]
@@ -384,6 +494,7 @@ fn a_comparison_is_a_picture_of_the_size_asked_and_a_table() {
     let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
     let (png, csv) = (folder.path().join("laws.png"), folder.path().join("laws.csv"));
     let arguments = [
+        "paper",
         "compare",
         text(&scene),
         "--active",
@@ -446,6 +557,7 @@ fn a_law_that_fails_is_shown_as_far_as_it_came() {
     let (png, csv) = (folder.path().join("laws.png"), folder.path().join("laws.csv"));
     // St. Venant-Kirchhoff has no barrier at J = 0: under sufficient compression it collapses.
     let arguments = [
+        "paper",
         "compare",
         text(&scene),
         "--direction=-1,0,0",
@@ -480,7 +592,7 @@ fn a_comparison_of_nonsense_is_refused_in_one_line_and_leaves_nothing() {
     let png = folder.path().join("laws.png");
     let before = std::fs::read_dir(folder.path()).expect("the folder").count();
     let refuse = |more: &[&str], words: &[&str]| {
-        let mut arguments = vec!["compare", text(&scene), "--direction=0,0,1"];
+        let mut arguments = vec!["paper", "compare", text(&scene), "--direction=0,0,1"];
         arguments.extend_from_slice(more);
         for (key, value) in [("--length-mm", "5"), ("--out", text(&png))] {
             if !more.contains(&key) {
@@ -506,7 +618,7 @@ fn a_comparison_of_nonsense_is_refused_in_one_line_and_leaves_nothing() {
     for (direction, word) in [("0,0,0", "not zero"), ("1,2", "three numbers"), ("inf,0,0", "finite")] {
         let png = text(&png);
         refused(
-            &["compare", text(&scene), "--direction", direction, "--length-mm", "5", "--out", png],
+            &["paper", "compare", text(&scene), "--direction", direction, "--length-mm", "5", "--out", png],
             &["--direction", direction, word],
         );
     }
@@ -518,12 +630,22 @@ fn held_out_truth_is_solved_shown_and_tabled() {
     let scene = write_beam_scene(folder.path(), MR, GRID, 1.0);
     let (space, csv) = (folder.path().join("a.space"), folder.path().join("truth.csv"));
     let ask = |more: &[&str]| {
-        let fixed =
-            ["held-out", text(&scene), "--out", text(&space), "--uniform", "7", "--random", "2", "--json"];
+        let fixed = [
+            "paper",
+            "held-out",
+            text(&scene),
+            "--out",
+            text(&space),
+            "--uniform",
+            "7",
+            "--random",
+            "2",
+            "--json",
+        ];
         palpate(&[&fixed, more].concat())
     };
     refused(
-        &["held-out", text(&scene), "--out", text(&space)],
+        &["paper", "held-out", text(&scene), "--out", text(&space)],
         &["a.space", "palpate precompute", "--uniform 0"],
     );
     assert!(palpate(&["precompute", text(&scene), "--out", text(&space)]).status.success());
@@ -540,7 +662,7 @@ fn held_out_truth_is_solved_shown_and_tabled() {
     assert!(String::from_utf8_lossy(&other.stderr).contains("--again"));
     assert!(ask(&["--seed", "9", "--again"]).status.success());
 
-    let shown = palpate(&["inspect", text(&space), "--held-out", text(&csv)]);
+    let shown = palpate(&["inspect", text(&space), "--verbose", "--held-out", text(&csv)]);
     assert!(String::from_utf8_lossy(&shown.stdout).contains("held-out solutions"));
     let table = std::fs::read_to_string(&csv).expect("the table is written");
     let header: Vec<&str> = table.lines().next().expect("a header").split(',').collect();
@@ -556,8 +678,18 @@ fn the_protocol_counts_the_paths_of_every_fixed_set() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
     let out = folder.path().join("out");
-    let run =
-        ["protocol", text(&scene), "--out", text(&out), "--active-nodes", "2", "--length-mm", "2", "--json"];
+    let run = [
+        "paper",
+        "protocol",
+        text(&scene),
+        "--out",
+        text(&out),
+        "--active-nodes",
+        "2",
+        "--length-mm",
+        "2",
+        "--json",
+    ];
     let done = palpate(&run);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let figures: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
@@ -567,8 +699,8 @@ fn the_protocol_counts_the_paths_of_every_fixed_set() {
         figures["rows"].as_array().expect("rows").iter().filter_map(|row| row["node"].as_u64()).collect();
     assert_eq!(nodes.len(), 2);
     assert!(out.join("liver-small-F1.space").exists() && out.join("liver-small-F2.space").exists());
-    refused(&["protocol", text(&scene), "--out", text(&out), "--fixed", "F9"], &["F9", "F1", "F2"]);
-    let twice = ["protocol", text(&scene), "--out", text(&out), "--fixed", "F1,F2,F1"];
+    refused(&["paper", "protocol", text(&scene), "--out", text(&out), "--fixed", "F9"], &["F9", "F1", "F2"]);
+    let twice = ["paper", "protocol", text(&scene), "--out", text(&out), "--fixed", "F1,F2,F1"];
     refused(&twice, &["--fixed", "F1", "twice"]);
 }
 
@@ -585,7 +717,8 @@ fn the_protocol_leaves_the_force_limit_out_and_begins_anew_if_asked() {
     assert_ne!(limited, whole);
     let out = folder.path().join("out");
     let run = |more: &[&str]| -> serde_json::Value {
-        let fixed = ["protocol", text(&scene), "--out", text(&out), "--fixed", "F1", "--active-nodes", "1"];
+        let fixed =
+            ["paper", "protocol", text(&scene), "--out", text(&out), "--fixed", "F1", "--active-nodes", "1"];
         let done = palpate(&[&fixed[..], &["--length-mm", "3", "--json"], more].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         serde_json::from_slice(&done.stdout).expect("JSON")
@@ -635,7 +768,7 @@ fn several_active_nodes_are_solved_as_if_each_were_alone() {
         }
         for more in runs {
             let walks = ["--regular-mm", "2", "--random", "2", "--random-steps", "6", "--uniform", "4"];
-            run(&[&["held-out", text(&scene), "--out", text(&space)], &walks[..], *more].concat());
+            run(&[&["paper", "held-out", text(&scene), "--out", text(&space)], &walks[..], *more].concat());
         }
         run(&["inspect", text(&space), "--all-tries", "--csv", text(&points), "--held-out", text(&truth)]);
         (rows(&points, &["seconds"]), rows(&truth, &["seconds"]))

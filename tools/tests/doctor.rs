@@ -72,7 +72,7 @@ fn a_run_shows_what_was_granted_and_its_histograms() {
     let (blob, csv) = (blob.to_str().expect("text"), folder.path().join("run.csv"));
     let file = csv.to_str().expect("text");
     let mut args = vec!["run", blob, "--uncertified", "--headless", "--frame-rate", "0", "--seconds", "0.3"];
-    args.extend(["--cpu", "999999", "--fifo", "0", "--spin-us", "0", "--histograms", file]);
+    args.extend(["--cpu", "999999", "--fifo", "0", "--spin-us", "0", "--verbose", "--histograms", file]);
     let run = palpate(&args);
     assert!(run.status.success(), "{}", text(&run.stderr));
     let (out, err) = (text(&run.stdout), text(&run.stderr));

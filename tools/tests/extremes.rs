@@ -151,8 +151,8 @@ fn a_number_of_threads_is_bounded_alike_everywhere() {
     let commands: [&[&str]; 7] = [
         &["plan", scene],
         &["precompute", scene, "--out", space],
-        &["held-out", scene, "--out", space],
-        &["protocol", scene, "--out", out],
+        &["paper", "held-out", scene, "--out", space],
+        &["paper", "protocol", scene, "--out", out],
         &["pack", space, "--out", blob],
         &["report", "--out", out],
         &["bench", "sampling", scene],
@@ -195,7 +195,7 @@ fn held_out_paths_of_a_ball_smaller_than_their_steps() {
     let space = bench.folder.path().join("a.space");
     bench.precompute(0, &[]);
     let held_out = |more: &[&str], code: i32, words: &[&str]| {
-        let fixed = ["held-out", text(&bench.scene), "--out", text(&space), "--threads", "2"];
+        let fixed = ["paper", "held-out", text(&bench.scene), "--out", text(&space), "--threads", "2"];
         let few = ["--random", "2", "--random-steps", "20", "--uniform", "3"];
         ends(&[&fixed[..], &few[..], more].concat(), code, words);
     };

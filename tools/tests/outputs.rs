@@ -81,14 +81,14 @@ impl Bench {
 
 const RUN: &str = "run a.blob --uncertified --headless";
 const PATH: &str = "path beam.toml --direction=0,0,-1 --steps 1";
-const COMPARE: &str = "compare beam.toml --direction=0,0,-1 --length-mm 1";
+const COMPARE: &str = "paper compare beam.toml --direction=0,0,-1 --length-mm 1";
 
 /// Commands whose last argument is the one output, and their inputs.
 const COMMANDS: [(&str, &[&str]); 18] = [
     ("pack a.space --no-certificate --out", &["a.space"]),
     ("precompute beam.toml --out", &["beam.toml", "beam.msh"]),
     ("precompute beam.toml --salvage --out", &["beam.toml", "beam.msh"]),
-    ("held-out beam.toml --out", &["beam.toml", "beam.msh"]),
+    ("paper held-out beam.toml --out", &["beam.toml", "beam.msh"]),
     ("inspect a.space --csv", &["a.space"]),
     ("inspect a.space --held-out", &["a.space"]),
     ("inspect a.space --picture", &["a.space"]),
@@ -96,7 +96,10 @@ const COMMANDS: [(&str, &[&str]); 18] = [
     ("inspect a.mcap --csv", &["a.mcap"]),
     ("query a.blob --method energy --points in.csv --csv", &["a.blob", "in.csv"]),
     ("path beam.toml --direction=0,0,-1 --steps 1 --csv", &["beam.toml", "beam.msh"]),
-    ("compare beam.toml --direction=0,0,-1 --length-mm 1 --out laws.png --csv", &["beam.toml", "beam.msh"]),
+    (
+        "paper compare beam.toml --direction=0,0,-1 --length-mm 1 --out laws.png --csv",
+        &["beam.toml", "beam.msh"],
+    ),
     ("plan beam.toml --out", &["beam.toml", "beam.msh"]),
     ("run a.blob --uncertified --headless --seconds 0.1 --frame-rate 0 --histograms", &["a.blob"]),
     ("run a.blob --uncertified --headless --seconds 0.1 --gif", &["a.blob"]),
@@ -167,7 +170,10 @@ fn outputs_with_names_of_their_own_are_looked_at_too() {
         std::fs::copy(assets.join(name), bench.at(name)).expect("copied");
     }
     std::fs::hard_link(bench.at("liver-small.msh"), bench.at("out/liver-small-F2.space")).expect("a link");
-    bench.refuses("protocol liver-small.toml --out out", &["out/liver-small-F2.space", "liver-small.msh"]);
+    bench.refuses(
+        "paper protocol liver-small.toml --out out",
+        &["out/liver-small-F2.space", "liver-small.msh"],
+    );
     std::fs::create_dir(bench.at("demo")).expect("a folder");
     bench.put("demo/summary.json", b"my notes\n");
     bench.refuses("demo --headless --out demo", &["demo/summary.json", "a text file", "--force"]);
@@ -242,7 +248,7 @@ fn only_force_replaces_a_file_of_another_kind_and_nothing_stands_in_the_way_of_t
         for more in ["", " --salvage"] {
             bench.refuses(&format!("precompute beam.toml --out {name}{more}"), &[name, "not a space"]);
         }
-        bench.refuses(&format!("held-out beam.toml --out {name}"), &[name, "not a space"]);
+        bench.refuses(&format!("paper held-out beam.toml --out {name}"), &[name, "not a space"]);
     }
     bench.succeeds(&format!("{query} notes.csv --force"));
     // The same commands twice, with every kind of output.

@@ -243,7 +243,7 @@ fn nonsense_is_refused_in_one_line_before_anything_is_solved() {
     refused(&[scene, "--active", "Z"], &["no active node `Z`", "A"]);
     refused(&[scene, "--radius-mm", "-3"], &["--radius-mm -3", "positive"]);
     refused(&["missing.toml"], &["missing.toml"]);
-    let output = palpate(&["report", scene, "--methods", "magic", "--out", out_name]);
+    let output = palpate(&["report", scene, "--method", "magic", "--out", out_name]);
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("energy"));
     let file = folder.path().join("file");

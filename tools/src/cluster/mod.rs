@@ -23,21 +23,23 @@ use palpate_precompute::space::{Threads, expand, with_threads};
 
 use crate::analysis;
 use crate::analysis::threads_or;
-use crate::cmd::held_out;
+use crate::cmd::paper::held_out;
 use crate::cmd::precompute::{self, Workers};
 use crate::failure::Failure;
 use crate::files::Output;
 use crate::interrupt::stop_flag;
+use crate::usage;
 use messages::RankConfig;
 use ranks::Ranks;
 
-/// `palpate precompute` and `palpate held-out` on many machines:
-/// `mpirun -n 64 palpate-mpi precompute liver.toml --out liver.space`.
+/// `palpate precompute` and `palpate paper held-out` on many machines
+///
+/// mpirun -n 64 palpate-mpi precompute liver.toml --out liver.space
 ///
 /// Rank 0 plans, reads and writes; the others solve. A single rank does everything. See docs/guide.md,
 /// section 10.
 #[derive(Debug, Parser)]
-#[command(name = "palpate-mpi", version, arg_required_else_help = true, max_term_width = 110)]
+#[command(name = "palpate-mpi", version, arg_required_else_help = true, max_term_width = 100)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -46,6 +48,13 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Precompute(precompute::Args),
+    #[command(subcommand)]
+    Paper(Paper),
+}
+
+/// Repeat the paper's measurements.
+#[derive(Debug, Subcommand)]
+enum Paper {
     HeldOut(held_out::Args),
 }
 
@@ -53,14 +62,14 @@ impl Command {
     fn scene(&self) -> &Path {
         match self {
             Self::Precompute(args) => &args.scene,
-            Self::HeldOut(args) => &args.scene,
+            Self::Paper(Paper::HeldOut(args)) => &args.scene,
         }
     }
 
     fn space(&self) -> Result<Output, Failure> {
         match self {
             Self::Precompute(args) => args.space(),
-            Self::HeldOut(args) => args.space(),
+            Self::Paper(Paper::HeldOut(args)) => args.space(),
         }
     }
 
@@ -68,14 +77,14 @@ impl Command {
     fn threads(&self) -> Option<usize> {
         match self {
             Self::Precompute(args) => args.threads,
-            Self::HeldOut(args) => args.threads,
+            Self::Paper(Paper::HeldOut(args)) => args.threads,
         }
     }
 }
 
 /// Runs the command `palpate-mpi` with the arguments of the process.
 pub fn palpate_mpi() -> ExitCode {
-    let parsed = Cli::try_parse();
+    let parsed: Result<Cli, clap::Error> = usage::parse(std::env::args_os());
     // Only the main thread calls MPI.
     let Some((mut universe, _)) = mpi::initialize_with_threading(Threading::Funneled) else {
         eprintln!("palpate-mpi: MPI cannot be started");
@@ -89,10 +98,11 @@ pub fn palpate_mpi() -> ExitCode {
     let command = match parsed {
         Ok(cli) => cli.command,
         Err(error) => {
-            if first {
-                let _ = error.print();
-            }
-            return ExitCode::from(error.exit_code() as u8);
+            return if first {
+                usage::answer::<Cli>(&error)
+            } else {
+                ExitCode::from(error.exit_code() as u8)
+            };
         }
     };
     let threads = match threads_or(command.threads(), 1) {
@@ -131,7 +141,7 @@ fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
                 with_threads(&context, threads, run).map_err(|error| precompute::of_scene(&bench, error))
             })
         }
-        Command::HeldOut(args) => {
+        Command::Paper(Paper::HeldOut(args)) => {
             held_out::run_with(args, (&bench, &space), &stop, &team, |held_out, store, stop, progress| {
                 Ok(with_threads(&context, threads, |executor| held_out.run(store, executor, stop, progress))?)
             })
@@ -154,7 +164,7 @@ fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
                     .map_err(|error| precompute::of_scene(&bench, error))
             })
         }
-        Command::HeldOut(args) => {
+        Command::Paper(Paper::HeldOut(args)) => {
             held_out::run_with(args, (&bench, &space), &stop, &team, |held_out, store, stop, progress| {
                 Ok(held_out.run(store, &mut ranks, stop, progress)?)
             })

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
+use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_precompute::certificate::Certificate;
@@ -16,37 +17,39 @@ use palpate_precompute::space::{Store, TagCounts};
 use serde_json::json;
 
 use super::inspect::certificate::as_text;
+use super::inspect::overview;
 use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
+use crate::output::{Csv, Table};
 use crate::progress::WorkProgress;
 use crate::timing::Timing;
 use crate::truth::{self, Checked, MethodError, Visit};
-use crate::{blob, output, touch};
+use crate::{blob, output, summary, touch};
 
 /// Solve, pack, palpate and check the bundled organ in one command.
 ///
-/// Solves the 514-point configuration spaces of two active nodes of a liver-like phantom (incompressible
-/// Mooney-Rivlin), packs them, lets a simulated hand palpate at 1 kHz, and compares the rendered force with
+/// Solves the configuration spaces of two active nodes of a liver-like phantom (incompressible Mooney-Rivlin,
+/// 514 points each), packs them, lets a simulated hand palpate at 1 kHz, and compares the rendered force with
 /// new finite-element solves at 200 visited positions. All files stay in the output folder. A second run uses
-/// the solved spaces there; --fresh solves them again.
+/// the solved spaces there; --again solves them again.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds of palpation
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, value_name = "S", default_value_t = 10.0, allow_negative_numbers = true)]
     seconds: f64,
     /// PNG frames instead of a window, even with a display
     #[arg(long)]
     headless: bool,
     /// Output folder
-    #[arg(long, default_value = "palpate-demo")]
+    #[arg(long, value_name = "DIR", default_value = "palpate-demo")]
     out: PathBuf,
     /// Solve the spaces again even if the folder holds them
     #[arg(long)]
-    fresh: bool,
+    again: bool,
     /// Interpolation method of the loop
-    #[arg(long, default_value = "energy", value_parser = super::pack::method)]
+    #[arg(long, value_name = "M", default_value = "energy", value_parser = super::pack::method)]
     method: Method,
     /// Print the figures as JSON (they are always in summary.json)
     #[arg(long)]
@@ -55,7 +58,7 @@ pub(crate) struct Args {
     replace: Replace,
 }
 
-const SCENE: &str = include_str!("../../../assets/liver-small.toml");
+const SCENE: &str = include_str!("../../../assets/demo.toml");
 const MESH: &str = include_str!("../../../assets/liver-small.msh");
 /// Number of positions at which the force is checked.
 const CHECKS: usize = 200;
@@ -82,6 +85,7 @@ struct Outputs {
     mesh: Output,
     space: Output,
     blob: Output,
+    certificate: Output,
     forces: Output,
     summary: Output,
 }
@@ -93,10 +97,11 @@ impl Outputs {
         Files::not_a_file("--out", &args.out.join("frames"))?;
         let mut at = |name: &str, kind| files.write("--out", &folder.path().join(name), kind);
         Ok(Self {
-            scene: at("liver-small.toml", FileKind::Toml)?,
+            scene: at("demo.toml", FileKind::Toml)?,
             mesh: at("liver-small.msh", FileKind::Mesh)?,
-            space: at("liver-small.space", FileKind::Space)?,
-            blob: at("liver-small.blob", FileKind::Blob)?,
+            space: at("demo.space", FileKind::Space)?,
+            blob: at("demo.blob", FileKind::Blob)?,
+            certificate: at("certificate.txt", FileKind::Text)?,
             forces: at("forces.csv", FileKind::Table)?,
             summary: at("summary.json", FileKind::Json)?,
         })
@@ -106,31 +111,18 @@ impl Outputs {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(args.seconds > 0.0 && args.seconds.is_finite()) {
-        return Err(Failure::input("--seconds must be a positive number"));
+        return Err(Failure::input(format!("--seconds {}: give a positive number", args.seconds)));
     }
     let stop = stop_flag()?;
     let outputs = Outputs::of(args)?;
     outputs.mesh.put(MESH.as_bytes())?;
     outputs.scene.put(SCENE.as_bytes())?;
-    let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
-
     let bench = analysis::load(outputs.scene.path())?;
-    say(format!(
-        "organ        {}: {} nodes, {} tetrahedra, {}, {} fixed nodes",
-        bench.scene.name,
-        bench.scene.mesh.nodes_m.len(),
-        bench.scene.mesh.tets.len(),
-        bench.body.law_names(),
-        bench.scene.fixed.len()
-    ))?;
-    if args.fresh {
+    if args.again {
         outputs.space.remove_database()?;
     }
     let store = open_space(&bench, &outputs.space, false)?;
     let solved = solve(&bench, &store, &stop)?;
-    say(in_lines(&bench, &solved))?;
-
-    let start = Instant::now();
     let (packed, certificate) = pack(&bench, &store, solved.threads, &stop)?;
     // From here on the spaces of the blob and the active nodes of the scene have the same numbers.
     if !packed.nodes_without_data.is_empty() {
@@ -141,71 +133,74 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let bytes = packed.bytes()?;
     outputs.blob.put(&bytes)?;
-    say(format!(
-        "packed       {:.2} MB, all methods, certified at {HELD_OUT} fresh positions a node, in {:.1} s\n\n{}",
-        bytes.len() as f64 * 1e-6,
-        start.elapsed().as_secs_f64(),
-        as_text(&certificate)
-    ))?;
+    outputs.certificate.put(as_text(&certificate).as_bytes())?;
 
     let file = blob::load(outputs.blob.path())?;
     let organ = blob::organ(outputs.blob.path(), &file)?;
-    let frames = args.out.join("frames");
-    let (touched, visits) = palpate(args, &organ, &frames, &stop)?;
-    say(format!("\nmethod       {}\n{}", args.method.name(), touched.text()))?;
+    let (touched, visits) = palpate(args, &organ, &args.out.join("frames"), &stop)?;
     if stop.load(Ordering::Relaxed) {
         return Err(Failure::work("interrupted; the force on the hand is zero, the spaces are kept"));
     }
-
     touch::judge(&touched.summary)?;
 
-    let start = Instant::now();
-    let Errors { checked, unsolved, errors } =
-        errors(&bench, &store, &organ, &visits, (solved.threads, &stop))?;
-    say(format!(
-        "\nforce error against {} fresh finite-element solves at visited positions ({:.1} s, {unsolved} unsolved):\n{}",
-        checked.len(),
-        start.elapsed().as_secs_f64(),
-        error_table(&errors, args.method)
-    ))?;
-    write_forces(&outputs.forces, &bench, &organ, &checked)?;
-    let figures = figures(args, &solved, bytes.len(), &touched, &errors, checked.len());
+    let errors = errors(&bench, &store, &organ, &visits, (solved.threads, &stop))?;
+    write_forces(&outputs.forces, &bench, &organ, &errors.checked)?;
+    let figures = figures(args, &solved, bytes.len(), &touched, &errors.errors, errors.checked.len());
     let text = serde_json::to_string_pretty(&figures).map_err(Failure::work)?;
     outputs.summary.put(text.as_bytes())?;
     if args.json {
-        output::line(text)?;
-    } else {
-        output::line(format!(
-            "\npictures     {}\nfigures      {}",
-            frames.display(),
-            outputs.summary.path().display()
-        ))?;
+        return output::line(text);
     }
-    Ok(())
+    let result = Outcome { bench: &bench, solved: &solved, certificate: &certificate, errors: &errors };
+    output::line(result.in_words(args, bytes.len(), &touched.summary))
 }
 
-/// The solved spaces as text.
-fn in_lines(bench: &Analysis, solved: &Solved) -> String {
-    let spaces = solved.names.iter().zip(&solved.counts).map(|(name, counts)| {
+/// The results of the steps.
+struct Outcome<'a> {
+    bench: &'a Analysis,
+    solved: &'a Solved,
+    certificate: &'a Certificate,
+    errors: &'a Errors,
+}
+
+impl Outcome<'_> {
+    /// The verdict, the steps, and the errors of the methods.
+    fn in_words(&self, args: &Args, blob_bytes: usize, summary: &SessionSummary) -> String {
+        let Self { bench, solved, certificate, errors } = self;
+        let rendered = errors.rendered();
+        let first = format!(
+            "{}; the rendered force is within {:.3} mN of {} new finite-element solves",
+            overview::verdict_in_words(certificate),
+            1e3 * rendered.max_n,
+            errors.checked.len()
+        );
+        let scene = &bench.scene;
+        let (nodes, tets) = (scene.mesh.nodes_m.len(), scene.mesh.tets.len());
+        let organ = format!("{}: {nodes} nodes, {tets} tetrahedra, {}", scene.name, bench.body.law_names());
+        let count = solved.configurations();
+        let solve = format!(
+            "{count} configurations of {} active nodes, {} of them now, in {:.1} s on {} threads",
+            solved.names.len(),
+            solved.solved_now,
+            solved.seconds,
+            solved.threads
+        );
+        let (megabytes, out) = (blob_bytes as f64 * 1e-6, args.out.display());
+        let unsolved = match errors.unsolved {
+            0 => String::new(),
+            n => format!(", {n} more unsolved"),
+        };
         format!(
-            "space {name:6} {} of {} points solved: {} reachable, {} beyond {} N; {} failed, {} not reached\n",
-            counts.solved(),
-            solved.points,
-            counts.expandable,
-            counts.terminating,
-            bench.scene.max_force_n,
-            counts.failed,
-            counts.unknown
+            "{first}\n\norgan    {organ}\nsolved   {solve}\npacked   {megabytes:.2} MB, {} methods, certified at {HELD_OUT} positions a node\n\
+             touched  {}\n\n{}\n\nforce error at {} visited positions{unsolved}\n{}\n\n\
+             in {out}/: certificate.txt (all errors), forces.csv, summary.json, frames/, demo.blob for `palpate run`",
+            Method::OF_LATTICE.len(),
+            summary::headline(summary),
+            overview::nodes(certificate),
+            errors.checked.len(),
+            error_table(&errors.errors, args.method)
         )
-    });
-    let sum = format!(
-        "solved       {} configurations ({} now) in {:.1} s on {} threads",
-        solved.configurations(),
-        solved.solved_now,
-        solved.seconds,
-        solved.threads
-    );
-    spaces.chain([sum]).collect()
+    }
 }
 
 /// Errors of every method and of the session at visited positions.
@@ -213,6 +208,13 @@ struct Errors {
     checked: Vec<Checked>,
     unsolved: usize,
     errors: Vec<MethodError>,
+}
+
+impl Errors {
+    /// The errors of the forces that the session rendered.
+    fn rendered(&self) -> &MethodError {
+        self.errors.last().expect("the session's are the last")
+    }
 }
 
 fn errors(
@@ -333,21 +335,21 @@ fn spread(visits: &[Visit], count: usize) -> Vec<Visit> {
     (0..count).map(|i| visits[(2 * i + 1) * visits.len() / (2 * count)]).collect()
 }
 
-fn error_table(errors: &[MethodError], used: Method) -> String {
-    let mut table =
-        String::from("  method        mean mN   max mN  mean % (Eq. 14)     max %   own data around\n");
+fn error_table(errors: &[MethodError], used: Method) -> Table {
+    let header = ["method", "mean, mN", "max, mN", "mean, % (Eq. 14)", "max, %", "own data around, %"];
+    let mut table = Table::new(1, header);
     for e in errors {
-        let name = if e.method == "loop" { format!("rendered ({})", used.name()) } else { e.method.clone() };
-        table.push_str(&format!(
-            "  {name:<14}{:>7.3}{:>9.3}{:>15.4}{:>11.3}{:>15}\n",
-            1e3 * e.mean_n,
-            1e3 * e.max_n,
-            1e2 * e.mean_relative,
-            1e2 * e.max_relative,
-            if e.method == "loop" { String::new() } else { format!("{:.0} %", 1e2 * e.covered) }
-        ));
+        let is_loop = e.method == "loop";
+        table.row([
+            if is_loop { format!("rendered ({})", used.name()) } else { e.method.clone() },
+            format!("{:.3}", 1e3 * e.mean_n),
+            format!("{:.3}", 1e3 * e.max_n),
+            format!("{:.4}", 1e2 * e.mean_relative),
+            format!("{:.3}", 1e2 * e.max_relative),
+            if is_loop { String::new() } else { format!("{:.0}", 1e2 * e.covered) },
+        ]);
     }
-    table.trim_end().into()
+    table
 }
 
 fn write_forces(
@@ -356,29 +358,19 @@ fn write_forces(
     organ: &Organ<'_>,
     checked: &[Checked],
 ) -> Result<(), Failure> {
-    let mut table = String::from("active,x_m,y_m,z_m,fe_fx_n,fe_fy_n,fe_fz_n");
-    for method in Method::OF_LATTICE {
-        let name = method.name();
-        table.push_str(&format!(",{name}_fx_n,{name}_fy_n,{name}_fz_n,{name}_coverage"));
-    }
-    table.push('\n');
+    let of_method =
+        |method: Method| ["fx_n", "fy_n", "fz_n", "coverage"].map(|name| format!("{}_{name}", method.name()));
+    let own = ["active", "x_m", "y_m", "z_m", "fe_fx_n", "fe_fy_n", "fe_fz_n"].map(String::from);
+    let mut table = Csv::new(own.into_iter().chain(Method::OF_LATTICE.into_iter().flat_map(of_method)))?;
     for c in checked {
-        let ([x, y, z], [fx, fy, fz]) = (c.visit.displacement_m, c.force_n);
-        table.push_str(&format!(
-            "{},{x:?},{y:?},{z:?},{fx:?},{fy:?},{fz:?}",
-            bench.scene.active[c.visit.active].name
-        ));
-        for method in Method::OF_LATTICE {
-            let found =
-                organ.spaces.get(c.visit.active).and_then(|s| s.force(method, c.visit.displacement_m));
-            if let Some(found) = found {
-                let [fx, fy, fz] = found.force_n;
-                table.push_str(&format!(",{fx:?},{fy:?},{fz:?},{}", found.coverage.name()));
-            }
-        }
-        table.push('\n');
+        let answers = Method::OF_LATTICE.into_iter().filter_map(|method| {
+            let found = organ.spaces.get(c.visit.active)?.force(method, c.visit.displacement_m)?;
+            Some((found.force_n, found.coverage.name()))
+        });
+        let name = &bench.scene.active[c.visit.active].name;
+        table.row((name, c.visit.displacement_m, c.force_n, answers.collect::<Vec<_>>()))?;
     }
-    file.put(table.as_bytes())
+    file.put(&table.finish()?)
 }
 
 fn figures(

@@ -25,15 +25,18 @@ use crate::{hardware, output};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds to measure; 0 does not measure
-    #[arg(long, default_value_t = 2.0)]
+    #[arg(long, value_name = "S", default_value_t = 2.0, allow_negative_numbers = true)]
     seconds: f64,
     /// Only measure, for this many seconds
-    #[arg(long, value_name = "SECONDS", conflicts_with = "seconds")]
+    #[arg(long, value_name = "S", conflicts_with = "seconds")]
     measure: Option<f64>,
     /// Write the histogram of the measurement to this file
     #[arg(long, value_name = "FILE.csv")]
     histograms: Option<PathBuf>,
-    /// Figures as JSON
+    /// Print every check and setting, also those that are ok
+    #[arg(long)]
+    verbose: bool,
+    /// Print the figures as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -46,7 +49,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let seconds = args.measure.unwrap_or(args.seconds);
     if !(0.0..=1e6).contains(&seconds) {
-        return Err(Failure::input(format!("{seconds} is not a valid duration in seconds")));
+        return Err(Failure::input(format!("{seconds}: give the seconds to measure, 0 to 1e6")));
     }
     let mut files = Files::new(args.replace);
     let histograms = args.histograms.as_ref().map(|path| files.write("--histograms", path, FileKind::Table));
@@ -78,10 +81,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         output::line(format!("{figures:#}"))?;
     } else {
-        print(&checks, cpu, measured.as_ref(), &surroundings)?;
+        let what = Printed { checks: &checks, measured: measured.as_ref(), surroundings: &surroundings };
+        what.print(cpu, args.verbose)?;
     }
     if let (Some(file), Some(measured)) = (&histograms, &measured) {
         output::histograms(file, &measured.latency)?;
+        if !args.json {
+            output::line(format!("histogram    {}", file.path().display()))?;
+        }
     }
     match measured {
         Some(measured) if measured.verdict() == Verdict::Bad => Err(Failure::work(format!(
@@ -122,40 +129,61 @@ fn guard(started: std::io::Result<(Duration, Policy)>, fifo_priority: Option<i32
     }
 }
 
-fn print(
-    checks: &[Check],
-    cpu: usize,
-    measured: Option<&Measurement>,
-    surroundings: &SystemInfo,
-) -> Result<(), Failure> {
-    if !checks.is_empty() {
-        output::line(format!("{:<9} {:<13} found; fix, for a loop on CPU {cpu}", "", "what"))?;
-    }
-    for check in checks {
-        output::line(check)?;
-    }
-    if let Some(measured) = measured {
+/// What the command prints.
+struct Printed<'a> {
+    checks: &'a [Check],
+    measured: Option<&'a Measurement>,
+    surroundings: &'a SystemInfo,
+}
+
+impl Printed<'_> {
+    /// The verdict, then the checks with a fix; with `verbose` every check and setting.
+    fn print(&self, cpu: usize, verbose: bool) -> Result<(), Failure> {
+        output::line(self.headline())?;
+        let (good, rest): (Vec<&Check>, Vec<&Check>) =
+            self.checks.iter().partition(|check| check.verdict == Verdict::Good && !verbose);
+        if !rest.is_empty() {
+            output::line(format!("\n{:<9} {:<13} found; fix, for a loop on CPU {cpu}", "", "what"))?;
+        }
+        for check in rest {
+            output::line(check)?;
+        }
+        if !good.is_empty() {
+            let names: Vec<&str> = good.iter().map(|check| check.name).collect();
+            output::line(format!("{:<9} {}", Verdict::Good.name(), names.join(", ")))?;
+        }
+        let Some(measured) = self.measured else { return Ok(()) };
         let LatencyReport { wake, overruns, skipped_periods, .. } = &measured.latency;
-        let seconds = (wake.count + skipped_periods) as f64 * f64::from(measured.config.period_us) * 1e-6;
+        if verbose {
+            output::line(format!(
+                "\n{}\n{}\nperiod       {} us, the last {} us of it spun",
+                measured.real_time, self.surroundings, measured.config.period_us, measured.config.spin_us
+            ))?;
+        }
         output::line(format!(
-            "\nmeasured for {seconds:.1} s: {}\n\n{}\n{surroundings}\nperiod       {} us, the last {} us of it spun\n\
-             wake-up late {wake}\nmissed       {skipped_periods} deadlines in {overruns} overruns",
-            measured.verdict().name(),
-            measured.real_time,
-            measured.config.period_us,
-            measured.config.spin_us,
-        ))?;
+            "\nwake-up late {wake}\nmissed       {skipped_periods} deadlines in {overruns} overruns"
+        ))
     }
-    let count = |verdict| checks.iter().filter(|check| check.verdict == verdict).count();
-    if !checks.is_empty() {
-        let (bad, better, unknown) = (count(Verdict::Bad), count(Verdict::Better), count(Verdict::Unknown));
-        output::line(format!(
-            "\n{} checks: {} ok, {better} could be better, {bad} bad, {unknown} unknown. More: docs/guide.md, section 11",
-            checks.len(),
-            count(Verdict::Good)
-        ))?;
+
+    /// Verdict of the measurement and number of checks by verdict.
+    fn headline(&self) -> String {
+        let count = |verdict| self.checks.iter().filter(|check| check.verdict == verdict).count();
+        let measured = self.measured.map(|measured| {
+            let LatencyReport { wake, skipped_periods, .. } = &measured.latency;
+            let periods = (wake.count + skipped_periods) as f64;
+            let seconds = periods * f64::from(measured.config.period_us) * 1e-6;
+            format!("measured for {seconds:.1} s: {}", measured.verdict().name())
+        });
+        let checks = (!self.checks.is_empty()).then(|| {
+            let [good, better, bad, unknown] =
+                [Verdict::Good, Verdict::Better, Verdict::Bad, Verdict::Unknown].map(count);
+            format!(
+                "{} checks: {good} ok, {better} could be better, {bad} bad, {unknown} unknown (docs/guide.md, section 11)",
+                self.checks.len()
+            )
+        });
+        measured.into_iter().chain(checks).collect::<Vec<_>>().join("; ")
     }
-    Ok(())
 }
 
 fn figures(measured: &Measurement) -> serde_json::Value {

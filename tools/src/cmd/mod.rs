@@ -1,17 +1,15 @@
 //! One file per command of `palpate`.
 
 pub(crate) mod bench;
-pub(crate) mod compare;
 pub(crate) mod demo;
 pub(crate) mod doctor;
 pub(crate) mod guard;
-pub(crate) mod held_out;
 pub(crate) mod inspect;
 pub(crate) mod pack;
+pub(crate) mod paper;
 pub(crate) mod path;
 pub(crate) mod plan;
 pub(crate) mod precompute;
-pub(crate) mod protocol;
 pub(crate) mod query;
 pub(crate) mod report;
 pub(crate) mod run;

@@ -9,56 +9,61 @@ use palpate_precompute::pack::{PackError, PackOptions, pack};
 use palpate_precompute::pipeline::{Run, add_ledgers, certified, solve_held_out_positions, unfinished};
 use palpate_precompute::space::{Store, state};
 
-use super::inspect::certificate::as_text;
-use crate::analysis::threads;
+use super::inspect::overview::{headline, overview};
+use crate::analysis::{existing_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Fit the tables of a .space file, measure their errors, and pack them into a .blob.
+/// Fit a .space file, measure the errors, pack it into a .blob.
 ///
 /// The tables are compared with finite-element solutions that no fit uses. The errors are stored in the blob
-/// as its certificate. Missing uniform positions are first solved into the .space file; `palpate held-out`
-/// adds paths.
+/// as its certificate, which `palpate inspect --verbose` prints. Missing uniform positions are first solved
+/// into the .space file; `palpate paper held-out` adds paths.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .space file
     space: PathBuf,
-    /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite,
-    /// energy, kernel. trilinear, tricubic and hybrid share a table, hermite and energy another; a shared
-    /// table is packed for all its methods. kernel is the fit of adaptive sampling itself: a smaller blob
-    /// with slower queries than energy
-    #[arg(long = "method", value_delimiter = ',', value_parser = method, default_value = "energy")]
-    methods: Vec<Method>,
     /// The .blob file to write
-    #[arg(long)]
+    #[arg(long, value_name = "FILE.blob")]
     out: PathBuf,
-    /// Pack an unfinished space. Where it has no data, the force is extrapolated. The blob has no certificate
-    #[arg(long)]
-    partial: bool,
-    /// Omit the certificate; `palpate run` then needs --uncertified. The same scene then gives the same file
-    /// to the last bit with any number of threads; a certificate holds measured times
-    #[arg(long)]
-    no_certificate: bool,
-    /// Uniform positions away from branch jumps, solved for the certificate, per active node. Default: 299,
-    /// which can certify 99 % of the positions with 95 % confidence. With more than eight nodes: 600 in
-    /// total, which can certify 99.5 % of the positions of all nodes together. 0: no errors are measured;
-    /// `palpate run` then needs --uncertified
+    /// Methods to pack, separated by commas
+    ///
+    /// trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy, kernel. trilinear, tricubic and
+    /// hybrid share a table, hermite and energy another; a shared table is packed for all its methods. kernel
+    /// is the fit of adaptive sampling itself: a smaller blob with slower queries than energy.
+    #[arg(long = "method", value_name = "M,M", value_delimiter = ',', value_parser = method, default_value = "energy")]
+    methods: Vec<Method>,
+    /// Positions of the certificate per active node; 299 if not given
+    ///
+    /// They are uniform and away from branch jumps. 299 can certify 99 % of the positions with 95 %
+    /// confidence. With more than eight nodes the default is 600 in total, which can certify 99.5 % of the
+    /// positions of all nodes together. 0: no errors are measured; `palpate run` then needs --uncertified.
     #[arg(long, value_name = "N")]
     uniform: Option<u32>,
-    /// Add the effects of element order and mesh refinement to the ledger. Each refined body is solved at
-    /// this many positions of the certificate, which takes seconds per position. With more than eight nodes
-    /// only the first node has a ledger
+    /// Measure the effects of element order and mesh refinement too
+    ///
+    /// Each refined body is solved at this many positions of the certificate, which takes seconds per
+    /// position. With more than eight nodes only the first node has a ledger.
     #[arg(long, value_name = "POSITIONS", num_args = 0..=1, default_missing_value = "8")]
     ledger: Option<usize>,
+    /// Omit the certificate; `palpate run` then needs --uncertified
+    ///
+    /// The same scene then gives the same file to the last bit with any number of threads; a certificate
+    /// holds measured times.
+    #[arg(long)]
+    no_certificate: bool,
+    /// Pack an unfinished space. Where it has no data, the force is extrapolated. The blob has no certificate
+    #[arg(long, hide_short_help = true)]
+    partial: bool,
     /// Fit the radial basis functions without the states between grid points (a scene with `increments` has
     /// such states)
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     grid_only: bool,
-    /// Worker threads for solves and fits; one per core if not given
-    #[arg(long)]
+    /// Worker threads; one per core if not given
+    #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print the certificate as JSON
     #[arg(long)]
@@ -80,7 +85,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut files = Files::new(args.replace);
     let space = files.update_space(&args.space);
     let blob = files.write("--out", &args.out, FileKind::Blob)?;
-    let store = Store::open(&args.space)?;
+    let store = existing_space(&args.space)?;
     let finished = check_finished(&store, args)?;
     let threads = threads(args.threads)?;
     let methods = &args.methods;
@@ -120,14 +125,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let bytes = packed.bytes()?;
     blob.put(&bytes)?;
     if args.json {
-        return output::line(serde_json::to_string_pretty(&certificate).map_err(Failure::work)?);
+        return output::json(&certificate);
     }
     let names: Vec<&str> = methods.iter().map(|m| m.name()).collect();
-    output::line(format!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", ")))?;
-    match certificate {
-        Some(certificate) => output::line(as_text(&certificate)),
-        None => output::line("not certified"),
-    }
+    let (out, size) = (args.out.display(), bytes.len());
+    let written = format!("{out}: {size} bytes, {}", names.join(", "));
+    let Some(certificate) = certificate else {
+        return output::line(format!("{written}; not certified, `palpate run` needs --uncertified"));
+    };
+    output::line(headline(&certificate))?;
+    output::line(format!("{written}\n\n{}", overview(&certificate)))?;
+    output::line(format!("\nthe whole certificate: palpate inspect {out} --verbose"))
 }
 
 /// Progress display of a phase of unknown length.

@@ -5,13 +5,14 @@ use std::sync::atomic::Ordering;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::fem::{Configuration, Pose, SolveFailure, Solver};
+use palpate_precompute::num::norm;
 
 use crate::analysis;
 use crate::displacements::Displacements;
 use crate::failure::Failure;
-use crate::files::{FileKind, Files, Output, Replace};
+use crate::files::{Files, Replace};
 use crate::interrupt::stop_flag;
-use crate::output;
+use crate::output::{self, Csv};
 use crate::progress::WorkProgress;
 
 /// Solve the reaction force along a straight loading path.
@@ -24,36 +25,38 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     scene: PathBuf,
     /// Active node to move; the scene's first if not given
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Direction x,y,z; its length does not matter
-    #[arg(long, value_parser = direction, allow_hyphen_values = true)]
+    /// Direction; its length does not matter
+    #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true)]
     direction: [f64; 3],
     /// Length of a step, mm
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, value_name = "MM", default_value_t = 1.0, allow_negative_numbers = true)]
     step_mm: f64,
     /// Number of steps
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     steps: u32,
-    /// Also turn the patch of the active node about it: rotation vector x,y,z in rad, reached at the last
-    /// step
-    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
-    turn: Option<[f64; 3]>,
-    /// More columns after `status`: reason of a failure, unstable modes, whether the step left its branch,
-    /// moment of a patch
-    #[arg(long)]
-    details: bool,
-    /// CSV file to write; standard output if not given
-    #[arg(long)]
+    /// CSV file to write; standard output if not given, or -
+    #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
-    /// Displacement of every node at every step: FILE.csv, or FILE.pvd with a folder FILE/ of VTU files for
-    /// ParaView
+    /// Displacement of every node at every step (.csv, or .pvd for ParaView)
     ///
-    /// The series starts with rest. Its time is the length of the active node's displacement in mm; each VTU
-    /// file has displacement_m on the nodes, and reaction_force_n, active_displacement_m and energy_j as
-    /// field data. It is written step by step, so an interrupted run leaves a series of the steps so far.
+    /// FILE.csv, or FILE.pvd with a folder FILE/ of VTU files. The series starts with rest. Its time is the
+    /// length of the active node's displacement in mm; each VTU file has displacement_m on the nodes, and
+    /// reaction_force_n, active_displacement_m and energy_j as field data. It is written step by step, so an
+    /// interrupted run leaves a series of the steps so far.
     #[arg(long, value_name = "FILE")]
     displacements: Option<PathBuf>,
+    /// More columns: reason, unstable modes, branch, moment
+    ///
+    /// After `status`: reason of a failure, unstable modes, whether the step left its branch, moment of a
+    /// patch.
+    #[arg(long)]
+    details: bool,
+    /// Also turn the patch of the active node about it: rotation vector x,y,z in rad, reached at the last
+    /// step
+    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true, hide_short_help = true)]
+    turn: Option<[f64; 3]>,
     #[command(flatten)]
     replace: Replace,
 }
@@ -82,7 +85,7 @@ pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
 const HEADER: &str = "step,dx_m,dy_m,dz_m,fx_n,fy_n,fz_n,energy_j,newton_iterations,residual_n,min_jacobian,inverted,\
                       volume_m3,status";
 /// Additional columns of --details.
-const DETAILS: &str = ",reason,unstable_modes,switched,tx_n_m,ty_n_m,tz_n_m";
+const DETAILS: &str = "reason,unstable_modes,switched,tx_n_m,ty_n_m,tz_n_m";
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
@@ -91,7 +94,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let mut files = Files::new(args.replace);
     files.read_scene(&args.scene)?;
-    let csv = args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
+    let csv = files.table("--csv", args.csv.as_deref())?;
     let mut displacements = Displacements::new(args.displacements.as_deref(), &mut files)?;
     let stop = stop_flag()?;
     let bench = analysis::load(&args.scene)?;
@@ -109,7 +112,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut here = solver.rest().map_err(|failure| {
         Failure::input(format!("{}: the body cannot be solved at rest: {failure}", args.scene.display()))
     })?;
-    let mut table = format!("{HEADER}{}\n", if args.details { DETAILS } else { "" });
+    let details = DETAILS.split(',').filter(|_| args.details);
+    let mut table = Csv::new(HEADER.split(',').chain(details))?;
+    let mut last = None;
     let mut ended = displacements.add(0, 0.0, &bench.body, &here);
     let mut progress = WorkProgress::new(&bench.scene.name, "steps");
     for step in 1..=args.steps {
@@ -130,7 +135,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             Pose { displacement_m: target, rotation_rad: args.turn.unwrap_or_default().map(|x| x * share) };
         match solver.advance_to(&here.seed, &pose) {
             Ok(configuration) => {
-                push_row(&mut table, step, &configuration, args.details);
+                push_row(&mut table, step, &configuration, args.details)?;
                 if configuration.switched {
                     eprintln!(
                         "palpate: warning: step {step}: the body left its branch (snap-through, or Newton found another \
@@ -138,10 +143,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                     );
                 }
                 ended = displacements.add(step, length_mm, &bench.body, &configuration);
+                last = Some((step, length_mm, norm(configuration.jet().force_n)));
                 here = configuration;
             }
             Err(failure) => {
-                push_failure(&mut table, step, target, &failure, args.details);
+                push_failure(&mut table, step, target, &failure, args.details)?;
                 ended = Err(Failure::work(format!(
                     "step {step} of {}: {failure}; the rows so far are kept",
                     args.steps
@@ -151,39 +157,37 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     progress.finish();
     // The rows are written after any end of the path. Its error is reported first.
-    ended.and(write_table(csv.as_ref(), &table)).and(displacements.finish())
+    let written = table
+        .finish()
+        .and_then(|table| output::table(csv.as_ref(), &table))
+        .and_then(|()| displacements.finish());
+    if let (Some((step, length_mm, force_n)), Some(file), true) = (last, csv.as_ref(), written.is_ok()) {
+        output::line(format!(
+            "{}: {step} of {} steps, {length_mm} mm, |h| {force_n:.3} N",
+            file.path().display(),
+            args.steps
+        ))?;
+    }
+    ended.and(written)
 }
 
 /// The row of a step that did not converge.
-fn push_failure(table: &mut String, step: u32, target_m: [f64; 3], failure: &SolveFailure, details: bool) {
-    let ([x, y, z], iterations, residual) = (target_m, failure.iterations, failure.residual_n);
-    let details = if details { format!(",{},,,,,", failure.reason) } else { String::new() };
-    table.push_str(&format!("{step},{x:?},{y:?},{z:?},,,,,{iterations},{residual:?},,,,failed{details}\n"));
+fn push_failure(
+    table: &mut Csv,
+    step: u32,
+    target_m: [f64; 3],
+    failure: &SolveFailure,
+    details: bool,
+) -> Result<(), Failure> {
+    let (solved, at_end) = ([""; 4], [""; 3]);
+    let row = (step, target_m, solved, failure.iterations, failure.residual_n, at_end, "failed");
+    if details { table.row((row, failure.reason.to_string(), [""; 5])) } else { table.row(row) }
 }
 
-fn push_row(table: &mut String, step: u32, c: &Configuration, details: bool) {
-    let ([dx, dy, dz], [fx, fy, fz]) = (c.seed.pose.displacement_m, c.jet().force_n);
-    table.push_str(&format!(
-        "{step},{dx:?},{dy:?},{dz:?},{fx:?},{fy:?},{fz:?},{:?},{},{:?},{:?},{},{:?},ok",
-        c.jet().energy_j,
-        c.iterations,
-        c.residual_n,
-        c.min_jacobian,
-        c.inverted,
-        c.volume_m3
-    ));
-    if details {
-        let [x, y, z] = c.torque_n_m;
-        let unstable = c.unstable_modes.map_or(String::new(), |n| n.to_string());
-        table.push_str(&format!(",,{unstable},{},{x:?},{y:?},{z:?}", u32::from(c.switched)));
-    }
-    table.push('\n');
-}
-
-/// Writes to a file, or to standard output.
-fn write_table(file: Option<&Output>, table: &str) -> Result<(), Failure> {
-    match file {
-        Some(file) => file.put(table.as_bytes()),
-        None => output::line(table.trim_end()),
-    }
+fn push_row(table: &mut Csv, step: u32, c: &Configuration, details: bool) -> Result<(), Failure> {
+    let (moved_m, jet) = (c.seed.pose.displacement_m, c.jet());
+    let row = (step, moved_m, jet.force_n, jet.energy_j, c.iterations, c.residual_n, c.min_jacobian);
+    let row = (row, c.inverted, c.volume_m3, "ok");
+    let (unstable, switched) = (c.unstable_modes, u32::from(c.switched));
+    if details { table.row((row, "", unstable, switched, c.torque_n_m)) } else { table.row(row) }
 }

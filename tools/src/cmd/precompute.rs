@@ -39,21 +39,26 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     pub scene: PathBuf,
     /// The .space file to write or to continue
-    #[arg(long)]
+    #[arg(long, value_name = "FILE.space")]
     out: PathBuf,
-    /// Worker threads; if not given, one per core (palpate-mpi: one per rank)
-    #[arg(long)]
-    pub threads: Option<usize>,
     /// Only this active node; all if not given
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Save the intact part of a damaged file into a new one, keep the old one beside it, and continue
+    /// Worker threads; one per core if not given (palpate-mpi: one per rank)
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Continue a damaged file from its intact part
+    ///
+    /// The intact part is saved into a new file, and the old one is kept beside it.
     #[arg(long)]
     salvage: bool,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
 }
+
+/// Maximum number of nodes whose counts are printed.
+const MAX_NODES: usize = 12;
 
 /// The workers.
 #[derive(Debug)]
@@ -173,17 +178,28 @@ fn solve(
             .collect();
         let figures = json!({ "space": args.out, "spaces": spaces, "solved_now": solved_now, "seconds": seconds,
                               "unreachable": bench.scene.unreachable, "threads": team.workers, "peak_bytes": peak_bytes });
-        return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
+        return output::json(&figures);
     }
+    let peak = peak_bytes.map_or(String::new(), |bytes| format!(", at most {} MB", bytes / 1_000_000));
+    let all: usize = counts.iter().map(TagCounts::solved).sum();
+    let out = args.out.display();
+    output::line(format!(
+        "{out}: {all} configurations, {solved_now} solved now in {seconds:.1} s {}{peak}",
+        team.words
+    ))?;
     if bench.scene.unreachable.any() {
         output::line(bench.scene.unreachable)?;
     }
-    for ((name, counts), active) in names.iter().zip(&counts).zip(&chosen) {
-        output::line(format!("{name}: {}", in_words(counts, points)))?;
+    for (number, ((name, counts), active)) in names.iter().zip(&counts).zip(&chosen).enumerate() {
+        if number < MAX_NODES {
+            output::line(format!("{name}: {}", in_words(counts, points)))?;
+        }
         let Some(fit) = state(store, *active)?.fit else { continue };
         let what = match fit.verdict {
             Some(Verdict::Linear) => {
-                output::line(format!("{name}: {}", scattered::in_words(&fit.linear)))?;
+                if number < MAX_NODES {
+                    output::line(format!("{name}: {}", scattered::in_words(&fit.linear)))?;
+                }
                 continue;
             }
             Some(Verdict::Stagnated) => {
@@ -198,12 +214,10 @@ fn solve(
         };
         eprintln!("palpate: warning: {name}: {what}");
     }
-    let peak = peak_bytes.map_or(String::new(), |bytes| format!(", at most {} MB", bytes / 1_000_000));
-    output::line(format!(
-        "{}: {solved_now} solved now in {seconds:.1} s {}{peak}",
-        args.out.display(),
-        team.words
-    ))
+    if names.len() > MAX_NODES {
+        output::line(format!("and {} more nodes: palpate inspect {out}", names.len() - MAX_NODES))?;
+    }
+    Ok(())
 }
 
 /// Warns of nodes that the device cannot move, which have no space. Fails if there are no other nodes.

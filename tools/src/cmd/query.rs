@@ -1,46 +1,63 @@
 //! `palpate query`: evaluates a blob at given displacements, as the real-time loop does.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::{BufReader, ErrorKind, IsTerminal, Read, stdin};
+use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
-use palpate_core::{Method, Organ, Space};
+use palpate_core::{Coverage, Method, Organ, Space};
 
 use super::pack::method;
-use crate::blob;
 use crate::failure::Failure;
-use crate::files::{FileKind, Files, Replace};
+use crate::files::{Files, Replace, STANDARD};
+use crate::output::Csv;
+use crate::{blob, output};
 
-/// Evaluate the force of a blob at given displacements of an active node.
+/// Evaluate the force of a blob at given displacements.
+///
+/// They are displacements of an active node from rest.
 ///
 /// Input: CSV with the header x_m,y_m,z_m. Output: x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage, where coverage is
 /// cell, supercell or scattered if data of the method surround the point, else extrapolated. The force is
 /// always finite.
+///
+/// Example: printf 'x_m,y_m,z_m\n0,0,-0.01\n' | palpate query liver.blob
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .blob file
     blob: PathBuf,
     /// Active node; the first if not given
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Interpolation method
-    #[arg(long, value_parser = method)]
-    method: Method,
-    /// CSV file with the displacements
-    #[arg(long)]
+    /// Interpolation method; the blob's most accurate if not given
+    #[arg(long, value_name = "M", value_parser = method)]
+    method: Option<Method>,
+    /// CSV file with the displacements; standard input if not given, or -
+    #[arg(long, value_name = "FILE.csv", default_value = STANDARD, hide_default_value = true)]
     points: PathBuf,
-    /// CSV file to write
-    #[arg(long)]
+    /// CSV file to write; standard output if not given, or -
+    #[arg(long, value_name = "FILE.csv", default_value = STANDARD, hide_default_value = true)]
     csv: PathBuf,
-    /// Also write dh/dd (sxx_n_m .. szz_n_m, nine columns, sxy = dhx/dy) and, where the force is its
-    /// gradient, the energy
+    /// Also write dh/dd, and the energy where the force is its gradient
+    ///
+    /// Nine columns sxx_n_m .. szz_n_m, sxy = dhx/dy, and energy_j.
     #[arg(long)]
     stiffness: bool,
-    /// Also write the displacement of every visual node: columns uN_x_m, uN_y_m, uN_z_m, N the mesh node
+    /// Also write the displacement of every visual node
+    ///
+    /// Columns uN_x_m, uN_y_m, uN_z_m, N the mesh node.
     #[arg(long)]
     displacements: bool,
     #[command(flatten)]
     replace: Replace,
 }
+
+const COLUMNS: [&str; 7] = ["x_m", "y_m", "z_m", "fx_n", "fy_n", "fz_n", "coverage"];
+/// Additional columns of --stiffness.
+const STIFFNESS: [&str; 10] = [
+    "sxx_n_m", "sxy_n_m", "sxz_n_m", "syx_n_m", "syy_n_m", "syz_n_m", "szx_n_m", "szy_n_m", "szz_n_m",
+    "energy_j",
+];
 
 /// The space named `name`, or the first.
 pub(crate) fn find_space<'o, 'a>(organ: &'o Organ<'a>, name: Option<&str>) -> Option<&'o Space<'a>> {
@@ -51,20 +68,21 @@ pub(crate) fn find_space<'o, 'a>(organ: &'o Organ<'a>, name: Option<&str>) -> Op
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut files = Files::new(args.replace);
     files.read(&args.blob);
-    files.read(&args.points);
-    let csv = files.write("--csv", &args.csv, FileKind::Table)?;
+    if args.points != Path::new(STANDARD) {
+        files.read(&args.points);
+    }
+    let csv = files.table("--csv", Some(&args.csv))?;
     let file = blob::load(&args.blob)?;
     let organ = blob::organ(&args.blob, &file)?;
     let space = find_space(&organ, args.active.as_deref()).ok_or_else(|| {
         let names: Vec<&str> = organ.spaces.iter().map(|s| s.active.name.as_str()).collect();
         Failure::input(format!("{}: no such active node; it has {}", args.blob.display(), names.join(", ")))
     })?;
-    if !space.has(args.method) {
+    let method = args.method.or_else(|| blob::preferred(&[&organ])).unwrap_or(Method::Energy);
+    if !space.has(method) {
+        let (blob, name) = (args.blob.display(), method.name());
         return Err(Failure::input(format!(
-            "{}: {} was not packed; run `palpate pack` with --method {}",
-            args.blob.display(),
-            args.method.name(),
-            args.method.name()
+            "{blob}: {name} was not packed; run `palpate pack` with --method {name}"
         )));
     }
     if args.displacements && space.displacement().is_none() {
@@ -74,57 +92,80 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         )));
     }
     let points = read_points(&args.points)?;
-    let mut table = String::from("x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage");
-    if args.stiffness {
-        table.push_str(",sxx_n_m,sxy_n_m,sxz_n_m,syx_n_m,syy_n_m,syz_n_m,szx_n_m,szy_n_m,szz_n_m,energy_j");
+    let (table, extrapolated) = answers(args, &organ, space, method, &points)?;
+    output::table(csv.as_ref(), &table)?;
+    if let Some(file) = &csv {
+        let (file, count, method) = (file.path().display(), points.len(), method.name());
+        output::line(format!("{file}: {count} points by {method}, {extrapolated} of them extrapolated"))?;
     }
-    if args.displacements {
-        for node in organ.surface.node {
-            table.push_str(&format!(",u{node}_x_m,u{node}_y_m,u{node}_z_m"));
-        }
-    }
-    table.push('\n');
+    Ok(())
+}
+
+/// The table, and the number of extrapolated points.
+fn answers(
+    args: &Args,
+    organ: &Organ<'_>,
+    space: &Space<'_>,
+    method: Method,
+    points: &[[f64; 3]],
+) -> Result<(Vec<u8>, usize), Failure> {
+    let nodes = organ.surface.node.iter().filter(|_| args.displacements);
+    let displacements = nodes.flat_map(|node| ["x", "y", "z"].map(|axis| format!("u{node}_{axis}_m")));
+    let stiffness = STIFFNESS.iter().filter(|_| args.stiffness).map(ToString::to_string);
+    let columns = COLUMNS.iter().map(ToString::to_string).chain(stiffness).chain(displacements);
+    let mut table = Csv::new(columns)?;
     let mut moved = vec![[0.0f32; 3]; organ.surface.node.len()];
-    for point in points {
-        let [x, y, z] = point;
+    let mut extrapolated = 0;
+    let vanished = || Failure::work("the method vanished");
+    for &point in points {
         // Finite values beyond the range of f32 are clamped, which gives the force at the rim. Infinity would
         // be an invalid position.
         let at = point.map(|v| {
             if v.is_finite() { v.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32 } else { v as f32 }
         });
-        let found = space.force(args.method, at).ok_or_else(|| Failure::work("the method vanished"))?;
-        let [fx, fy, fz] = found.force_n;
-        table.push_str(&format!("{x:?},{y:?},{z:?},{fx:?},{fy:?},{fz:?},{}", found.coverage.name()));
-        if args.stiffness {
-            let found =
-                space.estimate(args.method, at).ok_or_else(|| Failure::work("the method vanished"))?;
-            for value in found.stiffness_n_m.as_flattened() {
-                table.push_str(&format!(",{value:?}"));
-            }
-            table.push_str(&found.energy_j.map_or(",".into(), |energy| format!(",{energy:?}")));
-        }
-        if args.displacements {
+        let found = space.force(method, at).ok_or_else(vanished)?;
+        extrapolated += usize::from(found.coverage == Coverage::Extrapolated);
+        let estimate = args.stiffness.then(|| space.estimate(method, at).ok_or_else(vanished)).transpose()?;
+        let stiffness = estimate.map(|found| (found.stiffness_n_m, found.energy_j));
+        let displacements = if args.displacements {
             space.displacement_into(at, &mut moved);
-            for [ux, uy, uz] in &moved {
-                table.push_str(&format!(",{ux:?},{uy:?},{uz:?}"));
-            }
+            &moved[..]
+        } else {
+            &[]
+        };
+        let row = (point, found.force_n, found.coverage.name());
+        // A missing option would be an empty cell.
+        match stiffness {
+            Some(stiffness) => table.row((row, stiffness, displacements))?,
+            None => table.row((row, displacements))?,
         }
-        table.push('\n');
     }
-    csv.put(table.as_bytes())
+    Ok((table.finish()?, extrapolated))
 }
 
-fn read_points(path: &PathBuf) -> Result<Vec<[f64; 3]>, Failure> {
+/// Reads the points of a file, or of standard input.
+fn read_points(path: &Path) -> Result<Vec<[f64; 3]>, Failure> {
+    if path == Path::new(STANDARD) {
+        if stdin().is_terminal() {
+            return Err(Failure::input(
+                "no points: give --points FILE.csv, or pipe a table with the header x_m,y_m,z_m into standard input",
+            ));
+        }
+        return parse_points("standard input", stdin().lock());
+    }
+    let file = File::open(path).map_err(|error| Failure::file(path, &error))?;
+    if file.metadata().is_ok_and(|there| there.is_dir()) {
+        return Err(Failure::file(path, &ErrorKind::IsADirectory.into()));
+    }
+    parse_points(&path.display().to_string(), BufReader::new(file))
+}
+
+/// Reads the points of a table that messages call `name`.
+fn parse_points(name: &str, source: impl Read) -> Result<Vec<[f64; 3]>, Failure> {
     let at = |line: u64, what: String| {
-        Failure::input(format!(
-            "{}:{line}: {what}; the header is x_m,y_m,z_m, one point a line",
-            path.display()
-        ))
+        Failure::input(format!("{name}:{line}: {what}; the header is x_m,y_m,z_m, one point a line"))
     };
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .map_err(|error| Failure::input(format!("{}: {error}; check the name", path.display())))?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(source);
     let header = reader.headers().map_err(|error| at(1, error.to_string()))?;
     let column = |name: &str| header.iter().position(|h| h == name);
     let (Some(x), Some(y), Some(z)) = (column("x_m"), column("y_m"), column("z_m")) else {
@@ -133,7 +174,12 @@ fn read_points(path: &PathBuf) -> Result<Vec<[f64; 3]>, Failure> {
     let mut points = Vec::new();
     for (row, record) in reader.records().enumerate() {
         let line = row as u64 + 2;
-        let record = record.map_err(|error| at(line, error.to_string()))?;
+        let record = record.map_err(|error| match error.kind() {
+            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+                at(line, format!("{len} values for {expected_len} columns"))
+            }
+            _ => at(line, error.to_string()),
+        })?;
         let number = |column: usize| -> Result<f64, Failure> {
             let text = record.get(column).unwrap_or("");
             let finite = text.parse().ok().filter(|number: &f64| number.is_finite());

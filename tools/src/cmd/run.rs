@@ -28,12 +28,13 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::hardware;
 use crate::interrupt::stop_flag;
+use crate::output::Table;
 use crate::resident::Resident;
 use crate::timing::Timing;
 use crate::{blob, motors_off, output, summary, touch};
 use palpate_precompute::certificate::Verdict;
 
-/// Palpate the organ in a blob: the 1 kHz loop, a device and the viewer.
+/// Palpate a blob: the 1 kHz loop, a device and the viewer.
 ///
 /// Without a display (or with --headless) PNG frames are written instead of a window. The device's button or
 /// the window's key arms a real device; a start does not. Ctrl-C ends the session with zero force.
@@ -48,69 +49,93 @@ use palpate_precompute::certificate::Verdict;
 pub(crate) struct Args {
     /// The .blob file
     blob: PathBuf,
-    /// More .blob files, other models of the same organ: N in the window changes to the next, without a step
-    /// in the force
+    /// More .blob files, models of the same organ; key N changes to the next
+    ///
+    /// The force has no step at the change.
     more: Vec<PathBuf>,
-    /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse
-    /// (drags the organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or
-    /// falcon:FIRMWARE (Novint Falcon on USB, with its firmware file for when it is silent), link:PORT or
-    /// link:PORT@BAUD (a controller that speaks the device link), or replay:FILE.mcap (a recording)
-    #[arg(long, default_value = "sim")]
+    /// sim, mouse, polhem:PORT, falcon, link:PORT or replay:FILE.mcap
+    ///
+    /// sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse (drags the
+    /// organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or falcon:FIRMWARE
+    /// (Novint Falcon on USB, with its firmware file for when it is silent), link:PORT or link:PORT@BAUD (a
+    /// controller that speaks the device link), or replay:FILE.mcap (a recording).
+    #[arg(long, value_name = "DEVICE", default_value = "sim")]
     device: DeviceSpec,
-    /// Capabilities of the device: a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem,
-    /// premium-1.5, sigma.7, simulated, touch) or a file that ends in .toml. With sim that device's mechanics
-    /// are simulated; polhem:PORT, falcon and link:PORT have their own
+    /// Capabilities of the device: a bundled profile or a .toml file
+    ///
+    /// Bundled: delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7, simulated, touch.
+    /// With sim that device's mechanics are simulated; polhem:PORT, falcon and link:PORT have their own.
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
-    /// Interpolation method; if not given, the first that the blob holds of energy, kernel, hermite,
-    /// tricubic, rbf-cubic, rbf-linear, hybrid, trilinear
-    #[arg(long, value_parser = method)]
+    /// Interpolation method; the blob's most accurate if not given
+    ///
+    /// The first that the blob holds of energy, kernel, hermite, tricubic, rbf-cubic, rbf-linear, hybrid,
+    /// trilinear.
+    #[arg(long, value_name = "M", value_parser = method)]
     method: Option<Method>,
     /// Seconds to run; until Ctrl-C if not given
-    #[arg(long)]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     seconds: Option<f64>,
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
-    /// Frames per second without a window; 0 for none; if not given 2, and 12.5 in a film
-    #[arg(long, value_name = "HZ", value_parser = frame_rate)]
-    frame_rate: Option<f32>,
-    /// With --headless: an animated GIF instead of PNG frames; the file must not exist yet
-    #[arg(long, value_name = "FILE.gif", requires = "headless")]
-    gif: Option<PathBuf>,
-    /// Run a blob without a certificate: its error against finite elements is unknown. A red blob never drives
-    /// motors
-    #[arg(long)]
-    uncertified: bool,
-    /// Record every tick to this file (MCAP), which must not exist yet
+    /// Record every tick to this file, which must not exist yet
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
-    /// number, or stick
-    #[arg(long, value_name = "MU", value_parser = friction)]
-    friction: Option<f32>,
-    /// Change to the next of several blobs every S seconds
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    change_every: Option<Duration>,
-    /// Write the histograms of wake-up lateness, device time and compute time to this file, and show them
-    #[arg(long, value_name = "FILE.csv")]
-    histograms: Option<PathBuf>,
-    #[command(flatten)]
-    timing: Timing,
-    /// Print only the summary, as one JSON object, on standard output
-    #[arg(long)]
-    json: bool,
-    /// Time without a tick after which the guard of a real device zeroes the force, ms
-    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS,
-          value_parser = clap::value_parser!(u32).range(3..=20))]
-    guard_ms: u32,
-    /// Send no force to the device: positions are read and forces computed, recorded and shown (five times a
-    /// second on standard error). For the first power-up of a real device: docs/devices.md
+    /// Send no force: for the first power-up of a real device
+    ///
+    /// Positions are read and forces computed, recorded and shown (five times a second on standard error).
+    /// See docs/devices.md.
     #[arg(long)]
     motors_off: bool,
+    /// Run a blob that has no certificate
+    ///
+    /// The error of its forces against finite elements is unknown. A red blob drives no motors in any case.
+    #[arg(long)]
+    uncertified: bool,
+    /// Print also the distributions of times, and the worst misses
+    #[arg(long)]
+    verbose: bool,
+    /// Print only the summary, as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Frames per second without a window; 0 for none; if not given 2, and 12.5 in a film
+    #[arg(long, value_name = "HZ", value_parser = frame_rate, hide_short_help = true, help_heading = "Pictures")]
+    frame_rate: Option<f32>,
+    /// With --headless: an animated GIF instead of PNG frames; the file must not exist yet
+    #[arg(
+        long,
+        value_name = "FILE.gif",
+        requires = "headless",
+        hide_short_help = true,
+        help_heading = "Pictures"
+    )]
+    gif: Option<PathBuf>,
     /// Folder for frames and screenshots; existing ones stay, and the numbers continue
-    #[arg(long, default_value = "palpate-frames")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        default_value = "palpate-frames",
+        hide_short_help = true,
+        help_heading = "Pictures"
+    )]
     pictures: PathBuf,
+    /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
+    /// number, or stick
+    #[arg(long, value_name = "MU", value_parser = friction, hide_short_help = true, help_heading = "Contact")]
+    friction: Option<f32>,
+    /// Change to the next of several blobs every S seconds
+    #[arg(long, value_name = "S", value_parser = seconds, hide_short_help = true, help_heading = "Contact")]
+    change_every: Option<Duration>,
+    #[command(flatten)]
+    timing: Timing,
+    /// Write the histograms of wake-up lateness, device time and compute time to this file
+    #[arg(long, value_name = "FILE.csv", hide_short_help = true, help_heading = "Timing")]
+    histograms: Option<PathBuf>,
+    /// Time without a tick after which the guard of a real device zeroes the force, ms
+    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS,
+          value_parser = clap::value_parser!(u32).range(3..=20), hide_short_help = true)]
+    guard_ms: u32,
     #[command(flatten)]
     replace: Replace,
 }
@@ -128,22 +153,13 @@ fn print_misses(worst: &[Miss]) -> Result<(), Failure> {
     if worst.is_empty() {
         return Ok(());
     }
-    output::line(format!(
-        "\nworst misses {:>9} {:>9} {:>12} {:>12} {:>12}  (ms)",
-        "tick", "late by", "woken late", "device", "controller"
-    ))?;
+    let mut table = Table::new(0, ["tick", "late, ms", "woken late, ms", "device, ms", "controller, ms"]);
     for Miss { tick, late_ns, times, .. } in worst {
-        let ms = |ns: u64| ns as f64 * 1e-6;
-        output::line(format!(
-            "{:22} {:>9.3} {:>12.3} {:>12.3} {:>12.3}",
-            tick,
-            ms(*late_ns),
-            ms(times.wake_ns),
-            ms(times.device_ns),
-            ms(times.compute_ns)
-        ))?;
+        let ms = |ns: u64| format!("{:.3}", ns as f64 * 1e-6);
+        let [wake, device, compute] = [times.wake_ns, times.device_ns, times.compute_ns].map(ms);
+        table.row([tick.to_string(), ms(*late_ns), wake, device, compute]);
     }
-    Ok(())
+    output::line(format!("\nworst misses\n{table}"))
 }
 
 fn frame_rate(text: &str) -> Result<f32, String> {
@@ -209,24 +225,6 @@ fn open_device(
     Ok((Box::new(SimulatedHand::new(organ, config)), None))
 }
 
-/// Without --method: the most accurate method with a cost independent of the grid, its fit, then the others.
-const PREFERENCE: [Method; 8] = [
-    Method::Energy,
-    Method::Kernel,
-    Method::Hermite,
-    Method::Tricubic,
-    Method::RbfCubic,
-    Method::RbfLinear,
-    Method::Hybrid,
-    Method::Trilinear,
-];
-
-/// The default method for these organs: one that all their active nodes have.
-pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
-    let has = |method: &Method| organs.iter().all(|organ| organ.spaces.iter().all(|s| s.has(*method)));
-    PREFERENCE.into_iter().find(has)
-}
-
 /// Refuses arguments that have no effect together.
 fn check(args: &Args) -> Result<(), Failure> {
     if args.change_every.is_some() && args.more.is_empty() {
@@ -281,7 +279,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if let DeviceSpec::Replay { file } = &args.device {
         return run_replay(args, &outputs, &organs, &blob_blake3, file);
     }
-    let method = args.method.or_else(|| preferred(&organs)).ok_or_else(|| {
+    let method = args.method.or_else(|| blob::preferred(&organs)).ok_or_else(|| {
         Failure::input(format!(
             "{}: no method that all its active nodes{} hold; pack again",
             args.blob.display(),
@@ -338,7 +336,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         output::line(format!("{figures:#}"))?;
     }
-    say(format!("method       {}\n{}", method.name(), touched.text()))?;
+    say(summary::headline(&touched.summary))?;
+    say(format!("\nmethod       {}\n{}", method.name(), touched.text()))?;
     if let Some(guard) = &guard {
         say(format!("guard        {guard}"))?;
     }
@@ -350,12 +349,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         say(format!("start        {seconds:.2} s from {megabytes:.1} MB to the first tick"))?;
     }
     say(resident.to_string())?;
+    if args.verbose && !args.json {
+        output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
+        print_misses(&touched.summary.latency.worst)?;
+    }
     if let Some(file) = &outputs.histograms {
-        if !args.json {
-            output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
-            print_misses(&touched.summary.latency.worst)?;
-        }
         output::histograms(file, &touched.summary.latency)?;
+        say(format!("histograms   {}", file.path().display()))?;
     }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);

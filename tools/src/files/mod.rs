@@ -23,9 +23,12 @@ pub(crate) use output::{Folder, Output, Stream};
 #[derive(Debug, Clone, Copy, Default, ClapArgs)]
 pub(crate) struct Replace {
     /// Replace existing files of another kind; an input is never replaced
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     force: bool,
 }
+
+/// The name of standard input and standard output on the command line.
+pub(crate) const STANDARD: &str = "-";
 
 /// Suffixes of the files that SQLite keeps beside a database.
 const BESIDE_A_SPACE: [&str; 3] = ["-wal", "-shm", "-journal"];
@@ -144,6 +147,16 @@ impl Files {
             output.probe()?;
         }
         Ok(output)
+    }
+
+    /// A table at `path`; `None` for standard output, if there is no path or it is `-`.
+    pub(crate) fn table(
+        &mut self,
+        option: &'static str,
+        path: Option<&Path>,
+    ) -> Result<Option<Output>, Failure> {
+        let path = path.filter(|path| *path != Path::new(STANDARD));
+        path.map(|path| self.write(option, path, FileKind::Table)).transpose()
     }
 
     /// An output that must not exist: a recording or film of a session, which cannot be repeated.

@@ -28,7 +28,7 @@ fn columns_hold_what_their_names_say() {
     let (scene, space) = (scene(folder.path(), super::SMALL), folder.path().join("a.space"));
     succeeds(precompute(&scene, &space, 2));
     let mut held_out = palpate();
-    held_out.arg("held-out").arg(&scene).arg("--out").arg(&space);
+    held_out.args(["paper", "held-out"]).arg(&scene).arg("--out").arg(&space);
     held_out.args(["--regular-mm", "0", "--random", "0", "--uniform", "9"]);
     succeeds(held_out);
     let store = Store::open(&space).expect("a space");

@@ -55,7 +55,7 @@ fn a_full_disk_is_reported_as_such_and_no_part_of_a_file_is_left() {
     let Some(disk) = Mount::tmpfs(&folder.path().join("disk"), "size=4k") else { return };
     std::fs::write(disk.0.join("filler"), [0; 4096]).expect("it takes one page");
     let at = |name: &str| text(&disk.0.join(name)).to_string();
-    let compare = ["compare", scene, "--direction=0,0,-1", "--length-mm", "1"];
+    let compare = ["paper", "compare", scene, "--direction=0,0,-1", "--length-mm", "1"];
     let run = ["run", blob, "--uncertified", "--headless", "--seconds", "0.3"];
     let writers: [(&[&str], &[&str], &str); 14] = [
         (&path, &["--csv"], "a.csv"),
@@ -153,7 +153,7 @@ fn an_interrupted_comparison_keeps_its_rows_and_draws_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = scene(folder.path(), SMALL);
     let [csv, png] = ["laws.csv", "laws.png"].map(|name| folder.path().join(name));
-    let pull = ["compare", text(&scene), "--direction=1,0,0", "--length-mm", "10000"];
+    let pull = ["paper", "compare", text(&scene), "--direction=1,0,0", "--length-mm", "10000"];
     let outputs = ["--laws", "linear,mooney-rivlin", "--out", text(&png), "--csv", text(&csv)];
     Started::of(&[&pull[..], &outputs].concat())
         .ends_with(Signal::SIGINT, "palpate: interrupted; the rows so far");

@@ -159,7 +159,13 @@ fn with_second_node(scene: &Path) -> PathBuf {
 
 fn held_out(scene: &Path, space: &Path, more: &[&str]) -> Command {
     let mut command = palpate();
-    command.arg("held-out").arg(scene).arg("--out").arg(space).args(["--threads", "2"]).args(more);
+    command
+        .args(["paper", "held-out"])
+        .arg(scene)
+        .arg("--out")
+        .arg(space)
+        .args(["--threads", "2"])
+        .args(more);
     command
 }
 
@@ -167,7 +173,7 @@ fn held_out(scene: &Path, space: &Path, more: &[&str]) -> Command {
 fn protocol(out: &Path, more: &[&str]) -> Command {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
     let mut command = palpate();
-    command.arg("protocol").arg(scene).arg("--out").arg(out).args(["--threads", "2"]).args(more);
+    command.args(["paper", "protocol"]).arg(scene).arg("--out").arg(out).args(["--threads", "2"]).args(more);
     command
 }
 

@@ -73,7 +73,13 @@ impl MeshReport {
 }
 
 impl fmt::Display for MeshReport {
+    /// The warnings, then the figures; the alternate form `{:#}` adds the histogram of the dihedral angles.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let warnings = self.warnings();
+        match &warnings[..] {
+            [] => writeln!(f, "no warnings")?,
+            _ => writeln!(f, "warning: {}", warnings.join("\nwarning: "))?,
+        }
         let mm = |c: f64| 1e3 * c;
         let point = |x: [f64; 3]| x.map(|c| format!("{:.2}", mm(c))).join(", ");
         let [x, y, z] = [0, 1, 2].map(|axis| mm(self.high_m[axis] - self.low_m[axis]));
@@ -129,24 +135,29 @@ impl fmt::Display for MeshReport {
         let Range { min, max, .. } = self.dihedral_deg;
         writeln!(f, "dihedral angles {min:.1} to {max:.1} degrees; the smallest in tet {}", self.worst_tet)?;
         writeln!(f, "inside          {} tets have no vertex there", self.tets_without_interior_vertex)?;
+        let groups = self.groups.iter().map(|group| {
+            let tets = if group.tets > 0 { format!(", {}", count(group.tets, "tet")) } else { String::new() };
+            format!("\"{}\" ({}{tets})", group.name, count(group.nodes, "node"))
+        });
+        let groups: Vec<String> = groups.collect();
+        let groups = if groups.is_empty() { "none".into() } else { groups.join(", ") };
+        write!(f, "groups          {groups}")?;
+        if f.alternate() { self.write_histogram(f) } else { Ok(()) }
+    }
+}
+
+impl MeshReport {
+    /// Number of tets by their smallest dihedral angle.
+    fn write_histogram(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Range { median, .. } = self.min_dihedral_deg;
-        writeln!(f, "smallest dihedral angle of each tet, degrees (median {median:.1}, regular tet 70.5)")?;
+        write!(f, "\nsmallest dihedral angle of each tet, degrees (median {median:.1}, regular tet 70.5)")?;
         let most = self.min_dihedral_histogram.iter().copied().max().unwrap_or(1).max(1);
         for (bin, &n) in self.min_dihedral_histogram.iter().enumerate() {
             let from = MIN_BIN_DEG * bin as f64;
             // A bin that is not empty has at least one mark, because the rare bad tets matter most.
             let bar = "#".repeat((BAR * n).div_ceil(most));
-            let row = format!("  {from:>2.0} - {:>2.0} {n:>9} |{bar}", from + MIN_BIN_DEG);
-            writeln!(f, "{row}")?;
+            write!(f, "\n  {from:>2.0} - {:>2.0} {n:>9} |{bar}", from + MIN_BIN_DEG)?;
         }
-        for group in &self.groups {
-            let tets = if group.tets > 0 { format!(", {}", count(group.tets, "tet")) } else { String::new() };
-            writeln!(f, "group \"{}\": {}{tets}", group.name, count(group.nodes, "node"))?;
-        }
-        let warnings = self.warnings();
-        if warnings.is_empty() {
-            return write!(f, "no warnings");
-        }
-        write!(f, "warning: {}", warnings.join("\nwarning: "))
+        Ok(())
     }
 }

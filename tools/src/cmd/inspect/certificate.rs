@@ -245,7 +245,7 @@ fn of_health(health: &Health) -> String {
     text
 }
 
-fn mn(newtons: f64) -> String {
+pub(super) fn mn(newtons: f64) -> String {
     let value = 1e3 * newtons;
     if value == 0.0 || value >= 100.0 {
         format!("{value:.0}")

@@ -4,14 +4,16 @@ pub(crate) mod certificate;
 mod columns;
 mod held_out;
 mod map;
+pub(crate) mod overview;
 mod recording;
 pub(crate) mod scattered;
 mod space;
+mod summarised;
 
 use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
-use palpate_core::{ContactConfig, Method, Organ, TouchSurface};
+use palpate_core::{ContactConfig, Method, Organ, Space, TouchSurface};
 use palpate_host::sliding::{self, SlidingReport};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
 use palpate_precompute::scene::{Scene, Unreachable};
@@ -19,47 +21,52 @@ use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Lattice, Sampling, Scattered, Tolerance};
 use serde_json::json;
 
-use super::run;
 use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 use crate::output;
 
-/// Show the content of a mesh, scene (.toml), space (.space), blob (.blob) or recording (.mcap).
+/// Show what a mesh, scene, space, blob or recording holds.
 ///
 /// Of a space: points by tag, failures by reason, retries, branch jumps (between neighbours), inverted and
 /// unstable states, forces, iterations and seconds.
 ///
-/// Of a blob: its content and its certificate: verdict (green, yellow, red) with the reasons, errors at
-/// positions that no fit uses, and the ledger of omissions.
+/// Of a blob: its content and its certificate: verdict (green, yellow, red) with the reasons, and errors at
+/// positions that no fit uses; with --verbose all tables and the ledger of omissions.
 ///
 /// Of a recording: device, method, length, contacts, peak forces, faults, timing, and what is missing.
 ///
 /// Of a mesh, alone or in a scene: counts, size, groups, the quality of its tets with a histogram of their
-/// smallest dihedral angles, and warnings with the fix.
+/// smallest dihedral angles (--verbose), and warnings with the fix.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// The file
+    /// A mesh, .toml, .space, .blob or .mcap file
     file: PathBuf,
-    /// Of a .space or .mcap: write one row per configuration (sorted) or tick to this CSV file, full
-    /// precision
+    /// Print everything: whole certificate, all nodes, histograms
     #[arg(long)]
+    verbose: bool,
+    /// Of a .space or .mcap: a row per configuration or tick
+    ///
+    /// Sorted, with full precision.
+    #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
-    /// With --csv: one row per attempt, also abandoned and superseded ones
+    /// With --csv: a row per attempt, also superseded ones
     #[arg(long, requires = "csv")]
     all_tries: bool,
-    /// Of a .space: write its configurations to this VTU file, a cloud of points for ParaView (one file per
-    /// active node: FILE-NAME.vtu if several)
-    #[arg(long)]
+    /// Of a .space: its configurations as points for ParaView
+    ///
+    /// One file per active node: FILE-NAME.vtu if there are several.
+    #[arg(long, value_name = "FILE.vtu")]
     vtu: Option<PathBuf>,
-    /// Of a .space: write its held-out solutions to this CSV file, one row per position
-    #[arg(long, value_name = "CSV")]
+    /// Of a .space: its held-out solutions, a row per position
+    #[arg(long, value_name = "FILE.csv")]
     held_out: Option<PathBuf>,
-    /// Of a .space: write a picture to this PNG file, the organ coloured by its stiffness at rest and by the
-    /// configurations of its nodes
-    #[arg(long, value_name = "PNG")]
+    /// Of a .space: a picture of stiffness and configurations
+    ///
+    /// The organ coloured by its stiffness at rest and by the configurations of its nodes.
+    #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
-    /// Of a mesh: its unit of length, m, cm or mm (a scene states its own) [default: m]
+    /// Of a mesh: its unit, m, cm or mm (a scene states its own) [default: m]
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Print the figures as JSON
@@ -83,42 +90,43 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut files = Files::new(args.replace);
     let (text, figures) = match kind.as_str() {
         "space" => space::show(args, &mut files)?,
-        "blob" => blob(&args.file)?,
+        "blob" => blob(&args.file, args.verbose)?,
         "mcap" => {
             files.read(&args.file);
             let csv =
                 args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
             recording::show(&args.file, csv.as_ref())?
         }
-        "toml" => scene(&args.file)?,
-        _ => mesh(&args.file, args.unit.unwrap_or_default())?,
+        "toml" => scene(&args.file, args.verbose)?,
+        _ => mesh(&args.file, args.unit.unwrap_or_default(), args.verbose)?,
     };
-    if args.json {
-        output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?)?;
-    } else {
-        output::line(text)?;
-    }
-    Ok(())
+    if args.json { output::json(&figures) } else { output::line(text) }
 }
+
+/// Maximum number of spaces shown without --verbose.
+const MAX_SPACES: usize = 4;
+/// Maximum number of active nodes whose names are shown without --verbose.
+const MAX_NAMES: usize = 8;
 
 type Shown = (String, serde_json::Value);
 
-fn mesh(path: &Path, unit: LengthUnit) -> Result<Shown, Failure> {
+fn mesh(path: &Path, unit: LengthUnit, verbose: bool) -> Result<Shown, Failure> {
     let mesh = palpate_precompute::mesh::read(path, unit)?;
-    describe_mesh(&mesh)
+    describe_mesh(&mesh, verbose)
 }
 
-fn describe_mesh(mesh: &TetMesh) -> Result<Shown, Failure> {
+/// The warnings, then the figures; with `verbose` also the histogram.
+fn describe_mesh(mesh: &TetMesh, verbose: bool) -> Result<Shown, Failure> {
     let report = MeshReport::of(mesh);
     let mut figures = serde_json::to_value(&report).map_err(Failure::work)?;
     figures["warnings"] = json!(report.warnings());
-    Ok((report.to_string(), figures))
+    Ok((if verbose { format!("{report:#}") } else { report.to_string() }, figures))
 }
 
-fn scene(path: &Path) -> Result<Shown, Failure> {
+fn scene(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     let bench = analysis::load(path)?;
     let scene = &bench.scene;
-    let (mesh_text, mesh_figures) = describe_mesh(&scene.mesh)?;
+    let (mesh_text, mesh_figures) = describe_mesh(&scene.mesh, verbose)?;
     let active: Vec<String> = scene.active.iter().map(|a| format!("{} (node {})", a.name, a.node)).collect();
     let grid_text = scene.grid.map_or("none".into(), |sampling| match sampling {
         Sampling::Lattice(Lattice { grid, .. }) => {
@@ -142,13 +150,19 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     };
     let doubts = doubtful_for_pressure(&scene.mesh, &scene.fixed);
     let doubts_text =
-        doubts.warning().map_or_else(String::new, |line| format!("\nif incompressible: {line}"));
+        doubts.warning().map_or_else(String::new, |line| format!("if incompressible: {line}\n"));
+    let more = active.len().saturating_sub(MAX_NAMES);
+    let more = if more > 0 && !verbose { format!(" and {more} more") } else { String::new() };
+    let shown = if verbose { &active[..] } else { &active[..active.len().min(MAX_NAMES)] };
+    let (warnings, mesh_text) = mesh_text.split_once("\nnodes ").unwrap_or_default();
     let text = format!(
-        "scene   {}\nlaw     {}\nfixed   {} nodes\nactive  {}\ngrid    {grid_text}\nf_max   {} N\n\n{mesh_text}{doubts_text}",
+        "{warnings}\n{doubts_text}\nscene           {}\nlaw             {}\nfixed           {} nodes\nactive          {}{more}{}\n\
+         grid            {grid_text}\nf_max           {} N\nnodes {mesh_text}",
         scene.name,
         bench.body.law_names(),
         scene.fixed.len(),
-        active.join(", ") + &left_out(&scene.unreachable),
+        shown.join(", "),
+        left_out(&scene.unreachable),
         scene.max_force_n
     );
     let figures = json!({
@@ -184,47 +198,47 @@ fn in_words(scattered: &Scattered) -> String {
     )
 }
 
-fn blob(path: &Path) -> Result<Shown, Failure> {
+fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     let file = crate::blob::load(path)?;
     let organ = crate::blob::organ(path, &file)?;
-    let mut text = format!(
-        "scene    {} ({})\nsize     {} bytes\nsurface  {} vertices, {} triangles\nf_max    {}\n",
+    let spaces: Vec<_> = organ.spaces.iter().map(space_figures).collect();
+    let sliding = sliding(&organ);
+    let certificate = certificate::of(path, &organ)?;
+    let mut text = match &certificate {
+        Some(certificate) => overview::headline(certificate),
+        None => "no certificate: the error of its forces against finite elements is unknown".into(),
+    };
+    let f_max = if organ.max_force_n < f32::MAX { format!("{} N", organ.max_force_n) } else { "none".into() };
+    text.push_str(&format!(
+        "\n\nscene    {} ({}), f_max {f_max}\nsize     {} bytes; surface of {} vertices, {} triangles\n",
         organ.scene,
         organ.law,
         file.bytes().len(),
         organ.surface.node.len(),
         organ.surface.triangles.len(),
-        if organ.max_force_n < f32::MAX { format!("{} N", organ.max_force_n) } else { "none".into() }
-    );
-    let mut spaces = Vec::new();
-    for space in &organ.spaces {
-        let methods: Vec<&str> = Method::ALL.iter().filter(|m| space.has(**m)).map(|m| m.name()).collect();
-        let solved = space.planes().flags.iter().filter(|f| **f & palpate_core::flags::SOLVED != 0).count();
-        text.push_str(&format!(
-            "\n{} (node {})\n  {} slots, {solved} solved, r_G {} m, spacing {} m\n  {}{}\n",
-            space.active.name,
-            space.active.node,
-            space.lattice().slots(),
-            space.lattice().radius_m(),
-            space.lattice().spacing_m(),
-            methods.join(", "),
-            if space.displacement().is_some() { ", displacements" } else { "" }
-        ));
-        spaces.push(json!({
-            "name": space.active.name.as_str(), "node": space.active.node, "slots": space.lattice().slots(), "solved": solved,
-            "radius_m": space.lattice().radius_m(), "spacing_m": space.lattice().spacing_m(), "methods": methods,
-            "displacements": space.displacement().is_some(),
-        }));
+    ));
+    let shown = if verbose { organ.spaces.len() } else { MAX_SPACES };
+    organ.spaces.iter().take(shown).for_each(|space| text.push_str(&space_in_words(space)));
+    if let Some(space) = organ.spaces.first() {
+        let displacements = if space.displacement().is_some() { ", displacements" } else { "" };
+        text.push_str(&format!("tables   {}{displacements}\n", contents(space).1.join(", ")));
     }
-    let sliding = sliding(&organ);
+    if organ.spaces.len() > shown {
+        text.push_str(&format!("         and {} more nodes\n", organ.spaces.len() - shown));
+    }
     if let Some(report) = &sliding {
-        text.push_str(&format!("\nsliding  {report}\n"));
+        text.push_str(&format!("sliding  {report}\n"));
     }
-    let certificate = certificate::of(path, &organ)?;
-    match &certificate {
-        Some(certificate) => text.push_str(&format!("\n{}", certificate::as_text(certificate))),
-        None => {
-            text.push_str("\nno certificate: the error of its forces against finite elements is unknown\n")
+    if let Some(certificate) = &certificate {
+        text.push('\n');
+        if verbose {
+            text.push_str(&certificate::as_text(certificate));
+        } else {
+            text.push_str(&overview::overview(certificate));
+            text.push_str(&format!(
+                "\n\nthe whole certificate: palpate inspect {} --verbose",
+                path.display()
+            ));
         }
     }
     let figures = json!({
@@ -240,10 +254,38 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
     Ok((text.trim_end().into(), figures))
 }
 
+/// The number of solved configurations of a space, and the names of its methods.
+fn contents(space: &Space<'_>) -> (usize, Vec<&'static str>) {
+    let is_solved = |flags: &&u8| **flags & palpate_core::flags::SOLVED != 0;
+    let methods = Method::ALL.iter().filter(|method| space.has(**method)).map(|method| method.name());
+    (space.planes().flags.iter().filter(is_solved).count(), methods.collect())
+}
+
+fn space_in_words(space: &Space<'_>) -> String {
+    format!(
+        "{:<8} node {}, r_G {} m, {} of {} slots {} m apart solved\n",
+        space.active.name,
+        space.active.node,
+        space.lattice().radius_m(),
+        contents(space).0,
+        space.lattice().slots(),
+        space.lattice().spacing_m()
+    )
+}
+
+fn space_figures(space: &Space<'_>) -> serde_json::Value {
+    let (solved, methods) = contents(space);
+    json!({
+        "name": space.active.name.as_str(), "node": space.active.node, "slots": space.lattice().slots(), "solved": solved,
+        "radius_m": space.lattice().radius_m(), "spacing_m": space.lattice().spacing_m(), "methods": methods,
+        "displacements": space.displacement().is_some(),
+    })
+}
+
 /// The cost of sliding with the method and friction that `run` would use; `None` without a triangle to slide
 /// on.
 fn sliding(organ: &Organ<'_>) -> Option<SlidingReport> {
-    let method = run::preferred(&[organ])?;
+    let method = crate::blob::preferred(&[organ])?;
     let mut memory = vec![0; TouchSurface::words(organ)];
     let surface = TouchSurface::new(organ, &mut memory)?;
     let report = sliding::report(organ, &surface, method, ContactConfig::default().friction);

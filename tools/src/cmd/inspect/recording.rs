@@ -79,12 +79,16 @@ impl Figures {
         let faults: Vec<String> =
             self.faults.iter().map(|(name, times)| format!("{name} ({times})")).collect();
         let dropped = end.map_or(0, |end| end.dropped_by_loop.saturating_add(end.dropped_by_recorder));
+        let is_whole = !recording.is_cut() && recording.lost() + dropped == 0;
         let text = format!(
-            "device       {}\nscene        {} (active nodes {})\nblob         {}\nmethod       {} ({}, {})\n\
+            "{}: {} ticks in {seconds:.1} s, {} faults\n\ndevice       {}\nscene        {} (active nodes {})\nblob         {}\nmethod       {} ({}, {})\n\
              begun        {:.3} s after 1970\nticks        {}, {seconds:.3} s; {} deadlines skipped, {} without a sample\n\
              touch        {} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; \
              peak displacement {:.1} mm\ntiming       compute {mean_compute_us:.1} us mean, {:.1} us max; at most {:.1} us late\n\
              faults       {}\nlosses       {} records missing between ticks, {dropped} counted as dropped\nend          {}",
+            if is_whole { "complete" } else { "INCOMPLETE" },
+            self.ticks,
+            self.faults.values().sum::<u64>(),
             header.device.name,
             header.scene,
             header.active.join(", "),

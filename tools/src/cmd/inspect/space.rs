@@ -11,11 +11,14 @@ use palpate_precompute::space::{Equilibrium, FallbackLattice, Record, Store, bra
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
-use super::columns::{field, number, numbers};
+use super::columns::cells;
+use super::summarised::Summarised;
 use super::{Args, Shown, held_out, map, scattered};
-use crate::cmd::held_out::in_words;
+use crate::analysis::existing_space;
+use crate::cmd::paper::held_out::in_words;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output};
+use crate::output::Csv;
 
 /// One active node's space, read once.
 struct Space {
@@ -60,7 +63,7 @@ impl Outputs {
 /// Describes the store, and writes the requested files.
 pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
     files.update_space(&args.file);
-    let store = Store::open(&args.file)?;
+    let store = existing_space(&args.file)?;
     let outputs = Outputs::of(args, &store, files)?;
     let identity = store.identity()?;
     let (sampling, points_of_all) = (identity.sampling, identity.sampling.points());
@@ -82,7 +85,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         map::write(&store, picture)?;
     }
     let unreachable = super::left_out_of(&store)?;
-    let mut text = format!(
+    let head = format!(
         "scene   {} ({})\ngrid    {grid_words}, f_max {} N{}\nsolver  {}\n",
         identity.scene_name,
         identity.law,
@@ -90,7 +93,9 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         super::left_out(&unreachable),
         store.meta("solver")?
     );
-    let (mut figures, mut table) = (Vec::new(), format!("{CSV_HEADER}\n"));
+    let mut text = head.clone();
+    let mut summary = Summarised::new();
+    let (mut figures, mut table) = (Vec::new(), Csv::new(CSV_HEADER.split(','))?);
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let attempts = store.attempts(active)?;
         let records = store.records(active)?;
@@ -104,6 +109,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         };
         let space = Space { name, node, branch_jumps, attempts, records, open: state.open };
         let (words, mut numbers) = space.describe(points_of_all);
+        summary.take(&numbers);
         text.push_str(&words);
         if sampling.scattered().is_some() {
             let fallback = fallback.as_ref().map(|lattice| (lattice, &space.records[..]));
@@ -119,14 +125,14 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         numbers["held_out"] = json!(walks);
         figures.push(numbers);
         if outputs.csv.is_some() {
-            space.rows(&sampling, args.all_tries, &mut table);
+            space.rows(&sampling, args.all_tries, &mut table)?;
         }
         if let Some(vtu) = outputs.vtu.get(active) {
             space.cloud(&sampling, vtu)?;
         }
     }
     if let Some(csv) = &outputs.csv {
-        csv.put(table.as_bytes())?;
+        csv.put(&table.finish()?)?;
     }
     if let Some(file) = &outputs.held_out {
         held_out::write(&store, &sampling, file)?;
@@ -137,6 +143,7 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         "max_force_n": identity.max_force_n, "unreachable": unreachable,
         "solver": store.meta("solver")?, "spaces": figures,
     });
+    let text = if args.verbose { format!("{}\n\n{text}", summary.headline()) } else { summary.text(&head) };
     Ok((text.trim_end().into(), figures))
 }
 
@@ -232,14 +239,15 @@ impl Space {
         worst
     }
 
-    fn rows(&self, grid: &Sampling, all_tries: bool, table: &mut String) {
+    fn rows(&self, grid: &Sampling, all_tries: bool, table: &mut Csv) -> Result<(), Failure> {
         let excesses = self.excesses();
         let kept: HashMap<GridIndex, u32> = self.records.iter().map(|r| (r.index, r.attempt)).collect();
         for record in if all_tries { &self.attempts } else { &self.records } {
             let counts = kept.get(&record.index) == Some(&record.attempt);
             let jump = excesses.get(&record.index).filter(|_| counts);
-            table.push_str(&csv_row(&self.name, grid, record, counts, jump));
+            write_row(table, &self.name, grid, record, counts, jump)?;
         }
+        Ok(())
     }
 
     fn cloud(&self, grid: &Sampling, file: &Output) -> Result<(), Failure> {
@@ -291,25 +299,24 @@ const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,p
                           jump_rho_n,jump_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
                           w112_n_m2,w122_n_m2,w222_n_m2";
 
-fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, jump: Option<&[f64; 2]>) -> String {
-    let ([i, j, k], [x, y, z]) = (r.index, grid.displacement_m(r.index));
+fn write_row(
+    table: &mut Csv,
+    active: &str,
+    grid: &Sampling,
+    r: &Record,
+    counts: bool,
+    jump: Option<&[f64; 2]>,
+) -> Result<(), Failure> {
     let (solution, at) = (r.result.as_ref().ok(), r.equilibrium());
-    let mut cells = vec![active.to_string()];
-    cells.extend([i, j, k].map(|n| n.to_string()));
-    cells.extend([x, y, z].map(number));
-    cells.extend([r.tag().name().into(), r.round.to_string()]);
-    cells.extend(r.parent.map_or([const { String::new() }; 3], |(index, _)| index.map(|n| n.to_string())));
-    cells.push(field(r.result.as_ref().err()));
-    cells.extend(numbers(at.map(Equilibrium::numbers)));
-    cells.extend([field(r.residual_n.map(number)), field(at.map(|at| number(at.min_jacobian)))]);
-    cells.extend([field(at.map(|at| at.inverted)), field(solution.map(|s| number(s.volume_m3)))]);
-    cells.extend([r.iterations.to_string(), r.increments.to_string(), number(r.seconds)]);
-    cells.extend([r.attempt.to_string(), field(r.parent.map(|(_, attempt)| attempt))]);
-    cells.extend([u32::from(counts).to_string(), r.factorisations.to_string()]);
-    cells.extend([field(at.and_then(|at| at.unstable_modes)), field(at.map(|at| u32::from(at.switched)))]);
-    cells.extend(numbers(jump.copied()));
-    cells.extend(numbers(solution.map(|s| s.third_n_m2)));
-    cells.join(",") + "\n"
+    let parent = r.parent.map_or([None; 3], |(index, _)| index.map(Some));
+    let place = (active, r.index, grid.displacement_m(r.index), r.tag().name(), r.round, parent);
+    let outcome = (r.result.as_ref().err(), cells(at.map(Equilibrium::numbers)), r.residual_n);
+    let quality = (at.map(|at| at.min_jacobian), at.map(|at| at.inverted), solution.map(|s| s.volume_m3));
+    let cost = (r.iterations, r.increments, r.seconds);
+    let attempt = (r.attempt, r.parent.map(|(_, attempt)| attempt), u32::from(counts), r.factorisations);
+    let branch = (at.and_then(|at| at.unstable_modes), at.map(|at| u32::from(at.switched)));
+    let more = (cells(jump.copied()), cells(solution.map(|s| s.third_n_m2)));
+    table.row((place, outcome, quality, cost, attempt, branch, more))
 }
 
 #[cfg(test)]

@@ -28,7 +28,7 @@ use palpate_core::Method;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::in_parallel;
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::space::{ExpansionError, Store};
+use palpate_precompute::space::ExpansionError;
 use palpate_precompute::spec::{Sampling, Tolerance};
 use serde_json::json;
 
@@ -36,6 +36,7 @@ use self::model::{ComparedModel, Model};
 use self::node::{NodePlan, mean};
 use self::prediction::{Basis, Prediction};
 use self::probe::{MAX_SOLVES, Order, Probed, probe};
+use self::row::Row;
 use crate::analysis::{self, threads};
 use crate::cmd::inspect::certificate::significant;
 use crate::cmd::precompute;
@@ -73,21 +74,24 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     #[arg(required_unless_present = "check", conflicts_with = "check")]
     scene: Option<PathBuf>,
-    /// Worker threads of the plan and of the predicted work; one per core if not given
-    #[arg(long)]
-    threads: Option<usize>,
-    /// Save the intervals to this JSON file
+    /// Save the prediction to this file
     #[arg(long, value_name = "FILE.json", conflicts_with = "check")]
     out: Option<PathBuf>,
-    /// Compare a saved prediction with this solved .space file; nothing is planned
+    /// Compare a saved prediction with this solved space
     #[arg(long, value_name = "FILE.space")]
     check: Option<PathBuf>,
-    /// The prediction that --out saved
+    /// With --check: the prediction that --out saved
     #[arg(long, value_name = "FILE.json", requires = "check")]
     prediction: Option<PathBuf>,
-    /// The .blob packed from the space, for bytes, error and query time
+    /// With --check: the blob of the space, for bytes, error and query time
     #[arg(long, value_name = "FILE.blob", requires = "check")]
     blob: Option<PathBuf>,
+    /// Worker threads, of the plan and of the predicted work; one per core if not given
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Print all rows, nodes and intervals
+    #[arg(long)]
+    verbose: bool,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
@@ -126,9 +130,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
-    output::line(plan.in_words(&bench))?;
-    output::line(row::table(&rows, threads))?;
     output::line(format!("Recommended: {}: {why}.\n", rows[chosen].in_words()))?;
+    // Of each sampling the default method, unless all are asked for.
+    let is_shown =
+        |row: &&Row| args.verbose || row.recommended || row.asked || row.method == Method::Energy.name();
+    let shown: Vec<Row> = rows.iter().filter(is_shown).cloned().collect();
+    output::line(row::table(&shown, threads))?;
+    if args.verbose {
+        output::line(plan.in_words(&bench))?;
+    }
     output::line(prediction.in_words())?;
     output::line(format!(
         "Seconds are on {threads} thread{} of this machine with its present load; ~ marks values extrapolated from coarser or smaller solves. Planned in \
@@ -139,7 +149,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Compares a saved prediction with a solved space.
 fn run_check(args: &Args, space: &Path) -> Result<(), Failure> {
-    let store = Store::open(space)?;
+    let store = analysis::existing_space(space)?;
     let Some(path) = &args.prediction else {
         return Err(Failure::input(format!(
             "--check {}: needs the prediction that was saved before; save one with `palpate plan SCENE.toml --out FILE.json` \

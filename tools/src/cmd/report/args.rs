@@ -8,7 +8,7 @@ use palpate_core::Method;
 use crate::cmd::pack;
 use crate::files::Replace;
 
-/// Measure speed and error of every method on several grids; write tables, plots and one page.
+/// Measure speed and error of every method: tables, plots, one page.
 ///
 /// Spaces, held-out solutions and blobs stay in DIR/work: after Ctrl-C run the same command to continue. The
 /// page is DIR/report.html; it needs no other file and prints well. Its tables are beside it as CSV and JSON.
@@ -27,23 +27,28 @@ pub(crate) struct Args {
     /// Coarse grids and few held-out solutions: takes a minute
     #[arg(long)]
     pub(super) small: bool,
-    /// Grid points along r_G's ball, several with commas: 514,1418,4168,14146 if not given
+    /// Grid points of each grid; 514,1418,4168,14146 if not given
+    ///
+    /// They lie in the ball of radius r_G.
     #[arg(long, value_name = "N,M", value_delimiter = ',')]
     pub(super) grids: Vec<u32>,
-    /// Methods, several with commas
-    #[arg(long, value_delimiter = ',', value_parser = pack::method, default_values = Method::OF_LATTICE.map(Method::name))]
+    /// Methods, separated by commas; all if not given
+    #[arg(long = "method", value_name = "M,M", value_delimiter = ',', value_parser = pack::method,
+          default_values = Method::OF_LATTICE.map(Method::name), hide_default_value = true)]
     pub(super) methods: Vec<Method>,
-    /// r_G in mm; each scene's own if not given (20 for the bundled organ with --small)
+    /// Radius r_G of the spaces, mm; each scene's own if not given
+    ///
+    /// 20 for the bundled organ with --small.
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub(super) radius_mm: Option<f64>,
     /// Active node; each scene's first if not given
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     pub(super) active: Option<String>,
     /// Fit and measure all tables again, even if the blobs are there
     #[arg(long)]
-    pub(super) fit_again: bool,
+    pub(super) again: bool,
     /// Worker threads; one per core if not given
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     pub(super) threads: Option<usize>,
     /// Print the table of methods as JSON
     #[arg(long)]

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::plan::{Family, Plan};
 use super::steps::{Steps, kept};
-use crate::cmd::compare::by_law;
+use crate::cmd::paper::compare::by_law;
 use crate::failure::Failure;
 
 /// The paper's laws.

@@ -65,14 +65,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         for &grid in &plan.grids {
             let case = family.on_grid(grid)?;
             let path: &mut Option<PathBuf> = &mut sibling;
-            of_family.push(measure::measured(
-                &plan,
-                family,
-                &case,
-                path.as_deref(),
-                args.fit_again,
-                &mut steps,
-            )?);
+            of_family.push(measure::measured(&plan, family, &case, path.as_deref(), args.again, &mut steps)?);
             path.get_or_insert_with(|| plan.work.path().join(format!("{}.space", case.name)));
         }
         measured.push(of_family);
@@ -80,7 +73,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let first = &plan.families[0];
     let curves = curves::measured(&plan, first, &mut steps)?;
     let bodies = bodies::measured(&plan, &mut steps)?;
-    let hard = hard::measured(&plan, plan.grids[0], args.fit_again, &mut steps)?;
+    let hard = hard::measured(&plan, plan.grids[0], args.again, &mut steps)?;
     let parts = parts::measured(&plan, &plan.families[0], plan.grids[0], &mut steps)?;
     let case = first.on_grid(plan.grids[0])?;
     let ledger = ledger::measured(&plan, &case, &measured[0][0], &mut steps)?;

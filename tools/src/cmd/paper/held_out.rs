@@ -1,4 +1,4 @@
-//! `palpate held-out`: solutions that no fit uses, solved into the `.space` file.
+//! `palpate paper held-out`: solutions that no fit uses, solved into the `.space` file.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -11,15 +11,15 @@ use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Kind, Store, with_threads};
 use serde_json::json;
 
-use super::precompute::Workers;
 use crate::analysis::{self, open_space, threads};
+use crate::cmd::precompute::Workers;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Solve held-out positions into a .space file: they measure interpolation errors, and no fit uses them.
+/// Solve held-out positions, which measure errors and which no fit uses.
 ///
 /// Three kinds for every active node: regular paths from rest in 26 directions and random paths whose
 /// direction turns slowly (both as in the paper), and uniform positions in the ball that can be reached (|h|
@@ -31,9 +31,9 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     pub scene: PathBuf,
     /// The .space file of the scene
-    #[arg(long)]
+    #[arg(long, value_name = "FILE.space")]
     out: PathBuf,
-    /// Length of the regular paths, mm; 0 for none. The grid's radius if not given
+    /// Length of the regular paths, mm; 0 for none; r_G if not given
     #[arg(long, value_name = "MM")]
     regular_mm: Option<f64>,
     /// Random paths per active node
@@ -42,29 +42,35 @@ pub(crate) struct Args {
     /// Steps of a random path
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.random_steps)]
     random_steps: u32,
-    /// Uniform reachable positions per node (if all 299 are within the tolerance, 99 % of the positions are,
-    /// with 95 % confidence)
+    /// Uniform reachable positions per node
+    ///
+    /// If all of the 299 are within the tolerance, 99 % of the positions are, with 95 % confidence.
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.uniform)]
     uniform: u32,
-    /// Length of a step, mm; if not given, 1, or a tenth of a grid's radius below 10
+    /// Length of a step, mm; 1, or r_G / 10 below 10 mm, if not given
     #[arg(long, value_name = "MM")]
     step_mm: Option<f64>,
     /// Seed of random paths and uniform positions
-    #[arg(long, default_value_t = Draw::PAPER.seed)]
+    #[arg(long, value_name = "SEED", default_value_t = Draw::PAPER.seed)]
     seed: u64,
-    /// Discard the held-out solutions of all active nodes in the file and draw again
+    /// Discard the held-out solutions in the file and draw again
+    ///
+    /// Those of all active nodes.
     #[arg(long, conflicts_with = "active")]
     again: bool,
     /// Only this active node; all if not given
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Worker threads; if not given, one per core (palpate-mpi: one per rank)
-    #[arg(long)]
+    /// Worker threads; one per core if not given (palpate-mpi: one per rank)
+    #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
 }
+
+/// Maximum number of nodes whose counts are printed.
+const MAX_NODES: usize = 8;
 
 impl Args {
     /// The output file, which must not be an input of the scene.
@@ -134,9 +140,16 @@ pub(crate) fn run_with(
             .collect();
         let figures = json!({ "space": args.out, "draw": draw.identity(), "actives": actives,
                               "positions_now": last.positions_now, "seconds": seconds, "threads": team.workers });
-        return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
+        return output::json(&figures);
     }
-    for (name, kinds) in &all {
+    output::line(format!(
+        "{}: {} positions solved now in {seconds:.1} s {} ({})",
+        args.out.display(),
+        last.positions_now,
+        team.words,
+        draw.identity()
+    ))?;
+    for (number, (name, kinds)) in all.iter().enumerate() {
         let uniform = kinds.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
         if uniform < draw.uniform {
             eprintln!(
@@ -145,15 +158,15 @@ pub(crate) fn run_with(
                 draw.uniform
             );
         }
-        output::line(in_words(&format!("{name}:"), kinds))?;
+        if number < MAX_NODES {
+            output::line(in_words(&format!("{name}:"), kinds))?;
+        }
     }
-    output::line(format!(
-        "{}: {} positions solved now in {seconds:.1} s {} ({})",
-        args.out.display(),
-        last.positions_now,
-        team.words,
-        draw.identity()
-    ))
+    if all.len() > MAX_NODES {
+        let (more, out) = (all.len() - MAX_NODES, args.out.display());
+        output::line(format!("and {more} more nodes: palpate inspect {out} --verbose"))?;
+    }
+    Ok(())
 }
 
 /// Adds a warning to a failure if `--again` has deleted the held-out solutions of the file: the same command

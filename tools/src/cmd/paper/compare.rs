@@ -1,4 +1,4 @@
-//! `palpate compare`: the same pull of a body with several laws, in one picture.
+//! `palpate paper compare`: the same pull of a body with several laws, in one picture.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,15 +14,15 @@ use palpate_viewer::comparison::{Comparison, DeformedShape, draw};
 use palpate_viewer::frames::still;
 use serde::Serialize;
 
-use super::path::direction;
 use crate::analysis;
+use crate::cmd::path::direction;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::interrupt::stop_flag;
-use crate::output;
+use crate::output::{self, Csv, Table};
 use crate::progress::WorkProgress;
 
-/// Pull one body with several laws and draw the deformed shapes in one picture.
+/// Pull one body with several laws; draw the shapes in one picture.
 ///
 /// The active node moves from rest along DIRECTION in steps of about 1 mm (the solver halves a step that does
 /// not converge), once per law. The laws agree at small strain, so only the law differs: each takes the
@@ -36,31 +36,36 @@ use crate::progress::WorkProgress;
 /// the exit code is 1. Ctrl-C keeps the rows of the laws so far, the last one at its last converged step; no
 /// picture is drawn.
 ///
-/// Example: palpate compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
+/// Example: palpate paper compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
     scene: PathBuf,
     /// Active node to move; the scene's first if not given
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Direction x,y,z; its length does not matter
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    direction: String,
+    /// Direction; its length does not matter
+    #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true)]
+    direction: [f64; 3],
     /// How far the node is moved, mm
-    #[arg(long, value_name = "L", allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     length_mm: f64,
     /// Laws to compare, at least two, by their names in a scene file
-    #[arg(long, value_delimiter = ',', default_value = "linear,st-venant-kirchhoff,mooney-rivlin")]
+    #[arg(
+        long,
+        value_name = "L,L",
+        value_delimiter = ',',
+        default_value = "linear,st-venant-kirchhoff,mooney-rivlin"
+    )]
     laws: Vec<String>,
     /// PNG file to write
     #[arg(long, value_name = "FILE.png")]
     out: PathBuf,
     /// Size of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "1280x720")]
-    size: String,
-    /// Also write the figures to this CSV file
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "1280x720")]
+    size: (usize, usize),
+    /// Also write the figures to this file
+    #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
     /// Print the figures as JSON
     #[arg(long)]
@@ -109,7 +114,8 @@ struct Outcome {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let (direction, (width, height)) = check(args)?;
+    check(args)?;
+    let (width, height) = args.size;
     let mut files = Files::new(args.replace);
     files.read_scene(&args.scene)?;
     let png = files.write("--out", &args.out, FileKind::Png)?;
@@ -119,7 +125,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (_, active) = bench.active(args.active.as_deref())?;
     let benches =
         args.laws.iter().map(|law| Ok((law, by_law(&bench, law)?))).collect::<Result<Vec<_>, Failure>>()?;
-    let pull = Pull { node: active.node, direction, length_m: 1e-3 * args.length_mm };
+    let pull = Pull { node: active.node, direction: args.direction, length_m: 1e-3 * args.length_mm };
     let mut outcomes = Vec::new();
     let mut progress = WorkProgress::new("compare", "steps");
     for (n, (law, bench)) in benches.iter().enumerate() {
@@ -152,20 +158,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 /// Writes the figures to the CSV file, if requested, and to standard output.
 fn write_rows(outcomes: &[Outcome], csv: Option<&Output>, as_json: bool) -> Result<(), Failure> {
     if let Some(file) = csv {
-        file.put(table(outcomes).as_bytes())?;
+        file.put(&table(outcomes)?)?;
     }
     let rows: Vec<&Row> = outcomes.iter().map(|o| &o.row).collect();
     if as_json {
-        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
+        return output::json(&rows);
     }
     output::line(text(&rows))
 }
 
-/// Checks the arguments before the solves. Returns the direction and the size of the picture.
-fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
-    let direction = direction(&args.direction)
-        .map_err(|error| Failure::input(format!("--direction {}: {error}", args.direction)))?;
-    let size = size(&args.size).map_err(|error| Failure::input(format!("--size {}: {error}", args.size)))?;
+/// Checks the arguments before the solves.
+fn check(args: &Args) -> Result<(), Failure> {
     let steps = args.length_mm / STEP_MM;
     if !(steps > 0.0 && steps <= MAX_STEPS) {
         return Err(Failure::input(format!(
@@ -193,11 +196,11 @@ fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
             args.out.display()
         )));
     }
-    Ok((direction, size))
+    Ok(())
 }
 
 /// The same scene with the law of every region replaced.
-pub(super) fn by_law(bench: &Analysis, law: &str) -> Result<Analysis, Failure> {
+pub(crate) fn by_law(bench: &Analysis, law: &str) -> Result<Analysis, Failure> {
     let mut scene = bench.scene.clone();
     for (region, own) in scene.materials.iter_mut().zip(bench.scene.model().regions) {
         let found = own
@@ -368,44 +371,28 @@ fn percent(share: f64) -> String {
 
 const HEADER: &str = "law,status,length_m,asked_m,fx_n,fy_n,fz_n,force_n,volume_change,min_jacobian,inverted,newton_iterations";
 
-fn table(outcomes: &[Outcome]) -> String {
-    let mut table = format!("{HEADER}\n");
+fn table(outcomes: &[Outcome]) -> Result<Vec<u8>, Failure> {
+    let mut table = Csv::new(HEADER.split(','))?;
     for Outcome { row, .. } in outcomes {
-        let [fx, fy, fz] = row.force_n;
-        table.push_str(&format!(
-            "{},{},{:?},{:?},{fx:?},{fy:?},{fz:?},{:?},{:?},{:?},{},{}\n",
-            row.law,
-            row.status,
-            row.length_m,
-            row.asked_m,
-            row.force_norm_n,
-            row.volume_change,
-            row.min_jacobian,
-            row.inverted,
-            row.newton_iterations
-        ));
+        table.row(row)?;
     }
-    table
+    table.finish()
 }
 
-fn text(rows: &[&Row]) -> String {
-    let wide = rows.iter().map(|row| row.law.len()).max().unwrap_or(0);
-    let mut lines = vec![format!(
-        "{:wide$}  {:>8}  {:>8}  {:>11}  {:>10}  {:>8}  {:>10}",
-        "law", "mm", "|h| N", "volume %", "smallest J", "inverted", "iterations"
-    )];
+fn text(rows: &[&Row]) -> Table {
+    let header = ["law", "status", "pull, mm", "|h|, N", "volume, %", "smallest J", "inverted", "iterations"];
+    let mut table = Table::new(2, header);
     for row in rows {
-        lines.push(format!(
-            "{:wide$}  {:>8.2}  {:>8.3}  {:>+11.4}  {:>10.3}  {:>8}  {:>10}{}",
-            row.law,
-            1e3 * row.length_m,
-            row.force_norm_n,
-            100.0 * row.volume_change,
-            row.min_jacobian,
-            row.inverted,
-            row.newton_iterations,
-            if row.status == "ok" { String::new() } else { format!("  {}", row.status) }
-        ));
+        table.row([
+            row.law.clone(),
+            row.status.into(),
+            format!("{:.2}", 1e3 * row.length_m),
+            format!("{:.3}", row.force_norm_n),
+            format!("{:+.4}", 100.0 * row.volume_change),
+            format!("{:.3}", row.min_jacobian),
+            row.inverted.to_string(),
+            row.newton_iterations.to_string(),
+        ]);
     }
-    lines.join("\n")
+    table
 }

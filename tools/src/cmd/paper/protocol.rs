@@ -1,4 +1,4 @@
-//! `palpate protocol`: the paper's regular paths, 10 active nodes x 26 directions x 2 fixed sets.
+//! `palpate paper protocol`: the paper's regular paths, 10 active nodes x 26 directions x 2 fixed sets.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,13 +17,13 @@ use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 use crate::interrupt::stop_flag;
-use crate::output;
+use crate::output::{self, Table};
 use crate::progress::WorkProgress;
 
-/// Solve the paper's regular paths (section 5.2) and count those that do not converge.
+/// Solve the paper's regular paths and count those that do not converge.
 ///
-/// There are 520 paths of 10 cm in steps of 1 mm for the scene's law: 10 active nodes, 26 directions, 2 fixed
-/// sets.
+/// Section 5.2 of the paper. There are 520 paths of 10 cm in steps of 1 mm for the scene's law: 10 active
+/// nodes, 26 directions, 2 fixed sets.
 ///
 /// The active nodes are free surface nodes as far apart as possible, including the scene's first one. The
 /// scene's force limit is ignored, as in the paper. One .space file per fixed set holds every position. Run
@@ -33,12 +33,12 @@ pub(crate) struct Args {
     /// Scene file (TOML)
     scene: PathBuf,
     /// Folder for the .space files
-    #[arg(long)]
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Groups of the mesh to fix, one per run of the protocol
-    #[arg(long, value_delimiter = ',', default_value = "F1,F2")]
+    #[arg(long, value_name = "F1,F2", value_delimiter = ',', default_value = "F1,F2")]
     fixed: Vec<String>,
-    /// Active nodes
+    /// Number of active nodes
     #[arg(long, value_name = "N", default_value_t = 10)]
     active_nodes: usize,
     /// Length of a path, mm
@@ -54,7 +54,7 @@ pub(crate) struct Args {
     #[arg(long)]
     again: bool,
     /// Worker threads; one per core if not given
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print the figures as JSON
     #[arg(long)]
@@ -98,7 +98,19 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     };
     let (stop, sets) = (stop_flag()?, benches.len());
     let start = Instant::now();
-    let (mut lines, mut figures) = (Vec::new(), Vec::new());
+    let header = [
+        "fixed",
+        "paths",
+        "whole",
+        "failed",
+        "failed, %",
+        "positions",
+        "inverted",
+        "branches",
+        "iterations",
+        "CPU, s",
+    ];
+    let (mut table, mut figures) = (Table::new(1, header), Vec::new());
     let mut total = Summary::default();
     for (number, ((fixed, bench), space)) in (1..).zip(benches.iter().zip(&spaces)) {
         let store = open_space(bench, space, false)?;
@@ -124,7 +136,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                 of_set.add(&sum);
             }
         }
-        lines.push(format!("{fixed:8} {}", row(&of_set)));
+        table.row(row(fixed, &of_set));
         total.add(&of_set);
     }
     let seconds = start.elapsed().as_secs_f64();
@@ -132,35 +144,31 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let law = benches.first().map(|(_, bench)| bench.body.law_names());
         let whole = json!({ "scene": scene.name, "law": law, "rows": figures, "total": total, "seconds": seconds,
                             "threads": threads });
-        return output::line(serde_json::to_string_pretty(&whole).map_err(Failure::work)?);
+        return output::json(&whole);
     }
-    output::line(
-        "fixed     paths  whole  failed   share  positions  inverted  branches  iterations   CPU s",
-    )?;
-    for line in lines {
-        output::line(line)?;
-    }
-    output::line(format!("{:8} {}", "all", row(&total)))?;
+    table.row(row("all", &total));
     let reasons: Vec<String> = total.failed.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
-    if !reasons.is_empty() {
-        output::line(format!("failures: {}", reasons.join(", ")))?;
-    }
-    output::line(format!("{seconds:.1} s on {threads} threads; every position is in {}", args.out.display()))
+    let reasons = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
+    output::line(format!("{} of {} paths failed{reasons}\n\n{table}", total.failures(), total.walks))?;
+    output::line(format!(
+        "\n{seconds:.1} s on {threads} threads; every position is in {}",
+        args.out.display()
+    ))
 }
 
-fn row(s: &Summary) -> String {
-    format!(
-        "{:6} {:6} {:7} {:6.1}% {:10} {:9} {:9} {:11} {:7.1}",
-        s.walks,
-        s.whole,
-        s.failures(),
-        100.0 * f64::from(s.failures()) / f64::from(s.walks.max(1)),
-        s.positions,
-        s.inverted,
-        s.switched,
-        s.iterations,
-        s.seconds
-    )
+fn row(fixed: &str, s: &Summary) -> [String; 10] {
+    [
+        fixed.into(),
+        s.walks.to_string(),
+        s.whole.to_string(),
+        s.failures().to_string(),
+        format!("{:.1}", 100.0 * f64::from(s.failures()) / f64::from(s.walks.max(1))),
+        s.positions.to_string(),
+        s.inverted.to_string(),
+        s.switched.to_string(),
+        s.iterations.to_string(),
+        format!("{:.1}", s.seconds),
+    ]
 }
 
 /// Free surface nodes with large distances from one another, starting with the scene's first active node.
