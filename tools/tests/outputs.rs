@@ -6,6 +6,8 @@ use std::process::{Command, Output};
 
 use palpate_tests::write_beam_scene;
 
+use crate::run;
+
 const MR: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
 const GRID: &str = "radius_m = 0.01\nspacing_m = 0.01";
 /// A real organ with every method.
@@ -37,7 +39,7 @@ impl Bench {
 
     fn palpate(&self, line: &str) -> Output {
         let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
-        command.current_dir(self.folder.path()).args(line.split(' ')).output().expect("the binary runs")
+        run(command.current_dir(self.folder.path()).args(line.split(' ')))
     }
 
     fn succeeds(&self, line: &str) {

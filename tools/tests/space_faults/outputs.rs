@@ -7,8 +7,9 @@ use std::time::Duration;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use super::disk::{Mount, text};
+use super::disk::Mount;
 use super::{SMALL, output, palpate, precompute, scene, succeeds};
+use crate::text;
 
 fn command(arguments: &[&str]) -> Command {
     let mut command = palpate();

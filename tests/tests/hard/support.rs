@@ -9,9 +9,9 @@ use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::scene::Scene;
 use palpate_tests::{beam, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff, write_gmsh22};
 
-use crate::meshes::two_pieces;
-use crate::table::{Case, Cost, row};
-use crate::walk::{body, norm, problem, relative_error, state};
+use super::meshes::two_pieces;
+use super::table::{Case, Cost, row};
+use super::walk::{body, norm, problem, relative_error, state};
 
 const DOWN: [f64; 3] = [0.0, 0.002, -0.006];
 

@@ -4,8 +4,8 @@ use palpate_precompute::fem::{Handle, Model, Order, PressureFault, Region, Solve
 use palpate_precompute::mesh::Surface;
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where};
 
-use crate::table::{Case, Cost, row};
-use crate::walk::{body, problem, state};
+use super::table::{Case, Cost, row};
+use super::walk::{body, problem, state};
 
 #[test]
 fn a_completely_fixed_surface_is_refused_and_does_not_converge() {

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use palpate_precompute::fem::Solver;
 use palpate_precompute::mesh::Surface;
 
-use crate::table::{Case, Cost, row};
-use crate::walk::{body, norm, organ, problem, relative_error, state, walk};
+use super::table::{Case, Cost, row};
+use super::walk::{body, norm, organ, problem, relative_error, state, walk};
 
 const STEP_M: f64 = 0.005;
 const STEPS: u32 = 12;

@@ -5,9 +5,9 @@ use palpate_precompute::fem::{Configuration, Handle, Model, Order, Solver};
 use palpate_precompute::mesh::{MeshReport, TetMesh};
 use palpate_tests::{mooney_rivlin, nearest_node, nodes_where};
 
-use crate::meshes::{box_of_five, nested_cubes};
-use crate::table::{Case, Cost, row};
-use crate::walk::{body, problem, relative_error, state};
+use super::meshes::{box_of_five, nested_cubes};
+use super::table::{Case, Cost, row};
+use super::walk::{body, problem, relative_error, state};
 
 fn lame() -> Lame {
     Lame::from_young_poisson(15480.0, 0.45)

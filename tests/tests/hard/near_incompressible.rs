@@ -4,8 +4,8 @@ use palpate_precompute::fem::material::{Lame, Material, MooneyRivlin, NeoHookean
 use palpate_precompute::fem::{Handle, Model, Order, PressurePair, Solver};
 use palpate_tests::{box_mesh, nearest_node, nodes_where};
 
-use crate::table::{Case, Cost, row};
-use crate::walk::{body, norm, problem, relative_error, state};
+use super::table::{Case, Cost, row};
+use super::walk::{body, norm, problem, relative_error, state};
 
 /// Shear modulus, the same for every Poisson ratio.
 const MU_PA: f64 = 5160.0;

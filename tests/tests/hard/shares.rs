@@ -13,7 +13,7 @@ use palpate_precompute::fem::material::Material;
 use palpate_precompute::fem::{Handle, Solver};
 use palpate_tests::{mooney_rivlin, st_venant_kirchhoff};
 
-use crate::walk::{Walk, norm, organ, problem, walk};
+use super::walk::{Walk, norm, organ, problem, walk};
 
 const STEP_M: f64 = 0.001;
 const STEPS: u32 = 100;
@@ -48,7 +48,7 @@ fn share(law: Material) -> (usize, usize) {
             let mut scene = scene.clone();
             scene.fixed.clone_from(&scene.mesh.node_groups[fixed]);
             scene.materials[0].material = law.clone();
-            (fixed, crate::walk::body(&scene.mesh, &scene.model()))
+            (fixed, super::walk::body(&scene.mesh, &scene.model()))
         })
         .into();
     let walks: Mutex<Vec<(usize, Walk, f64)>> = Mutex::new(Vec::new());

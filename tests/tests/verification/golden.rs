@@ -20,7 +20,7 @@ struct Row {
 type Key = (String, String, u8, String, String, u32);
 
 fn golden() -> BTreeMap<Key, Vec<Row>> {
-    let text = include_str!("../peers/golden/forces.csv");
+    let text = include_str!("../../peers/golden/forces.csv");
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let header: Vec<&str> = lines.next().expect("the table has a header").split(',').collect();
     let column = |name: &str| header.iter().position(|h| *h == name).expect("a column of the golden table");

@@ -9,7 +9,7 @@ use palpate_precompute::fem::{
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::scene::{ResolvedScene, Scene};
 
-use crate::table::Cost;
+use super::table::Cost;
 
 /// Result of a straight path.
 #[derive(Debug)]

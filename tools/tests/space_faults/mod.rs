@@ -39,7 +39,7 @@ fn precompute(scene: &Path, space: &Path, threads: usize) -> Command {
 }
 
 fn output(mut command: Command) -> Output {
-    command.output().expect("the binary runs")
+    crate::run(&mut command)
 }
 
 fn succeeds(command: Command) {

@@ -4,9 +4,9 @@ use palpate_precompute::fem::material::{Material, Value};
 use palpate_precompute::fem::{Body, Handle, Model, Order, PressurePair, Solver};
 use palpate_tests::{beam, livers, nearest_node, nodes_where};
 
-use crate::meshes::scaled;
-use crate::table::{Case, Cost, row};
-use crate::walk::{problem, relative_error};
+use super::meshes::scaled;
+use super::table::{Case, Cost, row};
+use super::walk::{problem, relative_error};
 
 /// The law with all moduli scaled by `factor`.
 fn stiffer(law: &Material, factor: f64) -> Material {

@@ -4,8 +4,8 @@ use palpate_precompute::fem::material::{Lame, Material, NeoHookean};
 use palpate_precompute::fem::{FailureReason, Handle, Model, Solver};
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
 
-use crate::table::{Case, row};
-use crate::walk::{Walk, body, organ, problem, walk};
+use super::table::{Case, row};
+use super::walk::{Walk, body, organ, problem, walk};
 
 /// A cube of 40 mm, fixed at its bottom; a plate or a point compresses it in steps of 1 mm to nine tenths of
 /// its height.

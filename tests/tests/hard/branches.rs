@@ -8,8 +8,8 @@ use palpate_precompute::fem::{Configuration, Handle, Model, Pose, Problem, Solve
 use palpate_precompute::scene::Scene;
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, soft_beam, st_venant_kirchhoff};
 
-use crate::table::{Case, Cost, row};
-use crate::walk::{body, problem, state};
+use super::table::{Case, Cost, row};
+use super::walk::{body, problem, state};
 
 /// Pseudo-random numbers in -1..1 from a seed.
 fn noise(seed: u64) -> impl FnMut() -> f64 {

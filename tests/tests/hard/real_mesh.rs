@@ -8,8 +8,8 @@ use palpate_precompute::fem::{Handle, Model, Order, Solver};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, Surface, read};
 use palpate_tests::{mooney_rivlin, nodes_where, st_venant_kirchhoff};
 
-use crate::table::{Case, row};
-use crate::walk::{body, norm, problem, walk};
+use super::table::{Case, row};
+use super::walk::{body, norm, problem, walk};
 
 #[test]
 fn a_poor_real_mesh_converges_or_gives_its_reason() {

@@ -1,5 +1,5 @@
 //! Hard cases, reported as a table of results. A solve that converges must have the right numbers; one that
-//! does not must report its reason. `cargo test --release -p palpate-tests --test hard -- --nocapture` prints
+//! does not must report its reason. `cargo test --release -p palpate-tests hard:: -- --nocapture` prints
 //! the rows. `PALPATE_HARD_TABLE=FILE` writes them as Markdown. `PALPATE_REFERENCE_DIR=DIR` adds a mesh that
 //! the project cannot distribute.
 

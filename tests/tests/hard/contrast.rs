@@ -4,8 +4,8 @@ use palpate_precompute::fem::material::{Lame, Material, MooneyRivlin, StVenantKi
 use palpate_precompute::fem::{Configuration, Handle, Model, Solver};
 use palpate_tests::{box_mesh, nearest_node, nodes_where};
 
-use crate::table::{Case, Cost, row};
-use crate::walk::{body, norm, problem, relative_error, state, walk};
+use super::table::{Case, Cost, row};
+use super::walk::{body, norm, problem, relative_error, state, walk};
 
 const CONTRAST: f64 = 1e6;
 
