@@ -69,7 +69,8 @@ fn every_link_leads_somewhere() {
 }
 
 /// The target that a `cargo` option names, and the kind of that target.
-const NAMED: [(&str, &str); 4] = [("--test", "test"), ("--example", "example"), ("--bin", "bin"), ("-p", "")];
+const NAMED: [(&str, &str); 5] =
+    [("--test", "test"), ("--bench", "bench"), ("--example", "example"), ("--bin", "bin"), ("-p", "")];
 
 fn is_there(metadata: &Metadata, kind: &str, name: &str) -> bool {
     let packages = metadata.workspace_packages();

@@ -142,14 +142,13 @@ fn a_number_of_threads_is_bounded_alike_everywhere() {
     let [space, blob, out] = ["a.space", "a.blob", "out"].map(|name| folder.join(name));
     bench.precompute(0, &[]);
     let (scene, space, blob, out) = (text(&bench.scene), text(&space), text(&blob), text(&out));
-    let commands: [&[&str]; 7] = [
+    let commands: [&[&str]; 6] = [
         &["plan", scene],
         &["precompute", scene, "--out", space],
         &["held-out", scene, "--out", space],
         &["protocol", scene, "--out", out],
         &["pack", space, "--out", blob],
         &["report", "--out", out],
-        &["bench", "sampling", scene],
     ];
     for command in commands {
         for threads in ["0", "1025", "100000"] {

@@ -86,7 +86,7 @@ const PATH: &str = "path beam.toml --direction=0,0,-1 --steps 1";
 const COMPARE: &str = "compare beam.toml --direction=0,0,-1 --length-mm 1";
 
 /// Commands whose last argument is the one output, and their inputs.
-const COMMANDS: [(&str, &[&str]); 18] = [
+const COMMANDS: [(&str, &[&str]); 17] = [
     ("pack a.space --no-certificate --out", &["a.space"]),
     ("precompute beam.toml --out", &["beam.toml", "beam.msh"]),
     ("precompute beam.toml --salvage --out", &["beam.toml", "beam.msh"]),
@@ -104,7 +104,6 @@ const COMMANDS: [(&str, &[&str]); 18] = [
     ("run a.blob --uncertified --headless --seconds 0.1 --gif", &["a.blob"]),
     ("run a.blob --uncertified --headless --device replay:a.mcap --gif", &["a.blob", "a.mcap"]),
     ("bench core --grids 514 --rounds 1 --blob a.blob --csv", &["a.blob"]),
-    ("bench scheduler --points 514 --workers 1 --space a.space --csv", &["a.space"]),
 ];
 
 #[test]

@@ -72,7 +72,7 @@ fn a_full_disk_is_reported_as_such_and_no_part_of_a_file_is_left() {
         (&run, &["--frame-rate", "0", "--histograms"], "times.csv"),
         (&run, &["--pictures"], "shots"),
         (&run, &["--frame-rate", "0", "--record"], "a.mcap"),
-        (&["bench", "scheduler", "--points", "514", "--workers", "1"], &["--csv"], "a.csv"),
+        (&["bench", "core", "--grids", "514", "--rounds", "1"], &["--csv"], "a.csv"),
     ];
     for (arguments, option, name) in writers {
         let mut command = command(arguments);

@@ -8,13 +8,11 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate_precompute::adaptive::{Search, SolveResult, Step, Verdict};
-use palpate_precompute::fem::{Configuration, Problem, Seed, SolveFailure, Solver};
-use palpate_precompute::fit::SurfaceMotionSample;
-use palpate_precompute::num::{EnergyJet, distance, norm};
-use palpate_precompute::spec::Requirements;
-
-use crate::cmd::inspect::scattered::too_stiff;
+use crate::adaptive::{Search, SolveResult, Step, Verdict};
+use crate::fem::{Configuration, Problem, Seed, SolveFailure, Solver};
+use crate::fit::SurfaceMotionSample;
+use crate::num::{EnergyJet, distance, norm};
+use crate::spec::Requirements;
 
 /// Minimum number of probes of a node, for any time limit.
 const MIN_PROBES: usize = 2;
@@ -146,7 +144,8 @@ impl Probing<'_> {
                 Step::Solve(targets) => targets,
                 Step::Done(verdict) => {
                     probed.has_ended = true;
-                    probed.too_stiff = (verdict == Verdict::TooStiff).then(|| too_stiff(&search.fitted));
+                    probed.too_stiff =
+                        (verdict == Verdict::TooStiff).then(|| search.fitted.too_stiff_in_words());
                     return;
                 }
             };

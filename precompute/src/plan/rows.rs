@@ -1,33 +1,33 @@
 //! The rows of the plan for a scene, and the reasons for the recommended one.
 
+use crate::pipeline::Analysis;
+use crate::spec::Tolerance;
 use palpate_core::Method;
-use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::spec::Tolerance;
 
-use super::Plan;
 use super::model::{self, Model};
 use super::node::{METHODS, NodePlan, mean};
 use super::prediction::Prediction;
+use super::results::Results;
 use super::row::{self, LINEAR, Row};
 use super::tables;
 
-impl Plan {
+impl Results {
     /// All rows, the recommended row, and the reason for it.
-    pub(super) fn rows(&self, bench: &Analysis, prediction: &Prediction) -> (Vec<Row>, usize, String) {
-        let own = Model::of(&bench.scene);
-        let mut rows = self.of_samplings(bench, prediction);
+    pub(super) fn rows(&self, analysis: &Analysis, prediction: &Prediction) -> (Vec<Row>, usize, String) {
+        let own = Model::of(&analysis.scene);
+        let mut rows = self.of_samplings(analysis, prediction);
         let linear = rows.first().map(|first| Row {
             model: LINEAR.into(),
-            configurations: self.of_all(bench, &|node| node.linear_configurations),
+            configurations: self.of_all(analysis, &|node| node.linear_configurations),
             // One iteration and its derivatives: the solve at rest.
-            solving_s: self.of_all(bench, &|node| node.linear_configurations * node.probed.rest_s),
+            solving_s: self.of_all(analysis, &|node| node.linear_configurations * node.probed.rest_s),
             p99_n: self.nodes.iter().map(|node| node.linear.p99_n).fold(0.0, f64::max),
             within: self.nodes.iter().map(|node| node.linear.within).fold(1.0, f64::min),
             asked: false,
             ..first.clone()
         });
         rows.extend(
-            linear.filter(|row| bench.body.law_names() != "linear" && row.configurations.is_finite()),
+            linear.filter(|row| analysis.body.law_names() != "linear" && row.configurations.is_finite()),
         );
         let (chosen, mut why) = row::recommend(&mut rows, self.tolerance_in_words());
         let size = self.nodes[0].probed.size;
@@ -47,16 +47,16 @@ impl Plan {
     }
 
     /// Sum of a figure over all active nodes; those that were not probed have the mean of the others.
-    fn of_all(&self, bench: &Analysis, figure: &dyn Fn(&NodePlan) -> f64) -> f64 {
-        bench.scene.active.len() as f64 * mean(&self.nodes.iter().map(figure).collect::<Vec<_>>())
+    fn of_all(&self, analysis: &Analysis, figure: &dyn Fn(&NodePlan) -> f64) -> f64 {
+        analysis.scene.active.len() as f64 * mean(&self.nodes.iter().map(figure).collect::<Vec<_>>())
     }
 
     /// The rows of the scene's own model and law. The row that the scene asks for has the medians of its
     /// prediction.
-    fn of_samplings(&self, bench: &Analysis, prediction: &Prediction) -> Vec<Row> {
-        let scene = &bench.scene;
+    fn of_samplings(&self, analysis: &Analysis, prediction: &Prediction) -> Vec<Row> {
+        let scene = &analysis.scene;
         let own = Model::of(scene);
-        let memory_bytes = self.memory_bytes(bench, prediction.threads);
+        let memory_bytes = self.memory_bytes(analysis, prediction.threads);
         let fitted = |node: &NodePlan| node.choices[0].configurations;
         let counts: Vec<f64> = self.nodes.iter().map(fitted).collect();
         let fits_bytes = model::loop_bytes(&counts, prediction.threads);
@@ -76,10 +76,10 @@ impl Plan {
                     model: own.words(self.has_pressure).into(),
                     spacing_m: choice.spacing_m,
                     method: method.name(),
-                    configurations: self.of_all(bench, &|node| node.choices[n].configurations),
-                    solving_s: self.of_all(bench, &|node| node.choices[n].solving_s),
+                    configurations: self.of_all(analysis, &|node| node.choices[n].configurations),
+                    solving_s: self.of_all(analysis, &|node| node.choices[n].solving_s),
                     memory_bytes: memory_bytes + if choice.spacing_m.is_some() { 0.0 } else { fits_bytes },
-                    blob_bytes: other + self.of_all(bench, &bytes),
+                    blob_bytes: other + self.of_all(analysis, &bytes),
                     nanoseconds: figures.iter().map(|(_, ns)| *ns).fold(0.0, f64::max),
                     p99_n: figures.iter().map(|(error, _)| error.p99_n).fold(0.0, f64::max),
                     within: figures.iter().map(|(error, _)| error.within).fold(1.0, f64::min),
@@ -101,8 +101,8 @@ impl Plan {
     }
 
     /// Peak memory without the fits of adaptive sampling, bytes.
-    pub(super) fn memory_bytes(&self, bench: &Analysis, threads: usize) -> f64 {
-        let scene = &bench.scene;
+    pub(super) fn memory_bytes(&self, analysis: &Analysis, threads: usize) -> f64 {
+        let scene = &analysis.scene;
         model::memory_bytes(scene.mesh.tets.len(), scene.order, self.nodes[0].probed.size, threads)
     }
 

@@ -11,21 +11,21 @@ use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 /// Costs other than the solves, ns.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Costs {
+pub(crate) struct Costs {
     /// Time of rank 0 to prepare and send a job.
-    pub give: u64,
+    pub(crate) give: u64,
     /// Time of rank 0 for an outcome.
-    pub take: u64,
+    pub(crate) take: u64,
     /// Latency of a message in either direction.
-    pub message: u64,
+    pub(crate) message: u64,
 }
 
 /// An attempt: active node, grid point, attempt number.
-pub(super) type Try = (u32, GridIndex, u32);
+pub(crate) type Try = (u32, GridIndex, u32);
 
 /// Durations and results of the solves.
 #[derive(Debug)]
-pub(super) enum Solves<'a> {
+pub(crate) enum Solves<'a> {
     /// Every point is solved at the first attempt. Durations are drawn from these values, ns, with the same
     /// duration for a point in every run.
     Drawn(&'a [u64]),
@@ -35,24 +35,24 @@ pub(super) enum Solves<'a> {
 
 /// Times of a simulated run, ns.
 #[derive(Debug)]
-pub(super) struct SimulatedRun {
+pub(crate) struct SimulatedRun {
     /// Time from the first job to the last stored outcome.
-    pub makespan: u64,
+    pub(crate) makespan: u64,
     /// Sum of all solves.
-    pub work: u64,
+    pub(crate) work: u64,
     /// Longest chain of solves, each of which starts from the one before.
-    pub chain: u64,
+    pub(crate) chain: u64,
     /// Busy time of rank 0.
-    pub rank0_busy: u64,
+    pub(crate) rank0_busy: u64,
     /// Number of attempts.
-    pub tries: usize,
+    pub(crate) tries: usize,
     /// Number of attempts by active node, level and round.
-    pub levels: BTreeMap<(u32, u32), usize>,
+    pub(crate) levels: BTreeMap<(u32, u32), usize>,
 }
 
 /// Workers that take time and compute nothing.
 #[derive(Debug)]
-pub(super) struct Simulated<'a> {
+pub(crate) struct Simulated<'a> {
     costs: Costs,
     solves: &'a Solves<'a>,
     grid: SpaceGrid,
@@ -70,12 +70,12 @@ pub(super) struct Simulated<'a> {
 }
 
 /// `seconds` in ns.
-pub(super) fn nanoseconds(seconds: f64) -> u64 {
+pub(crate) fn nanoseconds(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
 }
 
 /// The smallest state that the store accepts.
-pub(super) fn blank_seed() -> StoredSeed {
+fn blank_seed() -> StoredSeed {
     StoredSeed::pack(&Seed {
         pose: Pose::translation([0.0; 3]),
         state: vec![0.0],
@@ -86,7 +86,7 @@ pub(super) fn blank_seed() -> StoredSeed {
 
 impl<'a> Simulated<'a> {
     /// An executor with `workers` idle workers.
-    pub(super) fn new(workers: usize, costs: Costs, solves: &'a Solves<'a>, grid: SpaceGrid) -> Self {
+    pub(crate) fn new(workers: usize, costs: Costs, solves: &'a Solves<'a>, grid: SpaceGrid) -> Self {
         Self {
             costs,
             solves,
@@ -109,7 +109,7 @@ impl<'a> Simulated<'a> {
     }
 
     /// The result of the run.
-    pub(super) fn ran(self) -> SimulatedRun {
+    pub(crate) fn ran(self) -> SimulatedRun {
         SimulatedRun { makespan: self.now, ..self.ran }
     }
 
@@ -184,35 +184,4 @@ impl Executor for Simulated<'_> {
     }
 
     fn stop(&mut self) {}
-}
-
-#[cfg(test)]
-mod tests {
-    use palpate_precompute::space::Job;
-
-    use super::*;
-
-    fn job(target: GridIndex, parent: Option<GridIndex>) -> Work {
-        let task = Task { target, attempt: 0, round: 1, parent: parent.map(|index| (index, 0)) };
-        Work::Point(Job { active: 0, task, seed: None })
-    }
-
-    #[test]
-    fn time_passes_as_on_a_machine() {
-        let grid = SpaceGrid::new(0.01, 0.02).expect("a grid");
-        let solves = Solves::Drawn(&[1000]);
-        let mut executor = Simulated::new(2, Costs { give: 10, take: 20, message: 5 }, &solves, grid);
-        // The jobs arrive at 10 and 20. The third waits for the first, which ends at 10 + 5 + 1000.
-        for (worker, target) in [(0, [0, 0, 1]), (1, [0, 0, 2]), (0, [0, 1, 0])] {
-            let parent = (target == [0, 0, 2]).then_some([0, 0, 1]);
-            executor.give(worker, job(target, parent)).expect("it is taken");
-        }
-        let mut take = || executor.take(Duration::ZERO).map(|done| done.expect("it never waits").0);
-        let order: Vec<usize> = (0..3).map(|_| take().expect("three are out")).collect();
-        assert_eq!(order, [0, 1, 0]);
-        assert!(take().is_err());
-        let ran = executor.ran();
-        // The last job ends at 2015, arrives at 2020 and is stored at 2040.
-        assert_eq!((ran.makespan, ran.work, ran.chain, ran.rank0_busy), (2040, 3000, 2000, 90));
-    }
 }

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use palpate_precompute::fem::PressurePair;
-use palpate_precompute::scene::{ResolvedScene, SolverOptions};
+use crate::fem::PressurePair;
+use crate::scene::{ResolvedScene, SolverOptions};
 
 use super::probe::{Probed, rest_of};
 

@@ -4,11 +4,11 @@
 //! Its energy is a kernel fit of the probes with a shorter length than that of the best prediction, because a
 //! real body has more detail between the probes than their fit.
 
-use palpate_precompute::adaptive::{AdaptiveFit, Search, SolveResult};
-use palpate_precompute::fit::{KernelFit, KernelSystem, Sample};
-use palpate_precompute::num::{EnergyJet, norm};
-use palpate_precompute::space::expand_model;
-use palpate_precompute::spec::{GridIndex, Lattice, Requirements, Tolerance};
+use crate::adaptive::{AdaptiveFit, Search, SolveResult};
+use crate::fit::{KernelFit, KernelSystem, Sample};
+use crate::num::{EnergyJet, norm};
+use crate::space::expand_model;
+use crate::spec::{GridIndex, Lattice, Requirements, Tolerance};
 
 use super::probe::Probed;
 use super::tables::Place;
@@ -26,7 +26,7 @@ const FULL_PROBES: f64 = 16.0;
 
 /// The energy fitted to the probes.
 #[derive(Debug, Clone)]
-pub(crate) struct Surrogate {
+pub(super) struct Surrogate {
     fit: KernelFit,
     rest: EnergyJet,
     wanted: Requirements,
@@ -47,9 +47,9 @@ pub(super) struct Scattered {
 
 /// A completed expansion of a lattice.
 #[derive(Debug)]
-pub(crate) struct Expanded {
+pub(super) struct Expanded {
     /// Solved points, sorted, including rest.
-    pub(crate) samples: Vec<Sample>,
+    pub samples: Vec<Sample>,
 }
 
 impl Surrogate {
@@ -70,11 +70,6 @@ impl Surrogate {
         Some(Self { fit: system.fit, rest, wanted, doubt })
     }
 
-    /// A body that is exactly this fit.
-    pub(crate) fn exact(fit: KernelFit, rest: EnergyJet, wanted: Requirements) -> Self {
-        Self { fit, rest, wanted, doubt: 1.0 }
-    }
-
     /// A linear body with the same stiffness at rest, for any displacement.
     pub(super) fn linear(&self) -> Self {
         let rest = EnergyJet { third_n_m2: [0.0; 10], ..self.rest };
@@ -92,7 +87,7 @@ impl Surrogate {
     /// Ratio of the configurations for that error: it decreases with their number to the power of [`ORDER`] /
     /// 3.
     pub(super) fn more(&self) -> f64 {
-        self.doubt.powf(3.0 / ORDER)
+        libm::pow(self.doubt, 3.0 / ORDER)
     }
 
     /// Force h, N.
@@ -120,7 +115,7 @@ impl Surrogate {
     }
 
     /// Runs the lattice's plan on it as for a scene with a lattice: the whole ball within the force limit.
-    pub(crate) fn lattice(&self, lattice: &Lattice) -> Expanded {
+    pub(super) fn lattice(&self, lattice: &Lattice) -> Expanded {
         self.expanded(lattice, false)
     }
 
@@ -138,11 +133,6 @@ impl Surrogate {
     }
 }
 
-/// A configuration in the packer's format.
-pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sample {
-    Sample { index, attempt: 0, jet: *jet, derivatives: None, terminating, inverted: false }
-}
-
 /// Mean square of the leave-one-out errors of the probes, relative to the human just-noticeable difference:
 /// the roughness of a body does not depend on the scene's tolerance.
 fn left_out(system: &KernelSystem, jets: &[EnergyJet]) -> f64 {
@@ -157,21 +147,20 @@ fn left_out(system: &KernelSystem, jets: &[EnergyJet]) -> f64 {
 /// needs no correction.
 fn doubt(error: f64, probes: usize) -> f64 {
     let fewer = (probes as f64 / FULL_PROBES).min(1.0);
-    (error * fewer.powf(ORDER / 3.0)).max(1.0)
+    (error * libm::pow(fewer, ORDER / 3.0)).max(1.0)
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use palpate_precompute::adaptive::Step;
-    use palpate_precompute::spec::SpaceGrid;
+    use crate::adaptive::Step;
+    use crate::spec::SpaceGrid;
 
     /// A body that stiffens under load: W = 100 |p|^2 + 0.02 (exp(g.p) - 1 - g.p).
-    pub(in crate::cmd::plan) fn stiffening(p: [f64; 3]) -> EnergyJet {
+    pub(in crate::plan) fn stiffening(p: [f64; 3]) -> EnergyJet {
         let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
         let e = c * (0..3).map(|i| g[i] * p[i]).sum::<f64>().exp();
-        let third =
-            palpate_precompute::num::THIRD_INDICES.map(|t| t.iter().map(|&i| g[i]).product::<f64>() * e);
+        let third = crate::num::THIRD_INDICES.map(|t| t.iter().map(|&i| g[i]).product::<f64>() * e);
         let mut jet = EnergyJet {
             control_m: p,
             energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i] - c * g[i] * p[i]).sum::<f64>() + e - c,
@@ -187,7 +176,7 @@ pub(super) mod tests {
         jet
     }
 
-    pub(in crate::cmd::plan) fn probed(batches: usize, max_force_n: f64) -> Probed {
+    pub(in crate::plan) fn probed(batches: usize, max_force_n: f64) -> Probed {
         let tolerance = Tolerance::IMPERCEPTIBLE;
         let wanted = Requirements {
             tolerance,

@@ -1,12 +1,13 @@
-//! The prediction for the sampling that the scene specifies: intervals, as text and as a file.
+//! The prediction for the sampling that the scene specifies: intervals, and their file.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::draws::{Common, DRAWS, NodeDraw, Outlook, Random};
-use super::row::{bytes, seconds};
-use crate::failure::Failure;
+use crate::error::InputError;
+use crate::pipeline::PipelineError;
+use crate::space::Store;
 
 /// Shares of the outcomes below the ends and the middle of an interval.
 const SHARES: [f64; 3] = [0.1, 0.5, 0.9];
@@ -25,7 +26,7 @@ const FALLBACK: u64 = 1 << 32;
 /// The 10 %, 50 % and 90 % points of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Interval {
+pub struct Interval {
     /// One outcome in ten is below.
     pub low: f64,
     /// The median.
@@ -61,12 +62,6 @@ impl Interval {
         (self.low..=self.high).contains(&value)
     }
 
-    /// The interval as text, the median in brackets; one value if the ends do not differ.
-    pub(super) fn in_words(&self, figure: impl Fn(f64) -> String) -> String {
-        let [low, likely, high] = [self.low, self.likely, self.high].map(figure);
-        if low == high { low } else { format!("{low} to {high} ({likely})") }
-    }
-
     fn is_valid(&self) -> bool {
         [self.low, self.likely, self.high].iter().all(|x| x.is_finite())
             && self.low <= self.likely
@@ -77,7 +72,7 @@ impl Interval {
 /// What happens if a lattice takes over a search.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Takeover {
+pub struct Takeover {
     /// Its probability.
     pub probability: f64,
     /// Solves in this case.
@@ -89,7 +84,7 @@ pub(super) struct Takeover {
 /// The prediction for a node, or for all nodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Line {
+pub struct Line {
     /// Name of the node.
     pub of: String,
     /// Solves, with those that fail or are repeated.
@@ -112,7 +107,7 @@ type FitBytes = fn(&[f64], usize) -> f64;
 /// A saved prediction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Prediction {
+pub struct Prediction {
     format: String,
     /// Name of the scene.
     pub scene: String,
@@ -197,15 +192,25 @@ impl Prediction {
         }
     }
 
-    /// Reads a saved prediction.
-    pub(super) fn load(path: &Path) -> Result<Self, Failure> {
-        let text = std::fs::read_to_string(path).map_err(|error| Failure::file(path, &error))?;
+    /// Reads a saved prediction of the scene that is solved in `store`.
+    pub fn load(path: &Path, store: &Store) -> Result<Self, PipelineError> {
+        let found = Self::read(path)?;
+        let solved = store.identity()?.content_hash;
+        if solved == found.key {
+            return Ok(found);
+        }
+        let (scene, space) = (&found.scene, store.path().display());
+        let what = format!("is the prediction of another scene ({scene}) than that of {space}");
+        let fix = "make one of its scene with `palpate plan SCENE.toml --out FILE.json`";
+        Err(InputError::new(path, what, fix).into())
+    }
+
+    fn read(path: &Path) -> Result<Self, InputError> {
+        let text = std::fs::read_to_string(path).map_err(|error| InputError::unreadable(path, &error))?;
         let refused = |why: String| {
-            Failure::input(format!(
-                "{}: is not a saved prediction ({why}); make one with `palpate plan SCENE.toml --out FILE.json` before \
-                 the scene is solved",
-                path.display()
-            ))
+            let what = format!("is not a saved prediction ({why})");
+            let fix = "make one with `palpate plan SCENE.toml --out FILE.json` before the scene is solved";
+            InputError::new(path, what, fix)
         };
         let found: Self = serde_json::from_str(&text).map_err(|error| refused(error.to_string()))?;
         if found.format != FORMAT {
@@ -229,46 +234,6 @@ impl Prediction {
     pub(super) fn of_node(&self, name: &str) -> Option<&Line> {
         self.nodes.iter().find(|line| line.of == name).or(self.others.as_ref())
     }
-
-    /// The prediction as text, a line per node and for all.
-    pub(super) fn in_words(&self) -> String {
-        let mut text = String::from(
-            "Prediction as the scene asks: 10 to 90 % of the outcomes (median); seconds of solving on one thread; tables of \
-             the method energy\n",
-        );
-        let is_sum = self.nodes.len() > 1 || self.others.is_some();
-        let nodes = self.nodes.iter().chain(&self.others).map(|line| (line, true));
-        let lines: Vec<(&Line, bool)> = nodes.chain(is_sum.then_some((&self.total, false))).collect();
-        let wide = lines.iter().map(|(line, _)| line.of.len()).max().unwrap_or(0);
-        for (line, with_tables) in lines {
-            text.push_str(&format!("  {:<wide$}  {}\n", line.of, line.in_words(with_tables)));
-        }
-        if is_sum && self.lattices.high > 0.0 {
-            text.push_str(&format!("A lattice takes over at {} nodes\n", self.lattices.in_words(count)));
-        }
-        let [memory, blob] = [self.memory_bytes, self.total.blob_bytes].map(|b| b.in_words(bytes));
-        text.push_str(&format!("Memory {memory}; blob with surface and certificate {blob}"));
-        if let Some(ns) = self.query_ns {
-            text.push_str(&format!("; query {} ns", ns.in_words(count)));
-        }
-        if self.threads > 1 {
-            let threads = self.threads as f64;
-            let wall = self.total.seconds.in_words(|s| seconds(s / threads));
-            text.push_str(&format!("; solving with {threads} busy threads {wall} s"));
-        }
-        text + "\n"
-    }
-}
-
-/// A number without decimals.
-pub(super) fn count(x: f64) -> String {
-    format!("{x:.0}")
-}
-
-/// Newtons as millinewtons.
-pub(super) fn millinewtons(n: f64) -> String {
-    let millinewtons = 1e3 * n;
-    if millinewtons < 10.0 { format!("{millinewtons:.1}") } else { count(millinewtons) }
 }
 
 impl Line {
@@ -283,30 +248,6 @@ impl Line {
             ("lattice.seconds", self.lattice.map(|lattice| lattice.seconds)),
         ];
         own.into_iter().filter_map(|(what, interval)| Some((what, interval?)))
-    }
-
-    fn in_words(&self, with_tables: bool) -> String {
-        let mut text = format!(
-            "{} solves tried, {} configurations kept, {} s",
-            self.tried.in_words(count),
-            self.kept.in_words(count),
-            self.seconds.in_words(seconds)
-        );
-        if with_tables {
-            text.push_str(&format!(", tables {}", self.blob_bytes.in_words(bytes)));
-        }
-        if let Some(p99_n) = self.p99_n {
-            text.push_str(&format!(", error at p99 {} mN", p99_n.in_words(millinewtons)));
-        }
-        if let Some(lattice) = &self.lattice {
-            text.push_str(&format!(
-                "; with probability {:.0} % a lattice takes over: then {} solves, {} s",
-                100.0 * lattice.probability,
-                lattice.tried.in_words(count),
-                lattice.seconds.in_words(seconds)
-            ));
-        }
-        text
     }
 }
 
@@ -378,7 +319,7 @@ pub(super) mod tests {
     use super::super::draws::{Known, SolveTimes};
     use super::*;
 
-    pub(in crate::cmd::plan) fn ended(nodes: usize) -> Prediction {
+    pub(in crate::plan) fn ended(nodes: usize) -> Prediction {
         let known = Known::Ended { tried: 11.0, kept: 10.0, blob_bytes: 1e5 };
         let outlook = Outlook { times: SolveTimes::made_up(), known };
         Prediction::of(&Basis {
@@ -397,25 +338,21 @@ pub(super) mod tests {
         let interval = Interval::of((0..=100).rev().map(f64::from).collect());
         assert_eq!(interval, Interval { low: 10.0, likely: 50.0, high: 90.0 });
         assert!(interval.contains(10.0) && interval.contains(90.0) && !interval.contains(90.1));
-        assert_eq!(interval.in_words(count), "10 to 90 (50)");
-        assert_eq!(Interval::about(5.0, 1.0).in_words(count), "5");
+        assert_eq!(Interval::about(5.0, 2.0), Interval { low: 2.5, likely: 5.0, high: 10.0 });
         assert_eq!(interval.less(20.0), Interval { low: 0.0, likely: 30.0, high: 70.0 });
     }
 
     #[test]
     fn what_is_certain_is_added_and_what_is_not_probed_resembles_the_probed() {
         let prediction = ended(5);
-        assert_eq!(prediction.total.tried.in_words(count), "55");
-        assert_eq!(prediction.total.kept.in_words(count), "50");
+        let exactly = |value| Interval { low: value, likely: value, high: value };
+        assert_eq!((prediction.total.tried, prediction.total.kept), (exactly(55.0), exactly(50.0)));
         let others = prediction.of_node("A5").expect("the others");
         assert_eq!((others.of.as_str(), others.tried.likely), ("each of 3 others", 11.0));
         assert!(prediction.total.blob_bytes.low > 4.5e5 && prediction.total.blob_bytes.high < 6.5e5);
         assert!(prediction.total.seconds.low < prediction.total.seconds.high);
-        let text = prediction.in_words();
-        assert!(text.contains("A1") && text.contains("11 solves tried, 10 configurations kept"), "{text}");
-        assert!(text.contains("error at p99 3.3 to 30 (10) mN"), "{text}");
-        assert!(text.contains("  all 5 nodes       55 solves tried, 50 configurations kept"), "{text}");
-        assert!(!text.contains("lattice"), "{text}");
+        assert_eq!(prediction.nodes[0].p99_n, Some(Interval::about(0.01, ERROR)));
+        assert!(prediction.nodes.iter().all(|line| line.lattice.is_none()));
     }
 
     #[test]
@@ -425,7 +362,7 @@ pub(super) mod tests {
             file.write_all(text.as_bytes()).expect("written");
             file
         };
-        let refused = |text: &str| Prediction::load(file(text).path()).expect_err("refused").line();
+        let refused = |text: &str| Prediction::read(file(text).path()).expect_err("refused").to_string();
         assert!(refused("{}").contains("palpate plan SCENE.toml --out FILE.json"));
         let mut prediction = ended(2);
         prediction.total.tried.low = 1e9;
@@ -435,7 +372,6 @@ pub(super) mod tests {
         prediction.format = "palpate prediction 0".into();
         assert!(refused(&serde_json::to_string(&prediction).expect("JSON")).contains("its format is"));
         let whole = serde_json::to_string(&ended(5)).expect("JSON");
-        let loaded = Prediction::load(file(&whole).path()).expect("valid");
-        assert_eq!((loaded.in_words(), loaded.key), (ended(5).in_words(), ended(5).key));
+        assert_eq!(Prediction::read(file(&whole).path()).expect("valid"), ended(5));
     }
 }

@@ -1,18 +1,18 @@
 //! Predicts one active node's space for every reasonable sampling, from the surrogate of its probes, and the
 //! possible outcomes of the sampling that the scene specifies.
 
+use crate::adaptive::{Resampled, resample};
+use crate::fit::displacement_of_fit;
+use crate::num::{distance, norm};
+use crate::space::FallbackLattice;
+use crate::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid, Tolerance};
 use palpate_core::Method;
-use palpate_precompute::adaptive::{Resampled, resample};
-use palpate_precompute::fit::displacement_of_fit;
-use palpate_precompute::num::{distance, norm};
-use palpate_precompute::space::FallbackLattice;
-use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid, Tolerance};
 
 use super::draws::{self, Fallback, Known, OpenSearch, Outlook, SolveTimes};
+use super::error::PlanError;
 use super::probe::Probed;
 use super::surrogate::{Scattered, Surrogate};
 use super::tables::{Error, Place, Tables, VisualModel, percentile_99, space_bytes};
-use crate::failure::Failure;
 
 /// Cells along the radius of the paper's grids.
 const CELLS: [f64; 4] = [5.0, 7.0, 10.0, 15.0];
@@ -105,13 +105,11 @@ pub(super) fn plan(
     probed: Probed,
     sampling: &Sampling,
     bound: Option<DisplacementBound>,
-) -> Result<NodePlan, Failure> {
-    let truth = Surrogate::of(&probed).ok_or_else(|| {
-        Failure::work("the probing solves failed or coincide; use a larger radius_m or check the scene with `palpate path`")
-    })?;
+) -> Result<NodePlan, PlanError> {
+    let truth = Surrogate::of(&probed).ok_or(PlanError::NoFit)?;
     let search = truth.scattered();
     let places = truth.places(&search.fit, POSITIONS);
-    let resampled = resample(&search.fit).map_err(Failure::work)?;
+    let resampled = resample(&search.fit)?;
     let eye = bound.and_then(|bound| eye(&probed, search.fit.fit.length_m, &resampled, bound));
     let mut choices = vec![scattered(&probed, &truth, &search, &resampled, &places)];
     choices.extend(on_lattices(&probed, &truth, sampling, &choices[0], &places));
@@ -174,7 +172,7 @@ fn scattered(
         }
     }
     // If the body needs more configurations than the surrogate, the table is refined in proportion.
-    let finer = (configurations / search.solved as f64).max(1.0).cbrt();
+    let finer = libm::cbrt((configurations / search.solved as f64).max(1.0));
     let grid = SpaceGrid::new(resampled.grid.spacing_m / finer, resampled.grid.radius_m);
     Choice {
         spacing_m: None,
@@ -298,14 +296,14 @@ fn continued(coarser: &[Choice], choice: &Choice) -> Vec<(Method, Error, f64)> {
                 .filter_map(|c| of(c, method).map(|(_, error, ns)| (c.grid.spacing_m, error, ns, c.solved)))
                 .collect();
             let &(spacing_m, error, ns, solved) = known.first()?;
-            let shown = known
-                .get(1)
-                .map(|(finer_m, finer, ..)| (finer.p99_n / error.p99_n).ln() / (finer_m / spacing_m).ln());
+            let shown = known.get(1).map(|(finer_m, finer, ..)| {
+                libm::log(finer.p99_n / error.p99_n) / libm::log(finer_m / spacing_m)
+            });
             let order = match method {
                 Method::RbfCubic => RBF_ORDER,
                 _ => shown.filter(|order| order.is_finite())?.clamp(ORDERS[0], ORDERS[1]),
             };
-            let p99_n = error.p99_n * (choice.grid.spacing_m / spacing_m).powf(order);
+            let p99_n = error.p99_n * libm::pow(choice.grid.spacing_m / spacing_m, order);
             let within = known.iter().map(|(_, error, ..)| error.within).fold(0.0, f64::max);
             // A sum over all centres takes time in proportion to their number. The other methods evaluate one
             // cell.

@@ -1,20 +1,15 @@
 //! Compares a saved prediction with the results in a solved `.space`, and in the blob packed from it.
 
-use std::path::Path;
-
 use palpate_core::{Method, Organ};
-use palpate_precompute::space::{Store, state};
 use serde::Serialize;
 
-use super::prediction::{Interval, Line, Prediction, count, millinewtons};
-use super::row::{bytes, seconds};
-use crate::blob;
-use crate::cmd::inspect::certificate;
-use crate::failure::Failure;
+use super::prediction::{Interval, Line, Prediction};
+use crate::certificate::Certificate;
+use crate::space::{Store, StoreError, state};
 
 /// One predicted quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Compared {
+pub struct Compared {
     /// Name of the quantity, with its node.
     pub what: String,
     /// Predicted interval.
@@ -29,34 +24,30 @@ pub(super) struct Compared {
 
 /// The comparison.
 #[derive(Debug, Default, Serialize)]
-pub(super) struct Comparison {
+pub struct Comparison {
     /// The quantities.
     pub lines: Vec<Compared>,
     /// What is not compared, and lattices that took over.
     pub notes: Vec<String>,
 }
 
-/// Refuses a space of another scene than that of the prediction.
-pub(super) fn expect_same_scene(prediction: &Prediction, path: &Path, store: &Store) -> Result<(), Failure> {
-    let identity = store.identity()?;
-    if identity.content_hash == prediction.key {
-        return Ok(());
-    }
-    Err(Failure::input(format!(
-        "{}: is the prediction of another scene ({}) than that of {}; make one of its scene with `palpate plan SCENE.toml \
-         --out FILE.json`",
-        path.display(),
-        prediction.scene,
-        store.path().display()
-    )))
+/// A blob packed from the space.
+#[derive(Debug, Clone, Copy)]
+pub struct PackedBlob<'b> {
+    /// View of its content.
+    pub organ: &'b Organ<'b>,
+    /// Its certificate, if it has one.
+    pub certificate: Option<&'b Certificate>,
+    /// Size of the file, bytes.
+    pub bytes: usize,
 }
 
 /// Compares every finished node of `store`, and `blob` if there is one.
-pub(super) fn compare(
+pub fn compare(
     prediction: &Prediction,
     store: &Store,
-    blob: Option<&Path>,
-) -> Result<Comparison, Failure> {
+    blob: Option<&PackedBlob<'_>>,
+) -> Result<Comparison, StoreError> {
     let mut all = Comparison::default();
     let (mut tried, mut kept, mut solving_s, mut is_finished) = (0.0, 0.0, 0.0, true);
     let mut lattices = 0.0;
@@ -95,8 +86,8 @@ pub(super) fn compare(
     if let Some(peak) = store.peak()? {
         all.add("memory".into(), prediction.memory_bytes, peak as f64, "B");
     }
-    if let Some(path) = blob {
-        all.blob(prediction, path, nodes.len())?;
+    if let Some(blob) = blob {
+        all.blob(prediction, blob, nodes.len());
     }
     Ok(all)
 }
@@ -113,10 +104,8 @@ impl Comparison {
         self.add(format!("{name}: seconds of solving"), line.seconds, solving_s, "s");
     }
 
-    fn blob(&mut self, prediction: &Prediction, path: &Path, nodes: usize) -> Result<(), Failure> {
-        let file = blob::load(path)?;
-        let organ: Organ<'_> = blob::organ(path, &file)?;
-        let certificate = certificate::of(path, &organ)?;
+    fn blob(&mut self, prediction: &Prediction, blob: &PackedBlob<'_>, nodes: usize) {
+        let PackedBlob { organ, certificate, bytes } = *blob;
         let others = [Method::Trilinear, Method::RbfLinear, Method::RbfCubic, Method::Kernel];
         let has_others = organ.spaces.iter().any(|space| others.iter().any(|&method| space.has(method)));
         if has_others || organ.spaces.len() < nodes {
@@ -126,7 +115,7 @@ impl Comparison {
         } else {
             let missing = if certificate.is_some() { 0.0 } else { prediction.certificate_bytes };
             let predicted = prediction.total.blob_bytes.less(missing);
-            self.add("blob".into(), predicted, file.bytes().len() as f64, "B");
+            self.add("blob".into(), predicted, bytes as f64, "B");
         }
         let mut slowest_ns: Option<f64> = None;
         for space in certificate.iter().flat_map(|certificate| &certificate.spaces) {
@@ -142,42 +131,6 @@ impl Comparison {
         if let (Some(predicted), Some(happened)) = (prediction.query_ns, slowest_ns) {
             self.add("query".into(), predicted, happened, "ns");
         }
-        Ok(())
-    }
-
-    /// The table as text.
-    pub(super) fn in_words(&self) -> String {
-        let rows: Vec<[String; 4]> = self
-            .lines
-            .iter()
-            .map(|line| {
-                let value = |x: f64| match line.unit {
-                    "s" => format!("{} s", seconds(x)),
-                    "B" => bytes(x),
-                    "N" => format!("{} mN", millinewtons(x)),
-                    "ns" => format!("{x:.0} ns"),
-                    _ => count(x),
-                };
-                let verdict = if line.inside { "inside" } else { "outside" };
-                [line.what.clone(), line.predicted.in_words(value), value(line.happened), verdict.into()]
-            })
-            .collect();
-        let heading = ["", "predicted (10 to 90 %)", "happened", ""].map(String::from);
-        let wide: [usize; 3] = std::array::from_fn(|column| {
-            rows.iter().chain([&heading]).map(|row| row[column].chars().count()).max().unwrap_or(0)
-        });
-        let mut text = String::new();
-        for [what, predicted, happened, verdict] in [&heading].into_iter().chain(&rows) {
-            let [a, b, c] = wide;
-            let line = format!("  {what:<a$}  {predicted:>b$}  {happened:>c$}  {verdict}");
-            text.push_str(line.trim_end());
-            text.push('\n');
-        }
-        for note in &self.notes {
-            text.push_str(&format!("  {note}\n"));
-        }
-        let inside = self.lines.iter().filter(|line| line.inside).count();
-        text + &format!("{inside} of {} inside", self.lines.len())
     }
 }
 
@@ -187,16 +140,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_line_says_what_was_predicted_what_happened_and_whether_it_is_inside() {
+    fn a_value_is_inside_its_interval_or_not() {
         let prediction = ended(2);
         let mut all = Comparison::default();
         let line = prediction.of_node("A1").expect("probed");
         all.solves("A1", line, [11.0, 9.0, line.seconds.likely]);
         assert_eq!(all.lines.iter().map(|line| line.inside).collect::<Vec<_>>(), [true, false, true]);
-        let text = all.in_words();
-        let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split_whitespace().collect()).collect();
-        assert_eq!(lines[1], ["A1:", "solves", "tried", "11", "11", "inside"]);
-        assert_eq!(lines[2], ["A1:", "configurations", "kept", "10", "9", "outside"]);
-        assert!(text.ends_with("2 of 3 inside"), "{text}");
     }
 }

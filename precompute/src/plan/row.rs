@@ -1,6 +1,4 @@
-//! The rows of the plan, the recommended row, and the table.
-
-use std::fmt::Write;
+//! The rows of the plan, and the recommended row.
 
 use serde::Serialize;
 
@@ -11,7 +9,7 @@ const REQUIRED_SHARE: f64 = 0.99;
 
 /// One choice for all active nodes of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Row {
+pub struct Row {
     /// Shape functions and pressure, or the linear law.
     pub model: String,
     /// Spacing of the lattice, m; `None` if positions are scattered.
@@ -44,15 +42,6 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// Model, sampling and method.
-    pub(super) fn in_words(&self) -> String {
-        let sampling = match self.spacing_m {
-            Some(spacing_m) => format!("spacing_m = {spacing_m:.4}"),
-            None => "adaptive sampling".into(),
-        };
-        format!("{}, {sampling}, {}", self.model, self.method)
-    }
-
     /// A message that this row of another model is both faster and softer than the chosen row, which has the
     /// scene's model; empty if it is not.
     pub(super) fn reason_against(&self, chosen: &Self) -> String {
@@ -141,66 +130,6 @@ const MIN_DIFFERENCE: f64 = 0.1;
 /// The name of the row with the linear law.
 pub(super) const LINEAR: &str = "linear law";
 
-/// The table as text.
-pub(super) fn table(rows: &[Row], threads: usize) -> String {
-    let mut text = format!(
-        "  {:<12} {:<17} {:<10} {:>7} {:>9} {:>8} {:>9} {:>7} {:>9} {:>8} {:>9}\n",
-        "model",
-        "sampling",
-        "method",
-        "solves",
-        "seconds",
-        "memory",
-        "blob",
-        "tick ns",
-        "p99 mN",
-        "within",
-        "stiffer"
-    );
-    for row in rows {
-        let sampling =
-            row.spacing_m.map_or("adaptive sampling".into(), |s| format!("lattice {:.2} mm", 1e3 * s));
-        let mark = if row.recommended { '>' } else { ' ' };
-        let about = if row.extrapolated { "~" } else { "" };
-        let stiffer = row.stiffer.map_or("-".into(), |s| format!("{:+.0} %", 100.0 * s));
-        let _ = writeln!(
-            text,
-            "{mark} {:<12} {sampling:<17} {:<10} {:>7.0} {:>9} {:>8} {:>9} {:>7.0} {:>9} {:>7.1}% {stiffer:>9}{}",
-            row.model,
-            row.method,
-            row.configurations,
-            format!("{about}{}", seconds(row.solving_s / threads as f64)),
-            bytes(row.memory_bytes),
-            bytes(row.blob_bytes),
-            row.nanoseconds,
-            format!("{about}{:.2}", 1e3 * row.p99_n),
-            100.0 * row.within,
-            if row.asked { "  (as the scene asks)" } else { "" }
-        );
-    }
-    text
-}
-
-/// Two significant digits.
-pub(super) fn seconds(s: f64) -> String {
-    match s {
-        s if s >= 100.0 => format!("{s:.0}"),
-        s if s >= 10.0 => format!("{s:.1}"),
-        s => format!("{s:.2}"),
-    }
-}
-
-/// Formats a size in kB or MB.
-pub(super) fn bytes(b: f64) -> String {
-    if b >= 1e7 {
-        format!("{:.0} MB", b * 1e-6)
-    } else if b >= 1e6 {
-        format!("{:.1} MB", b * 1e-6)
-    } else {
-        format!("{:.0} kB", b * 1e-3)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -241,19 +170,5 @@ mod tests {
         let mut rows = [row(5.0, 1.0, 1.0), Row { model: LINEAR.into(), ..row(6.0, 1.0, 1.0) }];
         let (chosen, why) = recommend(&mut rows, "the JND of force");
         assert!(chosen == 1 && why.contains("small displacements: a linear model"), "{why}");
-    }
-
-    #[test]
-    fn the_table_has_a_line_a_row_and_marks_the_one() {
-        let mut rows = [row(5.0, 2e6, 1.0), row(1.0, 1.0, 0.1)];
-        recommend(&mut rows, "");
-        let text = table(&rows, 2);
-        let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines.len(), 3);
-        assert!(
-            lines[1].starts_with("> P1/P1") && lines[1].contains("2.0 MB") && lines[1].contains("2.50"),
-            "{text}"
-        );
-        assert!(lines[2].starts_with("  P1/P1"));
     }
 }

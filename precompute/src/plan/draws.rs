@@ -14,7 +14,7 @@
 //!
 //! The numbers are pseudo-random with a fixed seed and do not depend on the platform.
 
-use palpate_precompute::num::{SPLIT_MIX_STEP, split_mix, unit_interval};
+use crate::num::{SPLIT_MIX_STEP, split_mix, unit_interval};
 
 use super::probe::Probed;
 

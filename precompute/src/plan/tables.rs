@@ -1,22 +1,22 @@
 //! The tables of a space, made from the surrogate by the packer's fits: their error, time and bytes.
 
+use crate::certificate::nanoseconds;
+use crate::fit::{
+    Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
+};
+use crate::num::norm;
+use crate::spec::{SpaceGrid, Tolerance};
 use palpate_core::format::ALIGNMENT;
 use palpate_core::{
     ActiveNode, BallLattice, HermiteNode, HermitePlanes, Method, RBF_LANES, RbfPlanes, Space, SpacePlanes,
 };
-use palpate_precompute::certificate::nanoseconds;
-use palpate_precompute::fit::{
-    Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
-};
-use palpate_precompute::num::norm;
-use palpate_precompute::spec::{SpaceGrid, Tolerance};
 
 /// With more centres than this a dense fit of weights would take too long for a plan.
 const MAX_CENTRES: usize = 1100;
 
 /// Every table of one space.
 #[derive(Debug)]
-pub(crate) struct Tables {
+pub(super) struct Tables {
     lattice: BallLattice,
     values: LatticeValues,
     hermite: HermiteNodes,
@@ -25,7 +25,7 @@ pub(crate) struct Tables {
 
 /// A reachable position with the surrogate's force.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Place {
+pub(super) struct Place {
     /// Displacement, m.
     pub at: [f64; 3],
     /// h, N.
@@ -43,36 +43,13 @@ pub(super) struct Error {
 
 impl Tables {
     /// Tables of these samples; without radial basis functions if they are of a fit or too many.
-    pub(crate) fn of(grid: &SpaceGrid, samples: &[Sample]) -> Self {
+    pub(super) fn of(grid: &SpaceGrid, samples: &[Sample]) -> Self {
         let hermite = hermite_nodes(grid, samples, &[]);
         let is_of_fit = samples.iter().any(|sample| sample.derivatives.is_some());
         let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
         let few = !is_of_fit && centres.len() <= MAX_CENTRES;
         let rbf = few.then(|| fit_rbf(Kernel::Cubic, &centres, 1).ok()).flatten();
         Self { lattice: grid.lattice, values: lattice_values(grid, samples, &[]), hermite, rbf }
-    }
-
-    /// Tables of these samples, without those for the energy and radial basis functions.
-    pub(crate) fn of_forces(grid: &SpaceGrid, samples: &[Sample]) -> Self {
-        let hermite = HermiteNodes { row: Vec::new(), nodes: Vec::new() };
-        Self { lattice: grid.lattice, values: lattice_values(grid, samples, &[]), hermite, rbf: None }
-    }
-
-    /// Share of the places with an error of the method within the tolerance; `None` if it has no table.
-    pub(crate) fn share_within(
-        &self,
-        method: Method,
-        places: &[Place],
-        tolerance: &Tolerance,
-    ) -> Option<f64> {
-        let space = self.space()?;
-        let mut within = 0;
-        for &Place { at, exact } in places {
-            let found = space.force(method, at.map(|x| x as f32))?.force_n;
-            let error_n = norm(std::array::from_fn(|i| f64::from(found[i]) - exact[i]));
-            within += usize::from(error_n <= tolerance.at(exact));
-        }
-        Some(within as f64 / places.len().max(1) as f64)
     }
 
     /// The view that the loop uses; `None` if a table is not finite.
@@ -127,7 +104,7 @@ pub(super) fn percentile_99(values: &mut [f64]) -> f64 {
 
 /// Content of the displacement planes for display.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-pub(super) struct VisualModel {
+pub struct VisualModel {
     /// Surface vertices.
     pub vertices: usize,
     /// Modes.
@@ -194,7 +171,7 @@ mod tests {
     use super::super::surrogate::Surrogate;
     use super::super::surrogate::tests::probed;
     use super::*;
-    use palpate_precompute::spec::Lattice;
+    use crate::spec::Lattice;
 
     const ALL: [Method; 4] = [Method::Trilinear, Method::Hybrid, Method::RbfCubic, Method::Energy];
 

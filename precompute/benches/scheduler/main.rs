@@ -1,30 +1,27 @@
-//! `palpate bench scheduler`: parallel scaling of the expansion of spaces, and its limit.
+//! Parallel scaling of the expansion of spaces, and its limit: `cargo bench -p palpate-precompute --bench scheduler`.
+//! The results are in docs/measurements.md. The time of rank 0 per attempt is that of the bench `rank0`.
+
+mod simulated;
+mod solved;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use clap::Args as ClapArgs;
+use clap::Parser;
 use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::space::{self, Executor, Store, StoreIdentity};
+use palpate_precompute::space::{self, Store, StoreIdentity};
 use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
-use serde::Serialize;
-
-use super::common::Out;
-use super::replay::{RankZero, Replay};
-use super::simulated::{Costs, Simulated, Solves, nanoseconds};
-use crate::failure::Failure;
-use crate::output;
+use simulated::{Costs, Simulated, Solves, nanoseconds};
+use solved::SolvedSpace;
 
 /// Simulate the makespan of configuration spaces on 1 to 4,096 workers.
 ///
 /// The real planner and dispatcher run with workers in simulated time.
 ///
 /// With --space the solve times are drawn from that file, and its own expansion is simulated too, with its
-/// failures and retries. The time of rank 0 per attempt is measured by a replay: plan, read the parent's
-/// state, encode the job, decode the outcome, store it, without the transport. Without --space every solve
-/// takes --solve-ms.
-#[derive(Debug, ClapArgs)]
-pub(crate) struct Args {
+/// failures and retries. Without --space every solve takes --solve-ms.
+#[derive(Debug, Parser)]
+struct Args {
     /// File with the solve times
     #[arg(long, value_name = "FILE.space")]
     space: Option<PathBuf>,
@@ -42,21 +39,24 @@ pub(crate) struct Args {
     /// Time of a solve without --space, ms
     #[arg(long, value_name = "MS", default_value_t = 50.0)]
     solve_ms: f64,
-    /// Time of rank 0 per attempt, us; measured with --space, otherwise 350
-    #[arg(long, value_name = "US")]
-    rank0_us: Option<f64>,
+    /// Time of rank 0 per attempt, us
+    #[arg(long, value_name = "US", default_value_t = 350.0)]
+    rank0_us: f64,
     /// Time of rank 0 to pass a job to MPI, us
     #[arg(long, value_name = "US", default_value_t = 25.0)]
     send_us: f64,
     /// Latency of a message, us
     #[arg(long, value_name = "US", default_value_t = 200.0)]
     message_us: f64,
-    #[command(flatten)]
-    out: Out,
+    /// Passed by cargo
+    #[arg(long, hide = true)]
+    bench: bool,
 }
 
+type Failure = Box<dyn std::error::Error>;
+
 /// One simulated run.
-#[derive(Debug, Serialize)]
+#[derive(Debug)]
 struct Row {
     case: String,
     points: usize,
@@ -78,16 +78,6 @@ struct Row {
     rank0_busy: f64,
 }
 
-#[derive(Debug, Serialize)]
-struct Figures {
-    rank0: Option<RankZero>,
-    rank0_us: f64,
-    send_us: f64,
-    message_us: f64,
-    mean_solve_s: f64,
-    rows: Vec<Row>,
-}
-
 /// A space to simulate.
 struct Case<'a> {
     name: String,
@@ -97,23 +87,21 @@ struct Case<'a> {
     solves: Solves<'a>,
 }
 
-/// Runs the command.
-pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+fn main() -> Result<(), Failure> {
+    let args = Args::parse();
     if args.workers.contains(&0) {
-        return Err(Failure::input("--workers: give at least one worker"));
+        return Err("--workers: give at least one worker".into());
     }
-    let out = args.out.ready(args.space.as_deref())?;
-    let dir = tempfile::tempdir().map_err(|error| Failure::work(format!("no temporary folder: {error}")))?;
-    let replay = args.space.as_deref().map(Replay::load).transpose()?;
-    let rank0 = replay.as_ref().map(|replay| measure(replay, dir.path())).transpose()?;
-    let seconds: Vec<f64> = match &replay {
-        Some(replay) => replay.seconds(),
+    let dir = tempfile::tempdir()?;
+    let solved = args.space.as_deref().map(SolvedSpace::load).transpose()?;
+    let seconds = match &solved {
+        Some(solved) => solved.seconds(),
         None => vec![args.solve_ms / 1e3],
     };
     if seconds.is_empty() {
-        return Err(Failure::input("the file contains no solves"));
+        return Err("the file contains no solves".into());
     }
-    let rank0_us = args.rank0_us.or(rank0.as_ref().map(|r| r.us_per_try)).unwrap_or(350.0);
+    let rank0_us = args.rank0_us;
     let costs = Costs {
         // Rank 0 plans and reads before it sends a job, and stores after it receives an outcome.
         give: nanoseconds((rank0_us / 2.0 + args.send_us) * 1e-6),
@@ -122,13 +110,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     };
     let pool: Vec<u64> = seconds.iter().map(|&s| nanoseconds(s)).collect();
     let mut cases = Vec::new();
-    if let Some(replay) = &replay {
+    if let Some(solved) = &solved {
         cases.push(Case {
             name: "as solved".into(),
-            grid: replay.grid,
-            complete_cells: replay.complete_cells,
-            actives: replay.actives.clone(),
-            solves: Solves::Known(&replay.records),
+            grid: solved.grid,
+            complete_cells: solved.complete_cells,
+            actives: solved.actives.clone(),
+            solves: Solves::Known(&solved.records),
         });
     }
     for &points in &args.points {
@@ -140,23 +128,23 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             solves: Solves::Drawn(&pool),
         });
     }
-    let mut rows = Vec::new();
+    println!(
+        "mean solve {:.1} ms; rank 0 {rank0_us:.0} us per attempt and {:.0} us per send; latency of a message {:.0} us\n",
+        1e3 * seconds.iter().sum::<f64>() / seconds.len() as f64,
+        args.send_us,
+        args.message_us
+    );
+    println!(
+        "case       points   tries  levels  workers  makespan s  speed-up  efficiency    bound s    chain s  barrier s  rank 0"
+    );
     for case in &cases {
         for &workers in &args.workers {
             let path = dir.path().join("simulated.space");
-            rows.push(simulate(case, workers, costs, &path)?);
-            let _ = std::fs::remove_file(&path);
+            println!("{}", simulate(case, workers, costs, &path)?.line());
+            std::fs::remove_file(&path)?;
         }
     }
-    let figures = Figures {
-        rank0,
-        rank0_us,
-        send_us: args.send_us,
-        message_us: args.message_us,
-        mean_solve_s: seconds.iter().sum::<f64>() / seconds.len() as f64,
-        rows,
-    };
-    out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
+    Ok(())
 }
 
 fn grid_of(points: usize) -> Result<SpaceGrid, Failure> {
@@ -165,13 +153,9 @@ fn grid_of(points: usize) -> Result<SpaceGrid, Failure> {
         1418 => 7.0,
         4168 => 10.0,
         14146 => 15.0,
-        _ => {
-            return Err(Failure::input(format!(
-                "no grid has {points} points; choose from 514, 1418, 4168 and 14146"
-            )));
-        }
+        _ => return Err(format!("no grid has {points} points; choose from 514, 1418, 4168 and 14146").into()),
     };
-    SpaceGrid::new(0.05 / cells, 0.05).map_err(Failure::input)
+    Ok(SpaceGrid::new(0.05 / cells, 0.05)?)
 }
 
 /// An empty store of an arbitrary body.
@@ -193,21 +177,10 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
     Ok(Store::create_or_resume(path, &identity, &mesh, &[], &active)?)
 }
 
-fn expand(store: &Store, executor: &mut dyn Executor, actives: &[usize]) -> Result<(), Failure> {
-    space::expand(actives, store, executor, &AtomicBool::new(false), |_| ())?;
-    Ok(())
-}
-
-fn measure(replay: &Replay, dir: &Path) -> Result<RankZero, Failure> {
-    let store =
-        scratch(&dir.join("replay.space"), &replay.grid, replay.complete_cells, replay.actives.len())?;
-    replay.measure(|executor| expand(&store, executor, &replay.actives))
-}
-
 fn simulate(case: &Case<'_>, workers: usize, costs: Costs, path: &Path) -> Result<Row, Failure> {
     let store = scratch(path, &case.grid, case.complete_cells, case.actives.len())?;
     let mut executor = Simulated::new(workers, costs, &case.solves, case.grid);
-    expand(&store, &mut executor, &case.actives)?;
+    space::expand(&case.actives, &store, &mut executor, &AtomicBool::new(false), |_| ())?;
     let seconds = |ns: u64| ns as f64 * 1e-9;
     let ran = executor.ran();
     let (makespan, work, chain) = (seconds(ran.makespan), seconds(ran.work), seconds(ran.chain));
@@ -230,38 +203,22 @@ fn simulate(case: &Case<'_>, workers: usize, costs: Costs, path: &Path) -> Resul
     })
 }
 
-fn table(figures: &Figures) -> String {
-    let mut text = String::new();
-    if let Some(r) = &figures.rank0 {
-        text += &format!(
-            "rank 0 alone: {:.0} attempts per second ({:.0} us each); a job has {:.0} bytes, an outcome {:.0}\n",
-            r.tries_per_second, r.us_per_try, r.job_bytes, r.outcome_bytes
-        );
+impl Row {
+    fn line(&self) -> String {
+        format!(
+            "{:9} {:>7} {:>7} {:>7} {:>8} {:>11.3} {:>9.1} {:>10.1}% {:>10.3} {:>10.3} {:>10.3} {:>6.1}%",
+            self.case,
+            self.points,
+            self.tries,
+            self.levels,
+            self.workers,
+            self.makespan_s,
+            self.speed_up,
+            100.0 * self.efficiency,
+            self.bound_s,
+            self.chain_s,
+            self.barrier_s,
+            100.0 * self.rank0_busy
+        )
     }
-    text += &format!(
-        "mean solve {:.1} ms; rank 0 {:.0} us per attempt and {:.0} us per send; latency of a message {:.0} us\n\n",
-        1e3 * figures.mean_solve_s,
-        figures.rank0_us,
-        figures.send_us,
-        figures.message_us
-    );
-    text += "case       points   tries  levels  workers  makespan s  speed-up  efficiency    bound s    chain s  barrier s  rank 0";
-    for r in &figures.rows {
-        text += &format!(
-            "\n{:9} {:>7} {:>7} {:>7} {:>8} {:>11.3} {:>9.1} {:>10.1}% {:>10.3} {:>10.3} {:>10.3} {:>6.1}%",
-            r.case,
-            r.points,
-            r.tries,
-            r.levels,
-            r.workers,
-            r.makespan_s,
-            r.speed_up,
-            100.0 * r.efficiency,
-            r.bound_s,
-            r.chain_s,
-            r.barrier_s,
-            100.0 * r.rank0_busy
-        );
-    }
-    text
 }
