@@ -9,12 +9,13 @@
 //! count found.
 
 mod baselines;
+mod reach;
 mod search;
 mod tables;
 
 use std::path::PathBuf;
 
-use baselines::{Baselines, is_inside, is_reached};
+use baselines::Baselines;
 use clap::Parser;
 use palpate_core::Method;
 use palpate_precompute::adaptive::resample;
@@ -23,6 +24,7 @@ use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::{distance, in_ball, in_parallel, norm};
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::spec::{Requirements, Tolerance};
+use reach::{is_inside, is_reached};
 use search::{SingleSolverSearch, search_alone};
 use tables::{Place, Tables};
 
@@ -56,6 +58,7 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 const LIMIT_RATIOS: [f64; 3] = [1.5, 1.2, 1.0];
 /// Sufficient accuracy: the 99th percentile of its error relative to the tolerance.
 const MAX_REFERENCE_ERROR: f64 = 0.2;
+
 /// A node of a scene.
 struct Case<'b> {
     analysis: &'b Analysis,

@@ -1,10 +1,10 @@
-//! The cost of a scene, predicted before it is solved.
+//! The cost of a scene, predicted before it is solved: [`Plan::of`].
 //!
-//! [`probe`] solves some configurations on each active node. [`surrogate`] fits them by a body that is cheap
+//! `probe` solves some configurations on each active node. `surrogate` fits them by a body that is cheap
 //! to evaluate. On it the adaptive sampling, the lattice's plan and the packer's fits run as on the real
-//! body. [`tables`] measures the results. [`node`] combines them for a node, [`model`] for other
-//! discretisations, [`rows`] for the scene. [`draws`] are possible outcomes of the sampling that the scene
-//! asks for, [`prediction`] their intervals. [`check`] compares a saved prediction with later results.
+//! body. `tables` measures the results. `node` combines them for a node, `model` for other
+//! discretisations, `rows` for the scene. `draws` are possible outcomes of the sampling that the scene
+//! asks for, `prediction` their intervals. `check` compares a saved prediction with later results.
 
 mod check;
 mod draws;
