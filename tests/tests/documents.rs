@@ -4,9 +4,7 @@
 use std::collections::BTreeSet;
 
 use cargo_metadata::{Metadata, MetadataCommand};
-use palpate_tests::documents;
-
-use crate::hazards::files;
+use palpate_tests::{documents, rust_files};
 
 /// Maximum number of words of README.md.
 const README_WORDS: usize = 600;
@@ -101,9 +99,7 @@ fn every_program_and_test_that_a_command_names_is_there() {
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
     let folders =
         ["assets/", "docs/", "firmware-like-core/", "hil/", "host/", "precompute/", "tests/", "tools/"];
-    let mut sources = Vec::new();
-    files(&documents::root(), &mut sources);
-    sources.retain(|path| path.extension().is_some_and(|extension| extension == "rs"));
+    let sources = rust_files(&documents::root());
     let sources: String = sources.iter().map(|path| std::fs::read_to_string(path).expect("text")).collect();
     let mut checked = 0;
     for (name, text) in documents::all() {
