@@ -1,9 +1,7 @@
 //! The reader accepts what was written, refuses everything else, and never panics. Planes are in
 //! `blob_planes.rs`.
 
-mod common;
-
-use common::{Draft, Random, Recipe, sign};
+use crate::common::{Draft, Random, Recipe, sign};
 use palpate_core::{AlignedBytes, BlobError, LatticeError, Limits, Method, Organ, format};
 
 type Small<'a> = Organ<'a, 2>;

@@ -1,8 +1,6 @@
 //! Planes that the reader refuses, each by its name.
 
-mod common;
-
-use common::{Draft, Recipe};
+use crate::common::{Draft, Recipe};
 use palpate_core::flags::{BRANCH_JUMP, CELL, SMOOTH};
 use palpate_core::format::{DisplacementHeader, PlaneRef};
 use palpate_core::{BlobError, Organ, PlaneError, PlaneProblem};

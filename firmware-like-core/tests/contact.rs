@@ -1,8 +1,6 @@
 //! Strokes of the tool: engage, press, release, grasp.
 
-mod common;
-
-use common::Recipe;
+use crate::common::Recipe;
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{Config, ContactConfig, Controller, Method, Organ, Sample, State};
 

@@ -1,8 +1,6 @@
 //! Continuity of the methods at the rim, at faces and at folds; and that `energy` is conservative.
 
-mod common;
-
-use common::{Random, Recipe, distance, force};
+use crate::common::{Random, Recipe, distance, force};
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{AlignedBytes, Coverage, Estimate, Method, Organ, flags};
 

@@ -1,9 +1,6 @@
 //! The tick: force for the hand, limits, faults that latch at zero. Stale samples are in `stale.rs`.
 
-#[macro_use]
-mod common;
-
-use common::bench::{assert_faults, assert_latched, config, organ_blob, sample};
+use crate::common::bench::{assert_faults, assert_latched, config, organ_blob, sample};
 use palpate_core::{Command, Config, Controller, ControllerError, Fault, Method, Organ, Phase, State, vec3};
 
 #[test]
@@ -12,7 +9,7 @@ fn the_hand_gets_minus_h() {
     let command = bench.press();
     assert_eq!((command.engaged, command.phase, command.clamped), (Some(0), Phase::Active, false));
     assert_eq!(command.hand_force_n, vec3::scale(command.reaction_n, -1.0));
-    let exact = common::force([0.0, 0.0, -5e-3])[2] as f32;
+    let exact = crate::common::force([0.0, 0.0, -5e-3])[2] as f32;
     assert!((command.reaction_n[2] - exact).abs() < 0.1, "{command:?} against {exact}");
     assert!((command.displacement_m[2] + 5e-3).abs() < 1e-7);
     assert!(command.coverage.is_some());
@@ -205,7 +202,7 @@ fn the_clamp_keeps_the_direction() {
     assert!(command.clamped && vec3::norm(command.hand_force_n) <= 0.5);
     assert!(vec3::norm(command.hand_force_n) > 0.499_99);
     let direction = vec3::normalize_or_zero(vec3::scale(command.reaction_n, -1.0));
-    assert!(common::distance(direction, vec3::normalize_or_zero(command.hand_force_n)) < 1e-6);
+    assert!(crate::common::distance(direction, vec3::normalize_or_zero(command.hand_force_n)) < 1e-6);
 }
 
 /// The weight of the handle is part of the one sum that the last clamp limits.

@@ -1,9 +1,7 @@
 //! Where a path enters the surface: the lists of triangles compared with a search over all triangles.
 
-mod common;
-
-use common::ball::{RADIUS_M, ball};
-use common::{Random, Recipe, sphere};
+use crate::common::ball::{RADIUS_M, ball};
+use crate::common::{Random, Recipe, sphere};
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{Command, Config, Controller, Method, Organ, Sample, State, TouchSurface};
 

@@ -1,8 +1,6 @@
 //! Surface displacements at the configurations and between them.
 
-mod common;
-
-use common::{ODD, Random, Recipe, SHARES, bent, distance};
+use crate::common::{ODD, Random, Recipe, SHARES, bent, distance};
 use palpate_core::flags::{BRANCH_JUMP, CELL, SMOOTH};
 use palpate_core::{AlignedBytes, Organ, Space, Vec3, vec3};
 

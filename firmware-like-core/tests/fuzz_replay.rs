@@ -1,11 +1,9 @@
 //! The fuzz targets of the core on the inputs of the corpus, on their seeds, and on mutations of both.
 //! `check-fuzz` runs the fuzzer itself.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
-use common::Recipe;
+use crate::common::Recipe;
 use replay::{kept, replay, write_seeds};
 
 #[path = "../fuzz/bodies.rs"]

@@ -1,10 +1,7 @@
 //! Grasps on a body that is active everywhere: where they begin, what ends them, and how the force fades.
 
-#[macro_use]
-mod common;
-
-use common::ball::{RADIUS_M, ball, uneven};
-use common::sphere;
+use crate::common::ball::{RADIUS_M, ball, uneven};
+use crate::common::sphere;
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{Config, Controller, Method, Organ, Sample, State};
 

@@ -1,8 +1,6 @@
 //! The lattice: counts, indices, cells, flags.
 
-mod common;
-
-use common::Random;
+use crate::common::Random;
 use palpate_core::flags::{self, CELL, INTERIOR, SOLVED, SUPERCELL};
 use palpate_core::{
     ActiveNode, BallLattice, CORNERS, LatticeError, MAX_CELLS, PlaneProblem, Space, SpacePlanes,

@@ -1,9 +1,7 @@
 //! What each method reproduces, its derivatives, and that every answer is finite. Continuity is in
 //! `continuity.rs`.
 
-mod common;
-
-use common::{Random, Recipe, distance, force};
+use crate::common::{Random, Recipe, distance, force};
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{AlignedBytes, Coverage, Method, Organ};
 

@@ -1,10 +1,8 @@
 //! The method `kernel`: a plain reference sum, derivatives, closed paths, the force outside the reach,
 //! damaged planes.
 
-mod common;
-
-use common::kernel::{BASE_N, LENGTH_M, RADIUS_M, SPACING_M, add, blob, blocks, recipe};
-use common::{Draft, Random, distance, sign};
+use crate::common::kernel::{BASE_N, LENGTH_M, RADIUS_M, SPACING_M, add, blob, blocks, recipe};
+use crate::common::{Draft, Random, distance, sign};
 use palpate_core::format::{KernelHeader, PlaneRef};
 use palpate_core::kernel::{Block, LANES, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS};
 use palpate_core::vec3::{self, Vec3};

@@ -1,9 +1,6 @@
 //! Random sessions: the limits hold for any input, and equal inputs give equal commands.
 
-#[macro_use]
-mod common;
-
-use common::bench::{config, organ_blob};
+use crate::common::bench::{config, organ_blob};
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{Controller, Method, Organ, Phase, Sample, State};
 use proptest::prelude::*;
@@ -103,7 +100,7 @@ proptest! {
                 prop_assert_eq!(command.phase, before);
             }
             if force_n != [0.0; 3] {
-                let change_n = f64::from(common::distance(force_n, last_n));
+                let change_n = f64::from(crate::common::distance(force_n, last_n));
                 let allowed_n = f64::from(max_slew_n_per_s) * elapsed_us as f64 * 1e-6;
                 // f32 rounding of forces up to the limit.
                 let rounding_n = f64::from(max_force_n) * 4e-7;
@@ -125,7 +122,7 @@ fn a_random_walk_reaches_every_state() {
         config.limits.max_force_n = 0.6;
         config
     });
-    let mut random = common::Random(21);
+    let mut random = crate::common::Random(21);
     let mut hip_m = [0.0, 0.0, 1e-3];
     let (mut engaged, mut free, mut clamped) = (0, 0, 0);
     for _ in 0..20_000 {

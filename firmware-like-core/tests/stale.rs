@@ -1,9 +1,6 @@
 //! Missing, late and repeated samples.
 
-#[macro_use]
-mod common;
-
-use common::bench::{assert_faults, assert_latched, config, sample};
+use crate::common::bench::{assert_faults, assert_latched, config, sample};
 use palpate_core::{Fault, Phase, vec3};
 
 /// Three ticks hold the force, then it is zero, and after 10 ms a fault is latched.

@@ -1,11 +1,8 @@
 //! A body that is active everywhere: touch, sliding, the border of the active region. `crossing.rs` tests the
 //! search for the surface, `grasp.rs` the grasps.
 
-#[macro_use]
-mod common;
-
-use common::ball::{Hand, RADIUS_M, ball, uneven};
-use common::{Random, Recipe, sphere};
+use crate::common::ball::{Hand, RADIUS_M, ball, uneven};
+use crate::common::{Random, Recipe, sphere};
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{Command, Organ, State};
 

@@ -1,8 +1,6 @@
 //! How long a write to a serial port blocks a real-time thread on a busy machine: through `serialport`, which
 //! calls poll(2) first, and through the port of the drivers.
 
-#![cfg(target_os = "linux")]
-
 use palpate_host::device::nonblocking_port::NonBlockingPort;
 use palpate_host::sys::{RtRequest, enter_real_time, monotonic_ns, sleep_until_ns};
 use serialport::{SerialPort, TTYPort};

@@ -50,6 +50,7 @@ pub mod mesh;
 pub mod num;
 pub mod pack;
 pub mod pipeline;
+pub mod plan;
 pub mod scene;
 pub mod space;
 pub mod spec;

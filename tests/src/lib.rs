@@ -17,6 +17,39 @@ use palpate_precompute::fem::material::{LAWS, Lame, Material, MooneyRivlin, StVe
 use palpate_precompute::fem::{Body, Model};
 use palpate_precompute::mesh::TetMesh;
 
+/// Files below a folder, except build output and those of git, sorted in each folder.
+///
+/// # Panics
+///
+/// If a folder cannot be read.
+#[must_use]
+pub fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("readable").path()).collect();
+    paths.sort();
+    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    paths.retain(|path| name(path).is_some_and(|name| name != "target" && name != ".git"));
+    paths.into_iter().flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
+}
+
+/// The Rust files among [`files`].
+#[must_use]
+pub fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let is_rust = |path: &PathBuf| path.extension().is_some_and(|kind| kind == "rs");
+    files(folder).into_iter().filter(is_rust).collect()
+}
+
+/// A Rust file as syntax.
+///
+/// # Panics
+///
+/// If it cannot be read or parsed.
+#[must_use]
+pub fn parsed(file: &Path) -> syn::File {
+    let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    syn::parse_file(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()))
+}
+
 /// The paper's Mooney-Rivlin liver.
 pub fn mooney_rivlin() -> Material {
     Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 })

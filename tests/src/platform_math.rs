@@ -6,7 +6,6 @@
 //!
 //! Items and files under `#[cfg(test)]` are skipped.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use proc_macro2::{Delimiter, Span, TokenStream, TokenTree};
@@ -14,6 +13,7 @@ use syn::visit::{self, Visit};
 use syn::{ExprMethodCall, Item, ItemMod, Macro};
 
 use crate::strata::{Finding, attributes, is_test};
+use crate::{parsed, rust_files};
 
 /// Methods of `f64` and `f32` whose last bits depend on the platform.
 const TRANSCENDENTAL: [&str; 27] = [
@@ -33,12 +33,12 @@ fn is_transcendental(name: &syn::Ident) -> bool {
 /// If a file cannot be read or parsed.
 #[must_use]
 pub fn platform_calls(src: &Path) -> Vec<Finding> {
-    let mut parsed = Vec::new();
-    read(src, &mut parsed);
-    let tests: Vec<PathBuf> = parsed.iter().flat_map(|(path, file)| test_files(path, &file.items)).collect();
-    parsed.retain(|(path, _)| !tests.iter().any(|test| path.with_extension("").starts_with(test)));
+    let mut files: Vec<(PathBuf, syn::File)> =
+        rust_files(src).into_iter().map(|path| (path.clone(), parsed(&path))).collect();
+    let tests: Vec<PathBuf> = files.iter().flat_map(|(path, file)| test_files(path, &file.items)).collect();
+    files.retain(|(path, _)| !tests.iter().any(|test| path.with_extension("").starts_with(test)));
     let mut findings = Vec::new();
-    for (path, file) in &parsed {
+    for (path, file) in &files {
         let file_name = path.strip_prefix(src).unwrap_or(path).to_path_buf();
         let mut calls = Calls { file: file_name, findings: Vec::new() };
         calls.visit_file(file);
@@ -46,21 +46,6 @@ pub fn platform_calls(src: &Path) -> Vec<Finding> {
     }
     findings.sort();
     findings
-}
-
-fn read(folder: &Path, parsed: &mut Vec<(PathBuf, syn::File)>) {
-    let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
-    for entry in entries {
-        let path = entry.expect("the folder stays readable").path();
-        if path.is_dir() {
-            read(&path, parsed);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            let text =
-                fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-            let file = syn::parse_file(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-            parsed.push((path, file));
-        }
-    }
 }
 
 /// The files, without extension, of the modules that `file` declares for tests only.

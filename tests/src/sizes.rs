@@ -1,13 +1,14 @@
 //! Lines of files and functions.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 use syn::{Block, ImplItemFn, Item, ItemFn, TraitItemFn};
 
 use crate::strata::{attributes, is_test};
+use crate::{parsed, rust_files};
 
 /// The files of a folder with more than `file_lines` lines, and its functions with more than `fn_lines`,
 /// except tests; one line each.
@@ -28,25 +29,11 @@ pub fn too_long(folder: &Path, file_lines: usize, fn_lines: usize) -> Vec<String
         if file.iter().any(|part| part == "tests" || part == "tests.rs") {
             continue;
         }
-        let parsed = syn::parse_file(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
         let mut functions = Functions { limit: fn_lines, found: Vec::new() };
-        functions.visit_file(&parsed);
+        functions.visit_file(&parsed(&file));
         found.extend(functions.found.into_iter().map(|function| format!("{name}: {function}")));
     }
     found
-}
-
-fn rust_files(folder: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
-    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("readable").path()).collect();
-    paths.sort();
-    let files = |path: PathBuf| match path.is_dir() {
-        true => rust_files(&path),
-        false => {
-            Some(path).filter(|path| path.extension().is_some_and(|kind| kind == "rs")).into_iter().collect()
-        }
-    };
-    paths.into_iter().flat_map(files).collect()
 }
 
 /// Functions longer than a limit.

@@ -11,12 +11,13 @@
 //! Items under `#[cfg(test)]` are skipped: a test may use any module.
 
 use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use proc_macro2::{Span, TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 use syn::{Attribute, Item, ItemMod, ItemUse, Macro, UseTree, Visibility};
+
+use crate::parsed;
 
 /// One import that does not go downwards, or a module that is in no stratum.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -99,8 +100,7 @@ struct Walk<'c> {
 }
 
 fn walk_file(src: &Path, order: &[ModulePath], file: &Path, module: &[String]) -> Contents {
-    let text = fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-    let parsed = syn::parse_file(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    let parsed = parsed(file);
     let owns_folder = module.is_empty() || file.ends_with("mod.rs");
     let folder = if owns_folder { file.with_file_name("") } else { file.with_extension("") };
     let (module, children) = (module.to_vec(), declared(&parsed.items));

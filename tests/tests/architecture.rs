@@ -3,6 +3,8 @@
 //! on all.
 
 use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
 
 use cargo_metadata::{DependencyKind, MetadataCommand, PackageId};
 
@@ -85,4 +87,54 @@ fn no_std_crates_use_no_default_features() {
             .collect();
         assert!(leaky.is_empty(), "default features of {name}: {leaky:?}");
     }
+}
+
+/// Files and folders with tests that `main.rs` or `mod.rs` of their folder does not declare.
+fn left_out(root: &Path) -> Vec<String> {
+    let folder = root.parent().expect("a folder");
+    let declared = fs::read_to_string(root).expect("readable");
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("readable").path();
+        let inner = path.join("mod.rs");
+        let is_module = path.extension().is_some_and(|extension| extension == "rs") || inner.exists();
+        let name = path.file_stem().and_then(|stem| stem.to_str()).expect("a plain name");
+        if is_module && path != root && !declared.contains(&format!("mod {name};")) {
+            found.push(path.display().to_string());
+        }
+        if inner.exists() {
+            found.extend(left_out(&inner));
+        }
+    }
+    found
+}
+
+#[test]
+fn a_crate_has_one_binary_of_tests_with_every_file() {
+    let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
+    for package in &metadata.packages {
+        let roots: Vec<&Path> =
+            package.targets.iter().filter(|t| t.is_test()).map(|t| t.src_path.as_std_path()).collect();
+        let one = roots.iter().filter(|root| root.ends_with("tests/main.rs")).count();
+        // Tests in `palpate-host` trap allocations, or need the processor for themselves.
+        assert!(roots.len() == one || package.name.starts_with("palpate-host"), "{}", package.name);
+        let found: Vec<String> =
+            roots.iter().filter(|r| r.ends_with("main.rs")).flat_map(|r| left_out(r)).collect();
+        assert!(found.is_empty(), "no module of a test: {found:?}");
+    }
+}
+
+#[test]
+fn a_forgotten_file_of_tests_is_found() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let put = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("writable");
+    fs::create_dir(folder.path().join("group")).expect("writable");
+    put("main.rs", "mod a;\nmod group;\n");
+    put("a.rs", "");
+    put("group/mod.rs", "mod b;\n");
+    put("group/b.rs", "");
+    assert_eq!(left_out(&folder.path().join("main.rs")), [""; 0]);
+    put("group/c.rs", "");
+    let found = left_out(&folder.path().join("main.rs"));
+    assert!(found.len() == 1 && found[0].ends_with("group/c.rs"), "{found:?}");
 }

@@ -4,9 +4,10 @@
 //! Every `Command::new(..)` of the workspace must be listed here, with the reason why its program is present
 //! or is not needed.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use cargo_metadata::MetadataCommand;
+use cargo_metadata::{MetadataCommand, Package};
+use palpate_tests::rust_files;
 
 /// Programs by the expression that names them, in any file.
 const ANYWHERE: [(&str, &str); 3] = [
@@ -54,28 +55,13 @@ fn is_listed(file: &str, program: &str) -> bool {
         || HERE.iter().any(|(at, known, _)| (*at, *known) == (file, program))
 }
 
-/// Rust files below a folder, except build output.
-fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> =
-        std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
-    entries.sort();
-    for path in entries {
-        if path.is_dir() && !path.ends_with("target") {
-            sources(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(path);
-        }
-    }
-}
-
 #[test]
 fn no_test_starts_a_program_that_a_bare_machine_lacks() {
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
     let root = metadata.workspace_root.as_std_path();
-    let mut files = Vec::new();
-    for package in &metadata.packages {
-        sources(package.manifest_path.as_std_path().parent().expect("a folder"), &mut files);
-    }
+    let folder = |package: &Package| package.manifest_path.parent().expect("a folder").to_owned();
+    let mut files: Vec<PathBuf> =
+        metadata.packages.iter().flat_map(|package| rust_files(folder(package).as_std_path())).collect();
     files.sort();
     files.dedup();
     let (mut calls, mut unlisted) = (0, Vec::new());

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use cargo_metadata::{Metadata, MetadataCommand};
-use palpate_tests::documents;
+use palpate_tests::{documents, rust_files};
 
 /// Maximum number of words of README.md.
 const README_WORDS: usize = 600;
@@ -67,7 +67,8 @@ fn every_link_leads_somewhere() {
 }
 
 /// The target that a `cargo` option names, and the kind of that target.
-const NAMED: [(&str, &str); 4] = [("--test", "test"), ("--example", "example"), ("--bin", "bin"), ("-p", "")];
+const NAMED: [(&str, &str); 5] =
+    [("--test", "test"), ("--bench", "bench"), ("--example", "example"), ("--bin", "bin"), ("-p", "")];
 
 fn is_there(metadata: &Metadata, kind: &str, name: &str) -> bool {
     let packages = metadata.workspace_packages();
@@ -78,11 +79,28 @@ fn is_there(metadata: &Metadata, kind: &str, name: &str) -> bool {
     targets.any(|target| target.name == name && target.kind.iter().any(|of| of.to_string() == kind))
 }
 
+/// The names by which a command `cargo test` selects tests, without the path before them.
+fn selected(words: &[String]) -> Vec<&str> {
+    let Some(at) = words.windows(2).position(|pair| pair == ["cargo", "test"]) else { return Vec::new() };
+    let takes_value = |word: &str| NAMED.iter().any(|(option, _)| *option == word);
+    let mut found = Vec::new();
+    let mut skip = false;
+    for word in words[at + 2..].iter().filter(|word| *word != "--") {
+        if !skip && !word.starts_with('-') {
+            found.push(word.trim_end_matches("::").rsplit("::").next().unwrap_or_default());
+        }
+        skip = takes_value(word);
+    }
+    found
+}
+
 #[test]
 fn every_program_and_test_that_a_command_names_is_there() {
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
     let folders =
         ["assets/", "docs/", "firmware-like-core/", "hil/", "host/", "precompute/", "tests/", "tools/"];
+    let sources = rust_files(&documents::root());
+    let sources: String = sources.iter().map(|path| std::fs::read_to_string(path).expect("text")).collect();
     let mut checked = 0;
     for (name, text) in documents::all() {
         let blocks = documents::blocks(&text).into_iter().filter(|block| block.language == "sh");
@@ -91,6 +109,12 @@ fn every_program_and_test_that_a_command_names_is_there() {
             let paths = words.iter().filter(|word| folders.iter().any(|folder| word.starts_with(folder)));
             for path in paths.filter(|path| !path.contains("NAME")) {
                 assert!(documents::root().join(path).exists(), "{name}:{}: no {path}", command.line);
+                checked += 1;
+            }
+            for test in selected(&words) {
+                let is_there =
+                    [format!("mod {test};"), format!("fn {test}")].iter().any(|item| sources.contains(item));
+                assert!(is_there, "{name}:{}: no test `{test}`", command.line);
                 checked += 1;
             }
             for pair in words.windows(2).filter(|_| words.iter().any(|word| word == "cargo")) {

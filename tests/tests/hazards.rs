@@ -1,22 +1,9 @@
 //! Every name in the hazard table of docs/safety.md is that of an existing test, script or file.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// Files below a folder of the repository, except build output.
-fn files(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).expect("readable") {
-        let path = entry.expect("readable").path();
-        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-        if path.is_dir() {
-            if !matches!(name, "target" | ".git") {
-                files(&path, found);
-            }
-        } else {
-            found.push(path);
-        }
-    }
-}
+use palpate_tests::files;
 
 #[test]
 fn every_hazard_names_tests_that_exist() {
@@ -24,8 +11,7 @@ fn every_hazard_names_tests_that_exist() {
     let safety = std::fs::read_to_string(root.join("docs/safety.md")).expect("the file is readable");
     let (_, table) = safety.split_once("## 5. Hazards").expect("the section of hazards");
     let (table, _) = table.split_once("## 6.").expect("the section after it");
-    let mut all = Vec::new();
-    files(&root, &mut all);
+    let all = files(&root);
     let sources = all.iter().filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
     let mut tests = BTreeSet::new();
     for source in sources {

@@ -128,7 +128,7 @@ fn strokes_over_the_liver_have_no_force_jumps() {
 }
 
 /// A stroke from every node of a whole organ to a node at a distance of 2 to 4 cm: `PALPATE_BLOB=organ.blob
-/// cargo test --release --workspace --test sliding -- --ignored --nocapture`.
+/// cargo test --release -p palpate-tests sliding -- --ignored --nocapture`.
 #[test]
 #[ignore = "needs a blob with many nodes in PALPATE_BLOB; run by hand after a change of packing, for the strokes over a whole organ"]
 fn strokes_over_a_whole_organ_have_no_force_jumps() {

@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 40] = [
+const PRECOMPUTE: [&str; 41] = [
     "error",
     "files",
     "num",
@@ -123,6 +123,7 @@ const PRECOMPUTE: [&str; 40] = [
     "pack",
     "certificate",
     "pipeline",
+    "plan",
 ];
 
 /// The core, lowest stratum first.

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use palpate_precompute::held_out::HeldOutError;
 use palpate_precompute::pack::PackError;
 use palpate_precompute::pipeline::PipelineError;
+use palpate_precompute::plan::PlanError;
 use palpate_precompute::space::{ExpansionError, StoreError};
 
 /// A command's failure.
@@ -85,6 +86,12 @@ of_pipeline!(
     StoreError,
     palpate_precompute::InputError,
 );
+
+impl From<PlanError> for Failure {
+    fn from(error: PlanError) -> Self {
+        if error.is_bad_input() { Self::input(error) } else { Self::work(error) }
+    }
+}
 
 impl From<palpate_precompute::mesh::MeshFault> for Failure {
     fn from(error: palpate_precompute::mesh::MeshFault) -> Self {

@@ -6,13 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use palpate_tests::{mooney_rivlin, nearest_node, soft_beam, write_beam_scene};
 
-fn palpate(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("the folder's name is plain")
-}
+use crate::{palpate, text};
 
 /// Runs a command that must be refused with exit code 2 and one line that contains every word.
 fn refused(arguments: &[&str], words: &[&str]) {

@@ -2,11 +2,8 @@
 //! this PC.
 
 use std::path::Path;
-use std::process::{Command, Output};
 
-fn palpate(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_palpate")).args(args).output().expect("palpate runs")
-}
+use crate::palpate;
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("text")

@@ -8,6 +8,8 @@ use std::process::{Command, Stdio};
 
 use palpate_tests::documents;
 
+use crate::run;
+
 fn copy_folder(from: &Path, to: &Path) {
     fs::create_dir_all(to).expect("a folder");
     for entry in fs::read_dir(from).expect("readable") {
@@ -36,14 +38,9 @@ fn run_commands_of(name: &str) -> usize {
     let blocks = documents::blocks(&document).into_iter().filter(|b| b.language == "sh" && !b.no_run);
     let commands: Vec<_> = blocks.flat_map(|block| documents::commands(&block)).collect();
     for command in &commands {
-        let output = Command::new("sh")
-            .args(["-c", &command.text])
-            .current_dir(clone.path())
-            .env("PATH", &path)
-            .env_remove("DISPLAY")
-            .stdin(Stdio::null())
-            .output()
-            .expect("the shell starts");
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &command.text]).current_dir(clone.path()).env("PATH", &path);
+        let output = run(shell.env_remove("DISPLAY").stdin(Stdio::null()));
         assert_eq!(
             output.status.code(),
             Some(command.exit_code),

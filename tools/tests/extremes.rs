@@ -1,21 +1,15 @@
 //! Valid scenes with extreme parameters: the result is correct or one line with exit code 2, never a panic.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
 use palpate_tests::write_beam_scene;
+
+use crate::{palpate, run, text};
 
 const LAW: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
 const ADAPTIVE: &str = "radius_m = 0.01\ncannot_be_felt = true";
 const LATTICE: &str = "radius_m = 0.01\nspacing_m = 0.005";
-
-fn palpate(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("the folder's name is plain")
-}
 
 /// Ends with `code`; a refusal is one line that contains every word. Warnings and progress are ignored.
 fn ends(arguments: &[&str], code: i32, words: &[&str]) {
@@ -148,14 +142,13 @@ fn a_number_of_threads_is_bounded_alike_everywhere() {
     let [space, blob, out] = ["a.space", "a.blob", "out"].map(|name| folder.join(name));
     bench.precompute(0, &[]);
     let (scene, space, blob, out) = (text(&bench.scene), text(&space), text(&blob), text(&out));
-    let commands: [&[&str]; 7] = [
+    let commands: [&[&str]; 6] = [
         &["plan", scene],
         &["precompute", scene, "--out", space],
         &["paper", "held-out", scene, "--out", space],
         &["paper", "protocol", scene, "--out", out],
         &["pack", space, "--out", blob],
         &["report", "--out", out],
-        &["bench", "sampling", scene],
     ];
     for command in commands {
         for threads in ["0", "1025", "100000"] {
@@ -175,11 +168,9 @@ fn threads_that_do_not_start_are_one_line() {
     std::fs::write(&bench.scene, scene + second).expect("written");
     bench.precompute(0, &[]);
     let [space, blob] = ["a.space", "a.blob"].map(|name| bench.folder.path().join(name));
-    let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
-        .args(["pack", text(&space), "--out", text(&blob), "--no-certificate", "--threads", "2"])
-        .env("RUST_MIN_STACK", (1_u64 << 44).to_string())
-        .output()
-        .expect("the binary runs");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+    command.args(["pack", text(&space), "--out", text(&blob), "--no-certificate", "--threads", "2"]);
+    let output = run(command.env("RUST_MIN_STACK", (1_u64 << 44).to_string()));
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{stderr}");
     let lines: Vec<&str> = stderr.trim().lines().filter(|line| !line.starts_with("pack: ")).collect();

@@ -13,17 +13,17 @@ use serialport::SerialPort;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+
+use crate::{quiet, run};
 
 /// Time limit for repeated sessions. On a busy machine the loop may miss its deadlines and fault, and the
 /// session is then started again.
 const PATIENCE: Duration = Duration::from_secs(240);
 /// Longest time until a session reaches contact: the hand pushes [`Device::TOUCHES`] after the first request.
 const SESSION: Duration = Duration::from_secs(4);
-/// The tests measure time, and concurrent loops starve each other.
-static ALONE: Mutex<()> = Mutex::new(());
 /// Smallest force that counts as contact, N.
 const LEANS_N: f32 = 0.5;
 /// The target is 20 ms; the margin is for a shared machine.
@@ -197,10 +197,6 @@ impl Drop for Session {
     }
 }
 
-fn alone() -> MutexGuard<'static, ()> {
-    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// A device in contact in a running session; earlier sessions may end in a fault.
 fn leaning(files: &(PathBuf, PathBuf), more: &[&str]) -> (Device, Session) {
     let begun = Instant::now();
@@ -223,7 +219,7 @@ fn leaning(files: &(PathBuf, PathBuf), more: &[&str]) -> (Device, Session) {
 
 #[test]
 fn a_killed_session_is_zeroed_by_its_guard() {
-    let _alone = alone();
+    let _quiet = quiet();
     let folder = tempfile::tempdir().expect("a folder");
     let files = files(folder.path());
     let (device, session) = leaning(&files, &[]);
@@ -241,7 +237,7 @@ fn a_killed_session_is_zeroed_by_its_guard() {
 
 #[test]
 fn a_session_whose_guard_is_killed_zeroes_the_device_and_ends() {
-    let _alone = alone();
+    let _quiet = quiet();
     let folder = tempfile::tempdir().expect("a folder");
     let files = files(folder.path());
     let (device, session) = leaning(&files, &[]);
@@ -256,7 +252,7 @@ fn a_session_whose_guard_is_killed_zeroes_the_device_and_ends() {
 
 #[test]
 fn a_session_names_its_guard_and_ends_both() {
-    let _alone = alone();
+    let _quiet = quiet();
     let folder = tempfile::tempdir().expect("a folder");
     let files = files(folder.path());
     let (device, session) = leaning(&files, &["--guard-ms", "15"]);
@@ -273,7 +269,7 @@ fn a_session_names_its_guard_and_ends_both() {
 /// shown, but the motors receive none.
 #[test]
 fn with_the_motors_off_no_force_ever_leaves() {
-    let _alone = alone();
+    let _quiet = quiet();
     let folder = tempfile::tempdir().expect("a folder");
     let files = files(folder.path());
     let patient = Instant::now();
@@ -307,12 +303,9 @@ fn with_the_motors_off_no_force_ever_leaves() {
 fn a_device_that_cannot_be_opened_is_one_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let (blob, _) = files(folder.path());
-    let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
-        .arg("run")
-        .arg(&blob)
-        .args(["--uncertified", "--headless", "--device", "polhem:/dev/no-such-port"])
-        .output()
-        .expect("palpate starts");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+    let device = ["--uncertified", "--headless", "--device", "polhem:/dev/no-such-port"];
+    let output = run(command.arg("run").arg(&blob).args(device));
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{text}");
     assert!(text.contains("/dev/no-such-port") && text.contains("check port and power"), "{text}");
@@ -322,7 +315,7 @@ fn a_device_that_cannot_be_opened_is_one_line() {
 /// The first session keeps the port locked.
 #[test]
 fn a_second_session_on_one_device_is_refused() {
-    let _alone = alone();
+    let _quiet = quiet();
     let folder = tempfile::tempdir().expect("a folder");
     let files = files(folder.path());
     let (device, session) = leaning(&files, &[]);
@@ -337,7 +330,7 @@ fn a_second_session_on_one_device_is_refused() {
 #[test]
 fn no_user_starts_a_guard() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
-    let output = command.arg("guard").stdin(Stdio::null()).output().expect("palpate starts");
+    let output = run(command.arg("guard").stdin(Stdio::null()));
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && text.contains("started by `palpate run`"), "{text}");
 }

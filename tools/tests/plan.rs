@@ -2,30 +2,23 @@
 //! comparison of a saved prediction. Seconds are printed, not asserted, because the machine may be shared.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 use serde_json::Value;
 
-fn run(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
-}
+use crate::{palpate, text};
 
-fn palpate(arguments: &[&str]) -> String {
-    let output = run(arguments);
+fn succeeds(arguments: &[&str]) -> String {
+    let output = palpate(arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("text")
 }
 
 /// The command ends with exit code 2 and one line that contains every word.
 fn refused(arguments: &[&str], words: &[&str]) {
-    let output = run(arguments);
+    let output = palpate(arguments);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{arguments:?}: {said}");
     words.iter().for_each(|word| assert!(said.contains(word), "`{word}` is not in: {said}"));
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("the folder's name is plain")
 }
 
 fn bundled(name: &str) -> PathBuf {
@@ -41,11 +34,11 @@ impl Solved {
     fn new(scene: &Path) -> Self {
         let solved = Self { folder: tempfile::tempdir().expect("a folder") };
         let [space, blob, plan] = ["a.space", "a.blob", "plan.json"].map(|name| solved.at(name));
-        let said = palpate(&["plan", text(scene), "--out", text(&plan)]);
+        let said = succeeds(&["plan", text(scene), "--out", text(&plan)]);
         println!("{said}");
         assert!(said.contains("Recommended: ") && said.contains("Prediction as the scene asks"), "{said}");
-        palpate(&["precompute", text(scene), "--out", text(&space)]);
-        palpate(&["pack", text(&space), "--out", text(&blob), "--no-certificate"]);
+        succeeds(&["precompute", text(scene), "--out", text(&space)]);
+        succeeds(&["pack", text(&space), "--out", text(&blob), "--no-certificate"]);
         solved
     }
 
@@ -59,9 +52,9 @@ impl Solved {
         std::fs::write(&path, prediction.to_string()).expect("written");
         let [space, blob] = ["a.space", "a.blob"].map(|name| self.at(name));
         let words = ["plan", "--check", text(&space), "--prediction", text(&path), "--blob", text(&blob)];
-        println!("{}", palpate(&words));
+        println!("{}", succeeds(&words));
         let figures: Value =
-            serde_json::from_str(&palpate(&[&words[..], &["--json"]].concat())).expect("JSON");
+            serde_json::from_str(&succeeds(&[&words[..], &["--json"]].concat())).expect("JSON");
         figures["lines"].as_array().expect("lines").clone()
     }
 
@@ -129,6 +122,6 @@ fn refusals(solved: &Solved, mut prediction: Value) {
     let line = with(&missing);
     refused(&line.split('\n').collect::<Vec<_>>(), &["missing.json"]);
     refused(&["plan", "--check", text(&missing), "--prediction", text(&plan)], &["missing.json"]);
-    let output = run(&["plan", "--prediction", text(&plan)]);
+    let output = palpate(&["plan", "--prediction", text(&plan)]);
     assert_eq!(output.status.code(), Some(2));
 }

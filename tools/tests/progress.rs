@@ -2,7 +2,8 @@
 //! and a lattice takes over.
 
 use std::path::Path;
-use std::process::Command;
+
+use crate::{palpate, text};
 
 /// The strip with adaptive sampling within 2 cm: about 12 configurations a second.
 fn strip(folder: &Path) -> std::path::PathBuf {
@@ -23,13 +24,8 @@ fn strip(folder: &Path) -> std::path::PathBuf {
 fn a_lattice_that_takes_over_is_in_the_progress_lines() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = strip(folder.path());
-    let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
-        .arg("precompute")
-        .arg(&scene)
-        .arg("--out")
-        .arg(folder.path().join("strip.space"))
-        .output()
-        .expect("the binary runs");
+    let space = folder.path().join("strip.space");
+    let output = palpate(&["precompute", text(&scene), "--out", text(&space)]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
     let line = said

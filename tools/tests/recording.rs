@@ -3,27 +3,20 @@
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
-use std::process::{Command, Output};
 
 use palpate_host::TickRecord;
 use palpate_record::{Recording, TickWriter};
 
+use crate::{palpate, text};
+
 /// A real organ with every method, without a certificate.
 const BLOB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");
-
-fn palpate(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
-}
 
 /// Exit code and the text on both streams.
 fn said(arguments: &[&str]) -> (Option<i32>, String) {
     let output = palpate(arguments);
     let text = [output.stdout, output.stderr].concat();
     (output.status.code(), String::from_utf8_lossy(&text).into_owned())
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("the folder's name is plain")
 }
 
 fn figures(recording: &Path) -> serde_json::Value {

@@ -3,23 +3,16 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::{Command, Output};
 
 use palpate_core::Organ;
 use palpate_host::BlobFile;
 use palpate_tests::write_beam_scene;
 use serde_json::Value;
 
+use crate::{palpate, text};
+
 const MR: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
 const GRID: &str = "radius_m = 0.01\nspacing_m = 0.005";
-
-fn palpate(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("the folder's name is plain")
-}
 
 fn rows(csv: &Path) -> Vec<BTreeMap<String, String>> {
     let mut reader = csv::Reader::from_path(csv).expect("the table is there");

@@ -6,11 +6,13 @@ use std::process::Command;
 
 use serde_json::Value;
 
+use crate::run;
+
 /// Runs `palpate`, which must succeed. Returns its output as JSON.
 fn palpate(args: &[&str]) -> Value {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
-    let output = command.current_dir(root).args(args).output().expect("palpate starts");
+    let output = run(command.current_dir(root).args(args));
     assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }

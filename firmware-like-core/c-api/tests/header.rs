@@ -18,6 +18,6 @@ fn the_header_matches_the_code() {
     let kept = std::fs::read(&path).unwrap_or_default();
     assert!(
         kept == text,
-        "palpate.h differs from the code: PALPATE_WRITE_HEADER=1 cargo test -p palpate-c --test header"
+        "palpate.h differs from the code: PALPATE_WRITE_HEADER=1 cargo test --release -p palpate-c header"
     );
 }

@@ -5,7 +5,7 @@ use super::prediction::{Test, Verdict};
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, dot, norm};
-use crate::spec::{Requirements, is_within};
+use crate::spec::{MIN_RADIUS_M, Requirements, is_within};
 
 /// A force predicted above this multiple of the limit counts as beyond the limit.
 const LIMIT_FACTOR: f64 = 1.3;
@@ -67,10 +67,22 @@ impl AdaptiveFit {
 
     /// Displacement of the node by the largest force in its softest direction, from the stiffness at rest, m;
     /// infinite if the stiffness is not positive definite.
-    pub fn displacement_in_softest_direction_m(&self) -> f64 {
+    pub(super) fn displacement_in_softest_direction_m(&self) -> f64 {
         let Some(rest) = self.jets.first() else { return f64::INFINITY };
         let softest_n_m = rest.stiffness_n_m.symmetric_eigenvalues().min();
         if softest_n_m > 0.0 { self.wanted.max_force_n / softest_n_m } else { f64::INFINITY }
+    }
+
+    /// The reason why the node is too stiff to be solved, and the fix, as text.
+    #[must_use]
+    pub fn too_stiff_in_words(&self) -> String {
+        format!(
+            "{} N move the node by {:.2} um at most, and a space needs {:.0} um; check the units of the material and of the \
+             mesh, or raise `max_force_n`",
+            self.wanted.max_force_n,
+            1e6 * self.displacement_in_softest_direction_m(),
+            1e6 * MIN_RADIUS_M
+        )
     }
 }
 

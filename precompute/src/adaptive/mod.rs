@@ -16,4 +16,5 @@ pub use fitted::{AdaptiveFit, LeaveOneOutErrors};
 pub use linear::LinearModelErrors;
 pub use prediction::{STREAK, Test, Verdict};
 pub use resample::{Resampled, resample};
-pub use search::{Search, SolveResult, Step, Target};
+pub(crate) use search::Step;
+pub use search::{Search, SolveResult, Target};

@@ -81,7 +81,7 @@ pub enum SolveResult {
 
 /// What to do next.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Step {
+pub(crate) enum Step {
     /// Solve these positions, in any order.
     Solve(Vec<Target>),
     /// The search has ended.
@@ -215,7 +215,7 @@ impl Search {
     }
 
     /// The next step; the same batch until its results are taken.
-    pub fn step(&mut self) -> Step {
+    pub(crate) fn step(&mut self) -> Step {
         if self.batch.is_empty() {
             self.fitted.verdict = self.end();
         }
@@ -305,7 +305,7 @@ impl Search {
     /// # Panics
     ///
     /// If the number of results differs from the number of targets.
-    pub fn take(&mut self, found: &[SolveResult]) {
+    pub(crate) fn take(&mut self, found: &[SolveResult]) {
         let batch = std::mem::take(&mut self.batch);
         assert_eq!(batch.len(), found.len(), "one outcome for each target");
         let mut learned = Vec::new();

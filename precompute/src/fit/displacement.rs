@@ -64,7 +64,7 @@ impl Misfit {
 
 /// A solved configuration: x, y, z of every surface node.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SurfaceMotionSample {
+pub(crate) struct SurfaceMotionSample {
     /// Displacement from rest, m.
     pub displacement_m: Vec<f32>,
     /// Derivatives with respect to the x, y and z displacement of the active node.
@@ -73,7 +73,7 @@ pub struct SurfaceMotionSample {
 
 /// The planes of the core's table.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct DisplacementFit {
+pub(crate) struct DisplacementFit {
     /// Row of every slot of the box, as in [`super::HermiteNodes`].
     pub row: Vec<u32>,
     /// Packed modes.

@@ -19,7 +19,7 @@
 mod cross_validation;
 mod system;
 
-pub use system::KernelSystem;
+pub(crate) use system::KernelSystem;
 
 use nalgebra::{Matrix3, Vector3};
 

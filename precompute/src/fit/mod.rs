@@ -15,17 +15,19 @@ pub(crate) mod synthetic;
 
 pub use branch_jump::BranchJump;
 pub(crate) use branch_jump::{branch_jumps, flagged_pairs};
-pub(crate) use displacement::{DisplacementFault, Misfit, fit_displacement};
-pub use displacement::{DisplacementFit, SurfaceMotionSample};
+pub(crate) use displacement::{
+    DisplacementFault, DisplacementFit, Misfit, SurfaceMotionSample, fit_displacement,
+};
 pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, hermite_nodes};
 pub(crate) use kernel::DATA;
 pub(crate) use kernel::Derivatives;
-pub use kernel::{KernelFit, KernelSystem};
+pub use kernel::KernelFit;
+pub(crate) use kernel::KernelSystem;
 pub(crate) use kernel_planes::KernelPlanes;
 pub(crate) use modes::PackedModes;
 pub(crate) use motion::ScatteredMotion;
-pub use motion::displacement_of_fit;
+pub(crate) use motion::displacement_of_fit;
 pub(crate) use rbf_weights::{FitError, SurfaceRbf};
 pub use rbf_weights::{Kernel, RbfFit, fit_rbf};
 

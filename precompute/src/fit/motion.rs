@@ -119,7 +119,7 @@ impl ScatteredMotion {
 /// The displacement table of adaptively sampled configurations, each with its displacement of the active
 /// node, m, rest first: their surface is interpolated with the kernel length l, m, at the points of
 /// `samples`. `None` if two configurations coincide or a surface exceeds `bound`.
-pub fn displacement_of_fit(
+pub(crate) fn displacement_of_fit(
     length_m: f64,
     configurations: &[([f64; 3], SurfaceMotionSample)],
     (grid, samples): (&SpaceGrid, &[Sample]),

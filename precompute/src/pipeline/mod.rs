@@ -15,6 +15,7 @@
 mod blob;
 mod error;
 mod ledger;
+mod visits;
 
 pub use blob::{add_ledgers, certified, certified_blob, solve_held_out_positions, unfinished};
 pub use error::PipelineError;

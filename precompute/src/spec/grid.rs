@@ -32,7 +32,7 @@ impl SpaceGrid {
 pub(crate) const UNIT_M: f64 = 1e-6;
 
 /// Smallest radius r_G of a space, m. A radius below ten units contains too few positions.
-pub const MIN_RADIUS_M: f64 = 1e-5;
+pub(crate) const MIN_RADIUS_M: f64 = 1e-5;
 
 /// Largest radius r_G of a space, m: that of the core's lattices.
 pub(crate) const MAX_RADIUS_M: f64 = 1e3;

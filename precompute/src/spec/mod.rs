@@ -12,7 +12,8 @@ pub use bounds::DisplacementBound;
 #[cfg(test)]
 pub(crate) use domain::squared;
 pub(crate) use domain::{Domain, REST, corners, neighbours, plus};
-pub use grid::{GridIndex, MIN_RADIUS_M, SpaceGrid};
+pub(crate) use grid::MIN_RADIUS_M;
+pub use grid::{GridIndex, SpaceGrid};
 pub(crate) use grid::{MAX_RADIUS_M, UNIT_M, displacement_m, nearest_index};
 pub use requirements::Requirements;
 pub use sampling::{Lattice, Sampling, Scattered};

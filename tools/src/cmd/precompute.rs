@@ -231,7 +231,7 @@ fn expect_movable(
     for (&active, _) in chosen.iter().zip(counts).filter(|(_, counts)| counts.solved() + counts.failed == 0) {
         let Some(fit) = state(store, active)?.fit else { continue };
         if fit.verdict == Some(Verdict::TooStiff) {
-            too_stiff.push(format!("{}: {}", bench.scene.active[active].name, scattered::too_stiff(&fit)));
+            too_stiff.push(format!("{}: {}", bench.scene.active[active].name, fit.too_stiff_in_words()));
         }
     }
     if let [first, ..] = &too_stiff[..]

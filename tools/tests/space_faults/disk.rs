@@ -49,10 +49,6 @@ impl Drop for Mount {
     }
 }
 
-pub(super) fn text(path: &Path) -> &str {
-    path.to_str().expect("a plain name")
-}
-
 /// Disks from one without room for an empty store to one with room for nearly all of it. Each run stops with
 /// one line and exit code 1; with room it continues to the same bits.
 #[test]

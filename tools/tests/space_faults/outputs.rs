@@ -7,8 +7,9 @@ use std::time::Duration;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use super::disk::{Mount, text};
+use super::disk::Mount;
 use super::{SMALL, output, palpate, precompute, scene, succeeds};
+use crate::text;
 
 fn command(arguments: &[&str]) -> Command {
     let mut command = palpate();
@@ -71,7 +72,7 @@ fn a_full_disk_is_reported_as_such_and_no_part_of_a_file_is_left() {
         (&run, &["--frame-rate", "0", "--histograms"], "times.csv"),
         (&run, &["--pictures"], "shots"),
         (&run, &["--frame-rate", "0", "--record"], "a.mcap"),
-        (&["bench", "scheduler", "--points", "514", "--workers", "1"], &["--csv"], "a.csv"),
+        (&["bench", "core", "--grids", "514", "--rounds", "1"], &["--csv"], "a.csv"),
     ];
     for (arguments, option, name) in writers {
         let mut command = command(arguments);

@@ -3,8 +3,9 @@
 use std::path::Path;
 use std::process::Command;
 
-use super::disk::{Mount, text};
+use super::disk::Mount;
 use super::{LARGE, SMALL, dump, fails, kept, palpate, precompute, rows, scene, succeeds, undisturbed};
+use crate::text;
 
 fn inspect(space: &Path) -> Command {
     let mut command = palpate();

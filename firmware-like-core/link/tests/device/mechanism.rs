@@ -5,7 +5,7 @@ use palpate_link::{
     Device, DeviceFault, DeviceMessage, DeviceProfile, HostMessage, Phase, ProfileError, VERSION, message,
 };
 
-use crate::bench::{Bench, profile};
+use super::bench::{Bench, profile};
 
 #[test]
 fn overspeed_is_a_fault_only_while_enabled() {

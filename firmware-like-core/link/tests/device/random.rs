@@ -4,7 +4,7 @@ use palpate_link::clamp_torque;
 use palpate_link::{DeviceMessage, HostMessage, Outputs, Phase, VERSION};
 use proptest::prelude::*;
 
-use crate::bench::{Bench, LIMIT_UNM};
+use super::bench::{Bench, LIMIT_UNM};
 
 /// The possible actions of a host, a wire and a mechanism.
 #[derive(Debug, Clone)]

@@ -4,7 +4,7 @@ use palpate_link::{
     Device, DeviceMessage, DeviceProfile, FrameReader, HostMessage, MAX_FRAME, VERSION, encode,
 };
 
-use crate::bench::{Bench, TORQUE_UNM, profile};
+use super::bench::{Bench, TORQUE_UNM, profile};
 
 #[test]
 fn consecutive_sessions_differ() {

@@ -2,7 +2,7 @@
 
 use palpate_link::{DeviceFault, DeviceMessage, HostMessage, Inputs, Outputs, Phase, VERSION, message};
 
-use crate::bench::{Bench, TORQUE_UNM, WATCHDOG_US};
+use super::bench::{Bench, TORQUE_UNM, WATCHDOG_US};
 
 type Event = (&'static str, [&'static str; 6], fn(&mut Bench) -> String);
 

@@ -3,7 +3,7 @@
 use palpate_link::is_newer;
 use palpate_link::{DeviceFault, DeviceMessage, HostMessage, Outputs, Phase, message};
 
-use crate::bench::{Bench, TORQUE_UNM, WATCHDOG_US};
+use super::bench::{Bench, TORQUE_UNM, WATCHDOG_US};
 
 #[test]
 fn the_torque_acts_for_as_long_as_it_is_valid() {

@@ -34,7 +34,7 @@ const BATCH: usize = 64;
 impl KernelSystem {
     /// Leave-one-out errors of the force, N, in the order of the configurations: the true force minus the
     /// prediction of the fit to all other configurations.
-    pub fn leave_one_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
+    pub(crate) fn leave_one_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
         self.leave_one_out().map(|(missed_n, _)| missed_n)
     }
 

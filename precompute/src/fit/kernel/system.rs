@@ -17,11 +17,11 @@ use crate::num::jet::EnergyJet;
 /// Error: two configurations are too close for the kernel to distinguish them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("two configurations are too close for the kernel; take a shorter length")]
-pub struct CoincidentData;
+pub(crate) struct CoincidentData;
 
 /// A kernel fit with its factorised system.
 #[derive(Debug, Clone)]
-pub struct KernelSystem {
+pub(crate) struct KernelSystem {
     /// The fit to the configurations so far.
     pub fit: KernelFit,
     /// Lower Cholesky factor of the scaled matrix.
@@ -34,7 +34,7 @@ pub struct KernelSystem {
 
 impl KernelSystem {
     /// A system without configurations, for the kernel length l, m, and the stiffness at rest, N/m.
-    pub fn new(length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
+    pub(crate) fn new(length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
         Self {
             fit: KernelFit::quadratic(length_m, rest_stiffness_n_m),
             factor: Mat::zeros(0, 0),
@@ -55,7 +55,7 @@ impl KernelSystem {
     ///
     /// Each configuration extends the factor by 20 rows. N configurations cost (20 N)^3 / 3 operations in
     /// total, for any number of calls.
-    pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), CoincidentData> {
+    pub(crate) fn add(&mut self, jets: &[EnergyJet]) -> Result<(), CoincidentData> {
         let (old, more) = (self.factor.nrows(), DATA.len() * jets.len());
         let length_m = self.fit.length_m;
         let added: Vec<[f64; 3]> = jets.iter().map(|jet| jet.control_m.map(|x| x / length_m)).collect();

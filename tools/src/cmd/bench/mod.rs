@@ -5,11 +5,6 @@ mod core;
 mod devices;
 mod fem;
 pub(super) mod forms;
-mod replay;
-mod sampling;
-mod scheduler;
-mod search;
-mod simulated;
 mod sizes;
 mod space;
 mod tick;
@@ -32,9 +27,7 @@ enum What {
     Forms(forms::Args),
     Fem(fem::Args),
     FemSizes(sizes::Args),
-    Sampling(sampling::Args),
     Space(space::Args),
-    Scheduler(scheduler::Args),
     Tick(tick::Args),
 }
 
@@ -46,9 +39,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::Forms(args) => forms::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
-        What::Sampling(args) => sampling::run(args),
         What::Space(args) => space::run(args),
-        What::Scheduler(args) => scheduler::run(args),
         What::Tick(args) => tick::run(args),
     }
 }

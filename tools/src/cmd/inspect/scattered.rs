@@ -4,7 +4,6 @@ use palpate_precompute::adaptive::{
     AdaptiveFit, LeaveOneOutErrors, LinearModelErrors, STREAK, Test, Verdict,
 };
 use palpate_precompute::space::{FallbackLattice, Record};
-use palpate_precompute::spec::MIN_RADIUS_M;
 use serde_json::json;
 
 /// A message that the linear body suffices.
@@ -14,17 +13,6 @@ pub(crate) fn in_words(linear: &LinearModelErrors) -> String {
         "linear model suffices: largest error of its {tests} tests {:.0} % of tolerance, largest difference from the fit {:.0} %",
         100.0 * worst,
         100.0 * from_fit
-    )
-}
-
-/// The reason why a node is too stiff to be solved, and the fix.
-pub(crate) fn too_stiff(fit: &AdaptiveFit) -> String {
-    format!(
-        "{} N move the node by {:.2} um at most, and a space needs {:.0} um; check the units of the material and of the mesh, or raise \
-         `max_force_n`",
-        fit.wanted.max_force_n,
-        1e6 * fit.displacement_in_softest_direction_m(),
-        1e6 * MIN_RADIUS_M
     )
 }
 
@@ -60,7 +48,7 @@ pub(super) fn describe(
             format!("STAGNATED: the prediction errors did not decrease, which indicates a branch jump{on}")
         }
         Some(Verdict::NotReached) => "NOT REACHED: the predictions are not within tolerance".into(),
-        Some(Verdict::TooStiff) => format!("TOO STIFF: {}", too_stiff(fit)),
+        Some(Verdict::TooStiff) => format!("TOO STIFF: {}", fit.too_stiff_in_words()),
         None => format!("not finished: {} of {STREAK} predictions in a row", fit.passes()),
     };
     let share = |test: &Test| test.error_n / test.tolerance_n;

@@ -59,7 +59,7 @@ pub(super) fn section(report: &Report) -> String {
         + &files(&["hard"])
         + &paragraph(
             "setting",
-            "Hard cases of the solver itself: docs/measurements.md in the source tree, tests in tests/hard.",
+            "Hard cases of the solver itself: docs/measurements.md in the source tree, tests in tests/tests/hard.",
         );
     whole("f", "(f) Hard cases of the interpolation", &body)
 }

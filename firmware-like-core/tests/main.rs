@@ -1,0 +1,20 @@
+//! Tests of the core from outside.
+
+#[macro_use]
+mod common;
+
+mod blob;
+mod blob_planes;
+mod contact;
+mod continuity;
+mod controller;
+mod crossing;
+mod displacement;
+mod fuzz_replay;
+mod grasp;
+mod grid;
+mod interpolation;
+mod kernel;
+mod sessions;
+mod stale;
+mod touch_surface;

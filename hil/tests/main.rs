@@ -1,0 +1,15 @@
+//! Tests on emulated devices behind real and simulated transports.
+
+mod closed_loop;
+mod contract;
+mod emulate;
+mod falcon;
+mod falcon_driver;
+mod guard;
+mod link;
+mod matrix;
+mod polhem;
+mod power_cycle;
+#[cfg(target_os = "linux")]
+mod serial_writes;
+mod usbredir;

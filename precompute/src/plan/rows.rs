@@ -1,0 +1,147 @@
+//! The rows of the plan for a scene, and the reasons for the recommended one.
+
+use crate::pipeline::Analysis;
+use crate::spec::Tolerance;
+use palpate_core::Method;
+
+use super::model::{self, Model};
+use super::node::{METHODS, NodePlan, mean};
+use super::prediction::Prediction;
+use super::results::Results;
+use super::row::{self, LINEAR, Row};
+use super::tables;
+
+impl Results {
+    /// All rows, the recommended row, and the reason for it.
+    pub(super) fn rows(&self, analysis: &Analysis, prediction: &Prediction) -> (Vec<Row>, usize, String) {
+        let own = Model::of(&analysis.scene);
+        let mut rows = self.of_samplings(analysis, prediction);
+        let linear = rows.first().map(|first| Row {
+            model: LINEAR.into(),
+            configurations: self.of_all(analysis, &|node| node.linear_configurations),
+            // One iteration and its derivatives: the solve at rest.
+            solving_s: self.of_all(analysis, &|node| node.linear_configurations * node.probed.rest_s),
+            p99_n: self.nodes.iter().map(|node| node.linear.p99_n).fold(0.0, f64::max),
+            within: self.nodes.iter().map(|node| node.linear.within).fold(1.0, f64::min),
+            asked: false,
+            ..first.clone()
+        });
+        rows.extend(
+            linear.filter(|row| analysis.body.law_names() != "linear" && row.configurations.is_finite()),
+        );
+        let (chosen, mut why) = row::recommend(&mut rows, self.tolerance_in_words());
+        let size = self.nodes[0].probed.size;
+        for beside in &self.besides {
+            let stiffer = beside.stiffness_n_m.and_then(|s| match beside.model.order {
+                2 => Some(0.0),
+                order => self.stiffer(s, if own.order == 2 { 2 } else { order }),
+            });
+            let memory = rows[chosen].memory_bytes
+                + prediction.threads as f64 * (beside.memory - 1.0) * model::solver_bytes(size);
+            let row = rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory);
+            why.push_str(&row.reason_against(&rows[chosen]));
+            rows.push(row);
+        }
+        why.push_str(&self.signs());
+        (rows, chosen, why)
+    }
+
+    /// Sum of a figure over all active nodes; those that were not probed have the mean of the others.
+    fn of_all(&self, analysis: &Analysis, figure: &dyn Fn(&NodePlan) -> f64) -> f64 {
+        analysis.scene.active.len() as f64 * mean(&self.nodes.iter().map(figure).collect::<Vec<_>>())
+    }
+
+    /// The rows of the scene's own model and law. The row that the scene asks for has the medians of its
+    /// prediction.
+    fn of_samplings(&self, analysis: &Analysis, prediction: &Prediction) -> Vec<Row> {
+        let scene = &analysis.scene;
+        let own = Model::of(scene);
+        let memory_bytes = self.memory_bytes(analysis, prediction.threads);
+        let fitted = |node: &NodePlan| node.choices[0].configurations;
+        let counts: Vec<f64> = self.nodes.iter().map(fitted).collect();
+        let fits_bytes = model::loop_bytes(&counts, prediction.threads);
+        let other = tables::other_bytes(self.skin, scene.active.len(), Some(1)) as f64;
+        let mut rows = Vec::new();
+        for n in 0..self.nodes[0].choices.len() {
+            let choice = &self.nodes[0].choices[n];
+            for method in METHODS {
+                let found = |node: &NodePlan| node.choices[n].of(method.name());
+                let figures: Vec<_> = self.nodes.iter().filter_map(found).collect();
+                if figures.len() < self.nodes.len() {
+                    continue;
+                }
+                let bytes = |node: &NodePlan| node.choices[n].bytes(&[method], node.eye.as_ref()) as f64;
+                let asked = choice.spacing_m == self.spacing_m && method == Method::Energy;
+                let mut row = Row {
+                    model: own.words(self.has_pressure).into(),
+                    spacing_m: choice.spacing_m,
+                    method: method.name(),
+                    configurations: self.of_all(analysis, &|node| node.choices[n].configurations),
+                    solving_s: self.of_all(analysis, &|node| node.choices[n].solving_s),
+                    memory_bytes: memory_bytes + if choice.spacing_m.is_some() { 0.0 } else { fits_bytes },
+                    blob_bytes: other + self.of_all(analysis, &bytes),
+                    nanoseconds: figures.iter().map(|(_, ns)| *ns).fold(0.0, f64::max),
+                    p99_n: figures.iter().map(|(error, _)| error.p99_n).fold(0.0, f64::max),
+                    within: figures.iter().map(|(error, _)| error.within).fold(1.0, f64::min),
+                    stiffer: self.stiffer(self.stiffness_n_m(), own.order),
+                    asked,
+                    recommended: false,
+                    extrapolated: !choice.built,
+                };
+                if asked {
+                    row.configurations = prediction.total.tried.likely;
+                    row.solving_s = prediction.total.seconds.likely;
+                    row.blob_bytes = prediction.total.blob_bytes.likely;
+                    row.memory_bytes = prediction.memory_bytes.likely;
+                }
+                rows.push(row);
+            }
+        }
+        rows
+    }
+
+    /// Peak memory without the fits of adaptive sampling, bytes.
+    pub(super) fn memory_bytes(&self, analysis: &Analysis, threads: usize) -> f64 {
+        let scene = &analysis.scene;
+        model::memory_bytes(scene.mesh.tets.len(), scene.order, self.nodes[0].probed.size, threads)
+    }
+
+    /// Signs of branch jumps among the probes, as the end of a sentence.
+    fn signs(&self) -> String {
+        let count = |figure: fn(&NodePlan) -> usize| self.nodes.iter().map(figure).sum::<usize>();
+        let (lost, probes) = (count(|n| n.probed.lost), count(|n| n.probed.far_s.len()));
+        let (elsewhere, again) = (count(|n| n.probed.elsewhere), count(|n| n.probed.again));
+        let mut signs = Vec::new();
+        if lost > 0 {
+            signs.push(format!("{lost} of {probes} probes found no solution on their branch"));
+        }
+        if elsewhere > 0 {
+            signs.push(format!(
+                "{elsewhere} of {again} probes have another solution when they are solved from another start"
+            ));
+        }
+        if signs.is_empty() {
+            return String::new();
+        }
+        format!(
+            "; BUT {}: the space has branch jumps, where errors cannot be predicted; a smaller radius_m would help",
+            signs.join(", and ")
+        )
+    }
+
+    /// Stiffness relative to that of quadratic elements, minus 1.
+    fn stiffer(&self, stiffness_n_m: f64, order: u8) -> Option<f64> {
+        let quadratic = || self.besides.iter().find(|b| b.model.order == 2)?.stiffness_n_m;
+        let reference = if order == 2 { Some(self.stiffness_n_m()) } else { quadratic() };
+        reference.map(|reference| stiffness_n_m / reference - 1.0)
+    }
+
+    /// Mean stiffness at rest of the first node with the scene's model, N/m.
+    fn stiffness_n_m(&self) -> f64 {
+        self.nodes[0].probed.jets[0].stiffness_n_m.trace() / 3.0
+    }
+
+    fn tolerance_in_words(&self) -> &'static str {
+        if self.tolerance == Tolerance::IMPERCEPTIBLE { "the JND of force" } else { "the scene's tolerance" }
+    }
+}
