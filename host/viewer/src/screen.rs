@@ -9,7 +9,7 @@ use super::window_controller::WindowController;
 use core::fmt;
 use core::ops::ControlFlow;
 use core::time::Duration;
-use palpate_core::{Method, Organ};
+use palpate_core::{Method, Organ, vec3};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::rt::{Controls, TickRecord};
 use palpate_host::session::Observer;
@@ -78,6 +78,17 @@ impl fmt::Display for Frames {
     }
 }
 
+/// Height of the tool above the first active node before a device reports its position, m.
+const WAITING_HEIGHT_M: f32 = 0.03;
+
+/// A record before the first tick: no device, the tool above the first active node.
+fn at_rest<const N: usize>(organ: &Organ<'_, N>) -> TickRecord {
+    let hip_m = organ.spaces.first().map_or(vec3::ZERO, |space| {
+        vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, WAITING_HEIGHT_M))
+    });
+    TickRecord { hip_m, ..TickRecord::EMPTY }
+}
+
 /// The screen of a session: an [`Observer`] that draws the newest record.
 ///
 /// It needs no device, so a caller opens it first: a missing display is found before a device moves.
@@ -141,7 +152,11 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
                 let controller = WindowController::open(&title, screenshots, *picture, mouse.clone())?;
                 let mut renderer = renderer(picture);
                 renderer.layers_mut().help = controller.help();
-                Self::of(organs, Output::Window(Box::new(controller)), interval(30.0), Some(renderer))
+                let output = Output::Window(Box::new(controller));
+                let mut screen = Self::of(organs, output, interval(30.0), Some(renderer));
+                // Homing a device can take a minute: the window shows the organ from the start.
+                screen.draw(&at_rest(organ), &Controls::default())?;
+                screen
             }
         })
     }
