@@ -30,9 +30,8 @@ pub(super) fn priority(probe: &Probe, fifo_priority: i32) -> Check {
             format!("SCHED_FIFO up to {limit}; the loop requests {fifo_priority}"),
         );
     }
-    let found = format!(
-        "SCHED_FIFO up to {limit}; loop and guard request {fifo_priority} and {guard_priority}"
-    );
+    let found =
+        format!("SCHED_FIFO up to {limit}; loop and guard request {fifo_priority} and {guard_priority}");
     Check::new(NAME, Verdict::Bad, found)
         .fix(["without it any other process of the PC can delay the loop:"])
         .fix(LIMITS)

@@ -237,7 +237,10 @@ mod tests {
         let direct_n_m = profile.cap().n_m;
         profile.position_delay_us += profile.period_us();
         let detour_n_m = profile.cap().n_m;
-        assert!((direct_n_m - 1_212.0).abs() < 1.0 && (detour_n_m - 755.0).abs() < 1.0, "{direct_n_m} {detour_n_m}");
+        assert!(
+            (direct_n_m - 1_212.0).abs() < 1.0 && (detour_n_m - 755.0).abs() < 1.0,
+            "{direct_n_m} {detour_n_m}"
+        );
     }
 
     fn report(late_ns: u64, compute_ns: u64, overruns: u64) -> LatencyReport {
