@@ -73,13 +73,9 @@ fn a_run_shows_what_was_granted_and_its_histograms() {
     assert!(run.status.success(), "{}", text(&run.stderr));
     let (out, err) = (text(&run.stdout), text(&run.stderr));
     assert!(err.contains("haptic thread: SCHED_OTHER") && err.contains("refused: CPU pinning"), "{err}");
-    for line in [
-        "scheduler    not asked",
-        "CPU pinning  refused",
-        "kernel       ",
-        "governor",
-        "device       ",
-    ] {
+    for line in
+        ["scheduler    not asked", "CPU pinning  refused", "kernel       ", "governor", "device       "]
+    {
         assert!(out.contains(line), "{line} in {out}");
     }
     assert!(out.contains("wake-up lateness") && out.contains('\u{2588}') && !out.contains("frames"), "{out}");
