@@ -15,7 +15,7 @@ use palpate_host::device::profile::Profile;
 use palpate_host::model::ModelError;
 use palpate_host::rt::{Controls, LoopEnd, TickRecord};
 use palpate_host::session::Observer;
-use palpate_host::settings::controller_config;
+use palpate_host::settings::{arm_button, controller_config};
 use palpate_host::sys::RtReport;
 use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_session};
 use palpate_record::{End, Header, Recorder, RecorderReport};
@@ -253,8 +253,7 @@ pub(crate) fn run<D: Device>(
     let info = device.info();
     let mut config = controller_config(organs, method, &info, show.profile);
     config.contact.friction = show.friction.unwrap_or(config.contact.friction);
-    // The user arms a real device by pressing its button; the next press grasps.
-    options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
+    options.haptic.arm_button = arm_button(&info, show.profile);
     let record = show.record.map(|record| record.start(organ, config, &options, info));
     let record = record.transpose().inspect_err(|_| show.discard(had_folder))?;
     let (recorder, recording) = record.unzip();
