@@ -4,7 +4,7 @@ use palpate_host::sys::DEFAULT_FIFO_PRIORITY;
 use std::collections::BTreeMap;
 
 const SERVICE: &str = include_str!("../deploy/palpate@.service");
-const RULES: &str = include_str!("../deploy/70-palpate.rules");
+const RULES: &str = include_str!("../deploy/72-palpate.rules");
 const LIMITS: &str = include_str!("../deploy/palpate-limits.conf");
 
 /// The keys used from systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and

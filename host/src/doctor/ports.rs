@@ -8,7 +8,7 @@ use super::probe::Probe;
 const KNOWN: [(&str, &str, &str); 1] = [("0403", "cb48", "Novint Falcon")];
 
 const RULES: [&str; 2] =
-    ["$ cp host/deploy/70-palpate.rules /etc/udev/rules.d/ && udevadm control --reload", "$ udevadm trigger"];
+    ["$ cp host/deploy/72-palpate.rules /etc/udev/rules.d/ && udevadm control --reload", "$ udevadm trigger"];
 
 /// One check per known device, or one that reports that there is none.
 pub(super) fn usb(probe: &Probe) -> Vec<Check> {

@@ -161,7 +161,7 @@ fn each_defect_is_found_by_its_own_check() {
         ),
         ("/proc/sys/kernel/sched_rt_runtime_us", "50000", "throttling", Verdict::Bad, "sysctl"),
         ("/proc/loadavg", "3.9 0 0 1/2 3", "load", Verdict::Better, "top"),
-        ("/sys/bus/usb/devices/1-1/power/control", "auto", "usb", Verdict::Better, "70-palpate.rules"),
+        ("/sys/bus/usb/devices/1-1/power/control", "auto", "usb", Verdict::Better, "72-palpate.rules"),
         ("/sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16", "serial", Verdict::Bad, "latency_timer"),
         ("/sys/devices/system/cpu/online", "3", "isolation", Verdict::Bad, "two"),
     ];
@@ -201,7 +201,7 @@ fn isolation_is_read_from_the_command_line_too() {
 fn a_node_without_permission_is_reported() {
     for (path, name, verdict, fix) in [
         ("/dev/cpu_dma_latency", "idle", Verdict::Better, "udev"),
-        ("/dev/bus/usb/001/007", "usb", Verdict::Bad, "70-palpate.rules"),
+        ("/dev/bus/usb/001/007", "usb", Verdict::Bad, "72-palpate.rules"),
         ("/dev/ttyUSB0", "serial", Verdict::Bad, "dialout"),
     ] {
         let pc = good();

@@ -102,7 +102,7 @@ pub(super) fn hold_cpus_awake() -> (Outcome, Option<File>) {
         Ok(file) => (Outcome::Granted, Some(file)),
         Err(error) => {
             let os_code = error.raw_os_error().unwrap_or(0);
-            let advice = "permit writing to /dev/cpu_dma_latency (host/deploy/70-palpate.rules)";
+            let advice = "permit writing to /dev/cpu_dma_latency (host/deploy/72-palpate.rules)";
             (Outcome::Refused { os_code, advice }, None)
         }
     }
