@@ -25,8 +25,9 @@ pub use opening::LinkError;
 
 use super::capstan::Capstan;
 use super::fence::{Fence, GuardPath};
+use super::nonblocking_port::Port;
 use super::profile::Profile;
-use super::serial::{MAX_READS, Port, read_waiting};
+use super::serial::{MAX_READS, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use core::fmt;
