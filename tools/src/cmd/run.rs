@@ -488,8 +488,9 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method, args: &Args
             )));
         }
         let health = space.health.as_ref().filter(|health| health.verdict == Verdict::Red);
-        if let Some(reason) = health.and_then(|health| health.reasons.first()) {
-            let what = format!("{path_name}: {} is red: {}", space.active, reason.what);
+        if let Some(health) = health {
+            let reason = health.reasons.first().map_or("no reason is stated", |reason| reason.what.as_str());
+            let what = format!("{path_name}: {} is red: {reason}", space.active);
             if drives_motors {
                 return Err(Failure::input(format!(
                     "{what}; a red blob drives no motors: pack a sound one, or look at it with --motors-off or --device sim"
