@@ -1,7 +1,8 @@
-//! The controller's settings for organs on a device.
+//! The settings of controller and arming for organs on a device: the same in a session, on the bench and in
+//! the tools.
 
 use crate::device::DeviceInfo;
-use crate::device::profile::Profile;
+use crate::device::profile::{Buttons, Profile};
 use palpate_core::{Config, Method, Organ};
 
 /// Margin of the workspace round the organ, m.
@@ -45,8 +46,16 @@ pub fn controller_config<const N: usize>(
         passivity.position_step_m = passivity.position_step_m.max(count_m);
         config.gravity_compensation_n = profile.gravity_compensation_n();
         contact.release_height_m = contact.release_height_m.max(HYSTERESIS_COUNTS * count_m);
+        contact.grasp_button = profile.buttons.grasp;
     }
     config
+}
+
+/// The bits of the buttons that arm a device ([`LoopConfig::arm_button`](crate::rt::LoopConfig)): those of its
+/// profile, or the first. A device that arms itself has none.
+#[must_use]
+pub fn arm_button(device: &DeviceInfo, profile: Option<&Profile>) -> u32 {
+    if device.self_arming { 0 } else { profile.map_or_else(Buttons::default, |profile| profile.buttons).arm }
 }
 
 #[cfg(test)]
@@ -85,6 +94,22 @@ mod tests {
         let fine = config_for(Some(&profile));
         assert_eq!(fine.contact.release_height_m, default.contact.release_height_m);
         assert_eq!((fine.limits.max_force_n, fine.limits.max_speed_m_s), (2.5, 2.0));
+    }
+
+    #[test]
+    fn arming_and_grasping_have_their_own_buttons_where_the_device_has_them() {
+        let blob = synthetic::organ(&synthetic::Shape::default());
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+        let simulated = SimulatedHand::new(&organ, SimulatedConfig::default()).info();
+        let motors = DeviceInfo { self_arming: false, ..simulated.clone() };
+        for (name, arm, grasp) in [("falcon", 0b10, 0b1), ("polhem", 0b1, 0b1), ("link", 0b1, 0b1)] {
+            let profile = Profile::bundled(name).expect("bundled");
+            assert_eq!(arm_button(&motors, Some(&profile)), arm, "{name}");
+            assert_eq!(arm_button(&simulated, Some(&profile)), 0, "{name}: it arms itself");
+            let config = controller_config(&[&organ], Method::Trilinear, &motors, Some(&profile));
+            assert_eq!(config.contact.grasp_button, grasp, "{name}");
+        }
+        assert_eq!(arm_button(&motors, None), 1);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use palpate_host::sys::DEFAULT_FIFO_PRIORITY;
 use std::collections::BTreeMap;
 
 const SERVICE: &str = include_str!("../deploy/palpate@.service");
-const RULES: &str = include_str!("../deploy/70-palpate.rules");
+const RULES: &str = include_str!("../deploy/72-palpate.rules");
 const LIMITS: &str = include_str!("../deploy/palpate-limits.conf");
 
 /// The keys used from systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and
@@ -16,32 +16,54 @@ const KEYS: [(&str, &[&str]); 3] = [
         &[
             "Type",
             "User",
+            "Group",
             "SupplementaryGroups",
             "WorkingDirectory",
             "StateDirectory",
+            "StateDirectoryMode",
+            "RuntimeDirectory",
+            "RuntimeDirectoryMode",
+            "UMask",
             "Environment",
             "EnvironmentFile",
             "ExecStartPre",
             "ExecStart",
+            "KillMode",
             "KillSignal",
             "TimeoutStopSec",
             "Restart",
             "LimitRTPRIO",
             "LimitMEMLOCK",
+            "LimitCORE",
             "CPUAffinity",
             "Nice",
             "OOMScoreAdjust",
             "NoNewPrivileges",
+            "CapabilityBoundingSet",
+            "AmbientCapabilities",
             "ProtectSystem",
             "ProtectHome",
-            "PrivateTmp",
+            "ProtectProc",
+            "ProtectClock",
+            "ProtectHostname",
+            "ProtectKernelLogs",
             "ProtectKernelModules",
             "ProtectKernelTunables",
             "ProtectControlGroups",
+            "PrivateTmp",
+            "PrivateIPC",
+            "PrivateNetwork",
+            "PrivateMounts",
             "RestrictAddressFamilies",
             "RestrictNamespaces",
+            "RestrictSUIDSGID",
+            "RemoveIPC",
+            "IPAddressDeny",
             "LockPersonality",
+            "MemoryDenyWriteExecute",
             "SystemCallArchitectures",
+            "SystemCallErrorNumber",
+            "SystemCallFilter",
             "DevicePolicy",
             "DeviceAllow",
         ],
@@ -61,7 +83,9 @@ fn unit(text: &str) -> Result<BTreeMap<(String, String), Vec<String>>, String> {
         let (key, value) = line.split_once('=').ok_or_else(|| format!("no key: {line}"))?;
         let known = KEYS.iter().find(|(name, _)| *name == section).map(|(_, keys)| *keys);
         let known = known.ok_or_else(|| format!("no section [{section}]"))?;
-        if !known.contains(&key) || value.is_empty() {
+        // An empty set of capabilities is the strictest.
+        let may_be_empty = ["CapabilityBoundingSet", "AmbientCapabilities"].contains(&key);
+        if !known.contains(&key) || (value.is_empty() && !may_be_empty) {
             return Err(format!("[{section}] {line}"));
         }
         entries.entry((section.clone(), key.into())).or_default().push(value.into());
@@ -86,7 +110,8 @@ fn the_service_has_the_rights_for_loop_and_watchdog_and_does_not_restart() {
     for command in [one("ExecStart"), one("ExecStartPre")] {
         for option in command.split_whitespace().filter(|word| word.starts_with("--")) {
             assert!(
-                ["--headless", "--frame-rate", "--device", "--cpu", "--fifo", "--measure"].contains(&option),
+                ["--headless", "--frame-rate", "--control", "--device", "--cpu", "--fifo", "--measure"]
+                    .contains(&option),
                 "{option} of {command}"
             );
         }
@@ -95,13 +120,71 @@ fn the_service_has_the_rights_for_loop_and_watchdog_and_does_not_restart() {
     assert!(unit(&SERVICE.replace("[Service]", "[Services]")).is_err());
 }
 
+/// `systemd-analyze security --offline=yes` rates the unit 1.0 with these lines, 6.1 without.
+#[test]
+fn the_service_has_no_more_rights_than_session_and_guard_need() {
+    let entries = unit(SERVICE).expect("every line is known");
+    let all = |key: &str| entries[&("Service".to_string(), key.to_string())].join(" | ");
+    for (key, value) in [
+        ("User", "palpate"),
+        ("Group", "palpate"),
+        ("SupplementaryGroups", "realtime"),
+        ("UMask", "0077"),
+        ("RuntimeDirectoryMode", "0750"),
+        ("CapabilityBoundingSet", ""),
+        ("AmbientCapabilities", ""),
+        ("ProtectSystem", "strict"),
+        ("ProtectProc", "invisible"),
+        ("RestrictAddressFamilies", "AF_UNIX AF_NETLINK"),
+        ("IPAddressDeny", "any"),
+        ("SystemCallArchitectures", "native"),
+        // SIGSYS would kill the session.
+        ("SystemCallErrorNumber", "EPERM"),
+        (
+            "SystemCallFilter",
+            "@system-service | ~@privileged @resources | sched_setscheduler sched_setaffinity",
+        ),
+        ("DevicePolicy", "closed"),
+        ("DeviceAllow", "char-usb_device rw | char-ttyACM rw | char-ttyUSB rw | /dev/cpu_dma_latency rw"),
+    ] {
+        assert_eq!(all(key), value, "{key}");
+    }
+    for key in [
+        "NoNewPrivileges",
+        "ProtectHome",
+        "ProtectClock",
+        "ProtectHostname",
+        "ProtectKernelLogs",
+        "ProtectKernelModules",
+        "ProtectKernelTunables",
+        "ProtectControlGroups",
+        "PrivateTmp",
+        "PrivateIPC",
+        "PrivateNetwork",
+        "PrivateMounts",
+        "RestrictNamespaces",
+        "RestrictSUIDSGID",
+        "RemoveIPC",
+        "LockPersonality",
+        "MemoryDenyWriteExecute",
+    ] {
+        assert_eq!(all(key), "yes", "{key}");
+    }
+    assert!(all("ExecStart").contains("--control %t/palpate/%i/control "));
+    assert_eq!(all("RuntimeDirectory"), "palpate/%i");
+    // The guard repeats its last zero for 10 s, and the session waits 2 s for it. With KillMode=mixed systemd kills
+    // it as soon as the session has ended.
+    assert_eq!(all("KillMode"), "control-group");
+    assert!(all("TimeoutStopSec").parse::<u32>().expect("seconds") >= 15);
+}
+
 /// Key, operator and value.
 type Token<'t> = (&'t str, &'t str, &'t str);
 
 /// Parses one `KEY{attribute}operator"value"` of a rule; an error names the invalid token.
 fn token(text: &str) -> Result<Token<'_>, String> {
     let wrong = || format!("no match or assignment: {text}");
-    let at = text.find(['=', '!', '+']).ok_or_else(wrong)?;
+    let at = text.find(['=', '!', '+', '-', ':']).ok_or_else(wrong)?;
     let (key, rest) = text.split_at(at);
     let (operator, value) = rest.split_at(rest.find('"').ok_or_else(wrong)?);
     let value = value.strip_prefix('"').and_then(|v| v.strip_suffix('"')).ok_or_else(wrong)?;
@@ -110,7 +193,7 @@ fn token(text: &str) -> Result<Token<'_>, String> {
     let assigned = ["GROUP", "MODE", "TAG", "SYMLINK"];
     let allowed: &[&str] = match name {
         _ if matches.contains(&name) => &["==", "!="],
-        _ if assigned.contains(&name) => &["=", "+="],
+        _ if assigned.contains(&name) => &["=", "+=", "-=", ":="],
         "ATTR" | "ENV" => &["==", "!=", "="],
         _ => return Err(format!("no key {name}")),
     };
@@ -129,18 +212,38 @@ fn rules(text: &str) -> Result<Vec<Vec<Token<'_>>>, String> {
 #[test]
 fn every_rule_has_a_match_and_an_assignment() {
     let rules_read = rules(RULES).expect("every token is known");
-    assert_eq!(rules_read.len(), 5);
+    assert_eq!(rules_read.len(), 6);
     for rule in &rules_read {
         assert!(rule.contains(&("ACTION", "!=", "remove")), "{rule:?}");
         assert!(rule.iter().filter(|(_, operator, _)| *operator == "==").count() >= 2, "{rule:?}");
-        assert!(rule.iter().any(|(_, operator, _)| matches!(*operator, "=" | "+=")), "{rule:?}");
+        assert!(rule.iter().any(|(_, operator, _)| matches!(*operator, "=" | "+=" | ":=")), "{rule:?}");
     }
-    let falcon = rules_read.iter().find(|rule| rule.contains(&("ATTR{idProduct}", "==", "cb48")));
-    assert!(falcon.expect("the Falcon").contains(&("TAG", "+=", "uaccess")));
-    for (from, to) in [("SUBSYSTEM==", "SUBSYSTEMX=="), ("MODE=\"0660\"", "MODE=0660"), ("GROUP=", "GROUP==")]
+    for (from, to) in
+        [("SUBSYSTEM==", "SUBSYSTEMX=="), ("MODE:=\"0660\"", "MODE:=0660"), ("GROUP=", "GROUP==")]
     {
         assert!(rules(&RULES.replace(from, to)).is_err(), "{to}");
     }
+}
+
+/// Only its group may open a device: neither the user at the screen nor a rule of another package.
+#[test]
+fn every_haptic_device_belongs_to_its_group_alone() {
+    // With the rule for a user's own device, which is a comment.
+    let text = RULES.replace("#ACTION", "ACTION");
+    let all = rules(&text).expect("every token is known");
+    let has = |rule: &[Token<'_>], name: &str| rule.iter().any(|(key, ..)| key.ends_with(name));
+    let devices: Vec<_> = all.iter().filter(|rule| has(rule, "{idProduct}")).collect();
+    assert_eq!(devices.len(), 5, "Falcon and Teensy on USB and as ports, and a user's own");
+    for rule in devices {
+        for token in [("GROUP", ":=", "palpate"), ("MODE", ":=", "0660"), ("TAG", "-=", "uaccess")] {
+            assert!(rule.contains(&token), "{rule:?}");
+        }
+        assert!(!rule.contains(&("TAG", "+=", "uaccess")), "{rule:?}");
+        // ModemManager opens every port that it does not know.
+        let is_falcon_on_usb = rule.contains(&("ATTR{idProduct}", "==", "cb48"));
+        assert!(is_falcon_on_usb || has(rule, "{ID_MM_DEVICE_IGNORE}"), "{rule:?}");
+    }
+    assert!(!RULES.contains("plugdev") && !RULES.contains("dialout") && !SERVICE.contains("dialout"));
 }
 
 #[test]

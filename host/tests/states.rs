@@ -2,7 +2,7 @@
 
 use crate::synthetic::{self, Shape};
 use core::sync::atomic::{AtomicBool, Ordering};
-use palpate_core::{AlignedBytes, Config, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
+use palpate_core::{AlignedBytes, Config, Controller, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
 use palpate_host::device::DeviceState;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::model::{self, TouchMemory};
@@ -118,6 +118,84 @@ fn the_button_does_not_arm_an_unhomed_device() {
     let records = play(&[&organ], (state, 1 << 7), 400, |_, _| ());
     let armed = records.iter().position(|record| record.phase != Phase::Disarmed);
     assert!(armed.is_some_and(|tick| (300..304).contains(&tick)), "{armed:?}");
+}
+
+/// A hand with a button that this function of the call presses; `None` is a call without a sample.
+struct Pressing {
+    hand: SimulatedHand,
+    calls: u64,
+    button: fn(u64) -> Option<u32>,
+    state: fn(u64) -> DeviceState,
+}
+
+impl Device for Pressing {
+    fn exchange(&mut self, now_us: u64, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        self.calls += 1;
+        let sample = self.hand.exchange(now_us, force_n)?;
+        let pressed = (self.button)(self.calls);
+        Ok(sample.zip(pressed).map(|(sample, buttons)| Sample { buttons, ..sample }))
+    }
+
+    fn stop(&mut self) {}
+
+    fn info(&self) -> DeviceInfo {
+        DeviceInfo { self_arming: false, ..self.hand.info() }
+    }
+
+    fn state(&self) -> DeviceState {
+        (self.state)(self.calls)
+    }
+}
+
+/// Ticks 0 to 1,000: the number of the first armed tick, if any. The session is reset before tick 500.
+fn armed_at(button: fn(u64) -> Option<u32>, state: fn(u64) -> DeviceState) -> Option<usize> {
+    let blob = synthetic::organ(&Shape::default());
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+    let controller = Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
+    let (producer, mut records) = rtrb::RingBuffer::new(1_000);
+    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
+    let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
+    let device = Pressing { hand, calls: 0, button, state };
+    let (clock, controls) = (VirtualClock::default(), Controls::default());
+    let outputs = Outputs { records: producer, latest };
+    let config = LoopConfig { arm_button: 0b10, ..LoopConfig::default() };
+    let mut haptic = HapticLoop::new(controller, device, &clock, config, &controls, outputs);
+    for index in 0..1_000 {
+        if index == 500 {
+            controls.reset();
+        }
+        clock.wait_until(index * 1_000_000, 0);
+        haptic.tick(index, 0, index * 1_000_000).expect("it answers");
+    }
+    core::iter::from_fn(|| records.pop().ok()).position(|record| record.phase == Phase::Active)
+}
+
+/// Held at the start, held through homing, held through a fault and its reset, or pressed while the link was
+/// silent: only a press that follows a release arms.
+#[test]
+fn a_held_button_does_not_arm() {
+    let homed: fn(u64) -> DeviceState = |_| DeviceState::Homed;
+    let press_at_700 = Some(699);
+    assert_eq!(armed_at(|_| Some(0b10), homed), None, "held from the start");
+    assert_eq!(armed_at(|call| Some(if call == 600 { 0 } else { 0b10 }), homed), Some(600), "then released");
+    let homing: fn(u64) -> DeviceState =
+        |call| if call < 300 { DeviceState::Unhomed } else { DeviceState::Homed };
+    assert_eq!(armed_at(|call| Some(if call < 100 { 0 } else { 0b10 }), homing), None, "held through homing");
+    // A loss of homing before tick 400 latches a fault, which tick 500 resets.
+    let lost: fn(u64) -> DeviceState =
+        |call| if (390..400).contains(&call) { DeviceState::Unhomed } else { DeviceState::Homed };
+    assert_eq!(armed_at(|call| Some(if call < 450 { 0 } else { 0b10 }), lost), None, "held through a reset");
+    fn silent(call: u64, pressed_from: u64) -> Option<u32> {
+        match call {
+            600..650 => None,
+            call => Some(if call < pressed_from { 0 } else { 0b10 }),
+        }
+    }
+    assert_eq!(armed_at(|call| silent(call, 620), homed), None, "pressed in a silence");
+    assert_eq!(armed_at(|call| silent(call, 700), homed), press_at_700, "pressed after it");
+    // The other button does not arm, nor hide a press of this one.
+    assert_eq!(armed_at(|_| Some(0b01), homed), None);
+    assert_eq!(armed_at(|call| Some(if call < 700 { 0b01 } else { 0b11 }), homed), press_at_700);
 }
 
 /// Allocates the organs one by one: an array of them, and the code that moves it, exceeds a test's stack.

@@ -243,7 +243,7 @@ const HIL: [&str; 27] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 59] = [
+const TOOLS: [&str; 61] = [
     "memory",
     "resident",
     "timing",
@@ -256,6 +256,7 @@ const TOOLS: [&str; 59] = [
     "analysis",
     "blob",
     "displacements",
+    "control",
     "touch",
     "truth",
     "summary",
@@ -274,6 +275,7 @@ const TOOLS: [&str; 59] = [
     "cmd::paper",
     "cmd::doctor",
     "cmd::guard",
+    "cmd::control",
     "cmd::plan",
     "cmd::pack",
     "cmd::query",

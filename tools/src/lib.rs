@@ -11,6 +11,7 @@ mod blob;
 #[cfg(feature = "mpi")]
 mod cluster;
 mod cmd;
+mod control;
 mod device_spec;
 mod displacements;
 #[cfg(test)]
@@ -55,6 +56,7 @@ enum Command {
     Query(cmd::query::Args),
     Inspect(cmd::inspect::Args),
     Run(cmd::run::Args),
+    Control(cmd::control::Args),
     #[command(hide = true)]
     Guard(cmd::guard::Args),
     Doctor(cmd::doctor::Args),
@@ -83,6 +85,7 @@ pub fn palpate() -> ExitCode {
         Command::Inspect(args) => cmd::inspect::run(&args),
         Command::Report(args) => cmd::report::run(&args),
         Command::Run(args) => cmd::run::run(&args),
+        Command::Control(args) => cmd::control::run(&args),
         Command::Guard(args) => cmd::guard::run(&args),
         Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Paper(args) => cmd::paper::run(&args),

@@ -15,12 +15,13 @@ use palpate_host::device::profile::Profile;
 use palpate_host::model::ModelError;
 use palpate_host::rt::{Controls, LoopEnd, TickRecord};
 use palpate_host::session::Observer;
-use palpate_host::settings::controller_config;
+use palpate_host::settings::{arm_button, controller_config};
 use palpate_host::sys::RtReport;
 use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_session};
 use palpate_record::{End, Header, Recorder, RecorderReport};
 use palpate_viewer::{Frames, RendererConfig, Screen, View, ViewerError};
 
+use crate::control::Control;
 use crate::failure::Failure;
 use crate::files::Output;
 use crate::timing::Timing;
@@ -35,6 +36,9 @@ const FILM_PICTURE: RendererConfig = RendererConfig { width: 800, height: 450, s
 /// Error of the mouse device without a window.
 pub(crate) const MOUSE_NEEDS_WINDOW: &str =
     "the mouse device needs a window: use a display without --headless, or --device sim";
+
+/// Error of a device whose button is pressed before the session begins.
+const BUTTON_IS_HELD: &str = "the button that arms is held, or stuck: release it and start again; docs/devices.md, Profiles, says which it is";
 
 /// How a session is shown and how long it lasts.
 #[derive(Debug, Clone, Copy)]
@@ -61,6 +65,10 @@ pub(crate) struct Show<'p> {
     pub gif: Option<&'p Output>,
     /// The mouse device whose tool the window moves.
     pub mouse: Option<&'p MouseHandle>,
+    /// Whether the device has motors: its session has no window only if the user asked for none.
+    pub has_motors: bool,
+    /// The socket that controls the session.
+    pub control: Option<&'p Control>,
 }
 
 impl Show<'_> {
@@ -100,6 +108,11 @@ impl Show<'_> {
         let opened = match Screen::open(organs, method, &self.view()) {
             Err(ViewerError::NoDisplay(_)) if self.mouse.is_some() => {
                 return Err(Failure::input(MOUSE_NEEDS_WINDOW));
+            }
+            Err(ViewerError::NoDisplay(error)) if self.has_motors => {
+                return Err(Failure::input(format!(
+                    "no window ({error}), so no key would disarm the device: give --headless, and --control SOCKET to disarm it"
+                )));
             }
             Err(ViewerError::NoDisplay(error)) => {
                 eprintln!("palpate: no window ({error}); writing PNG frames instead");
@@ -208,6 +221,11 @@ struct Watch<'w, 's, 'o, F, const N: usize> {
     granted: &'w OnceLock<RtReport>,
     /// Whether a tick has run.
     moved: bool,
+    control: Option<&'w Control>,
+    /// The button that arms; 0 after the first sample.
+    unseen_button: u32,
+    /// Whether the first sample shows it pressed. The loop does not arm, and the session ends.
+    is_held: bool,
     on_record: F,
 }
 
@@ -216,7 +234,17 @@ impl<F: FnMut(&TickRecord), const N: usize> Observer for Watch<'_, '_, '_, F, N>
         self.recording.take()
     }
 
+    fn controls(&mut self) -> Arc<Controls> {
+        self.control.map(Control::controls).unwrap_or_default()
+    }
+
     fn record(&mut self, record: &TickRecord) {
+        if let Some(sample) = &record.sample {
+            self.is_held |= sample.buttons & std::mem::take(&mut self.unseen_button) != 0;
+        }
+        if let Some(control) = self.control {
+            control.take(record);
+        }
         if let (false, Some(report)) = (self.moved, self.granted.get()) {
             // Printed at once: the user should know of a refused real-time request before touching the device.
             eprintln!("palpate: {}", report.line());
@@ -227,11 +255,11 @@ impl<F: FnMut(&TickRecord), const N: usize> Observer for Watch<'_, '_, '_, F, N>
     }
 
     fn time_to_frame(&self) -> Duration {
-        self.screen.time_to_frame()
+        if self.is_held { Duration::ZERO } else { self.screen.time_to_frame() }
     }
 
     fn show(&mut self, newest: &TickRecord, controls: &Controls) -> ControlFlow<()> {
-        self.screen.show(newest, controls)
+        if self.is_held { ControlFlow::Break(()) } else { self.screen.show(newest, controls) }
     }
 }
 
@@ -253,25 +281,40 @@ pub(crate) fn run<D: Device>(
     let info = device.info();
     let mut config = controller_config(organs, method, &info, show.profile);
     config.contact.friction = show.friction.unwrap_or(config.contact.friction);
-    // The user arms a real device by pressing its button; the next press grasps.
-    options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
+    options.haptic.arm_button = arm_button(&info, show.profile);
     let record = show.record.map(|record| record.start(organ, config, &options, info));
     let record = record.transpose().inspect_err(|_| show.discard(had_folder))?;
     let (recorder, recording) = record.unzip();
     let granted = Arc::clone(&options.granted);
-    let mut watch = Watch { screen: &mut screen, recording, granted: &granted, moved: false, on_record };
+    let mut watch = Watch {
+        screen: &mut screen,
+        recording,
+        granted: &granted,
+        moved: false,
+        control: show.control,
+        unseen_button: options.haptic.arm_button,
+        is_held: false,
+        on_record,
+    };
     let ended = run_session(organs, config, device, &options, stop, &mut watch);
-    let moved = watch.moved;
+    let (moved, is_held) = (watch.moved, watch.is_held);
     let end = ended.as_ref().ok().map(End::of_session);
     let recording = recorder.map(|recorder| recorder.finish(end));
     let frames = screen.finish();
+    let discard = || {
+        show.discard(had_folder);
+        show.record.iter().try_for_each(|record| record.file.remove())
+    };
     let summary = match ended {
+        Ok(_) if is_held => {
+            discard()?;
+            return Err(Failure::input(BUTTON_IS_HELD));
+        }
         Ok(summary) => summary,
         Err(error) => {
             if !moved {
                 // Created by this call, and without a tick.
-                show.record.iter().try_for_each(|record| record.file.remove())?;
-                show.discard(had_folder);
+                discard()?;
             }
             return Err(match error {
                 SessionError::Model(_) | SessionError::Seconds(_) | SessionError::Priority(_) => {
@@ -333,6 +376,8 @@ mod tests {
                 timing: Timing { fifo: 0, ..Timing::default() },
                 gif: None,
                 mouse: None,
+                has_motors: false,
+                control: None,
             };
             let mut ticks = 0;
             let device = || Ok(SimulatedHand::new(&organ, SimulatedConfig::default()));
@@ -378,6 +423,8 @@ mod tests {
             timing: Timing { fifo: 0, ..Timing::default() },
             gif: None,
             mouse: None,
+            has_motors: false,
+            control: None,
         }
     }
 
@@ -450,6 +497,8 @@ mod tests {
             timing: Timing::default(),
             gif: Some(&film),
             mouse: None,
+            has_motors: false,
+            control: None,
         };
         let rate_hz = |show: Show<'_>| match show.view() {
             View::Gif { rate_hz, .. } | View::Frames { rate_hz, .. } => rate_hz,

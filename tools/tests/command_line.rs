@@ -195,6 +195,21 @@ fn a_path_that_fails_keeps_its_rows_and_says_so() {
     assert!(table.lines().count() > 2, "rows so far are kept:\n{table}");
 }
 
+/// The blob with the verdict of its certificate replaced by red, and a valid checksum.
+fn red(blob: &[u8]) -> Vec<u8> {
+    let (mut bytes, mark) = (blob.to_vec(), b"\"verdict\":\"");
+    let found = bytes.windows(mark.len()).position(|window| window == mark);
+    let at = found.expect("a certificate with its health") + mark.len();
+    let length = bytes[at..].iter().position(|byte| *byte == b'"').expect("it ends") + 1;
+    // JSON permits spaces after the string.
+    bytes[at..at + length].fill(b' ');
+    bytes[at..at + 4].copy_from_slice(b"red\"");
+    let end = bytes.len() - 4;
+    let sum = palpate_core::format::CHECKSUM.checksum(&bytes[..end]);
+    bytes[end..].copy_from_slice(&sum.to_le_bytes());
+    bytes
+}
+
 #[test]
 fn scene_to_blob_to_query() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -217,6 +232,20 @@ fn scene_to_blob_to_query() {
         1 + 125,
         "the cube of two cells"
     );
+    // A red blob drives no motors, before any device is opened; without motors it is a warning.
+    let red_blob = at("red.blob");
+    std::fs::write(&red_blob, red(&std::fs::read(&blob).expect("the blob"))).expect("written");
+    let session = ["--headless", "--frame-rate", "0", "--seconds", "0.1", "--uncertified"];
+    let on = |device| palpate(&[&["run", text(&red_blob), "--device", device][..], &session].concat());
+    for device in ["polhem:/dev/no-such-port", "falcon", "link:/dev/no-such-port"] {
+        let refused = on(device);
+        let said = String::from_utf8_lossy(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(2), "{said}");
+        assert!(said.contains("A is red") && said.contains("a red blob drives no motors"), "{said}");
+        assert!(said.lines().count() == 1 && !said.contains("no-such-port"), "{said}");
+    }
+    let warned = on("sim");
+    assert!(String::from_utf8_lossy(&warned.stderr).contains("warning"), "{warned:?}");
     // The blob contains its errors against finite elements, at positions that were solved for the certificate
     // and that no fit has used.
     let shown: serde_json::Value =

@@ -10,6 +10,10 @@ use palpate_core::{Organ, Vec3, vec3};
 use palpate_hil::{EmulatedPolhem, Handle, PtyTransport, Waypoint};
 use palpate_host::sys::{self, RtRequest};
 use serialport::SerialPort;
+use std::fs::Permissions;
+use std::ops::Range;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -75,6 +79,11 @@ impl Device {
     const TOUCHES: Duration = Duration::from_millis(400);
 
     fn new() -> Self {
+        Self::pressing(100..200)
+    }
+
+    /// A device whose button is pressed during these requests.
+    fn pressing(presses: Range<u64>) -> Self {
         let (mut link, driver_end) = PtyTransport::pair().expect("a pseudo terminal");
         let felt = Arc::new(Mutex::new(Felt { force_n: vec3::ZERO, requests: 0, forced: None }));
         let ends = Arc::new(AtomicBool::new(false));
@@ -89,7 +98,7 @@ impl Device {
             let (_, _held) = sys::enter_real_time(&above);
             let mut begun = None;
             while !stop.load(Ordering::Relaxed) {
-                device.set_info(i16::from((100..200).contains(&device.requests())));
+                device.set_info(i16::from(presses.contains(&device.requests())));
                 // The motion starts with the first request.
                 let now = begun.map_or(Duration::ZERO, |begun: Instant| begun.elapsed());
                 device.poll(now.as_micros() as u64, &mut link).expect("the terminal is open");
@@ -325,6 +334,106 @@ fn a_second_session_on_one_device_is_refused() {
     assert!(text.contains(&device.port) && text.contains("in use by another program; end it"), "{text}");
     session.signal(Signal::SIGINT);
     session.end();
+}
+
+/// One line on standard error besides those of the real-time rights and of --json, and exit code 2.
+#[track_caller]
+fn refused(output: &Output, words: &[&str]) {
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    let last = text.lines().last().unwrap_or_default();
+    assert!(last.starts_with("palpate: "), "{text}");
+    for word in words {
+        assert!(last.contains(word), "`{word}` in {last}");
+    }
+}
+
+/// The button of a device is held before the session begins, and stays so.
+#[test]
+fn a_button_that_is_held_at_the_start_ends_the_session_without_a_force() {
+    let _quiet = quiet();
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = files(folder.path());
+    let device = Device::pressing(0..u64::MAX);
+    let record = folder.path().join("held.mcap");
+    let output = device.run(&files, &["--record", record.to_str().expect("plain")]).end();
+    refused(&output, &["the button that arms is held", "release it"]);
+    let felt = device.felt();
+    assert!(felt.requests > 0 && felt.forced.is_none() && felt.force_n == vec3::ZERO, "{felt:?}");
+    assert!(!record.exists());
+}
+
+/// D and R would have no window.
+#[test]
+fn a_device_with_motors_without_a_display_needs_headless() {
+    let _quiet = quiet();
+    let folder = tempfile::tempdir().expect("a folder");
+    let (blob, profile) = files(folder.path());
+    let device = Device::new();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+    command.arg("run").arg(blob).args(["--uncertified", "--profile"]).arg(profile);
+    command.args(["--device", &format!("polhem:{}", device.port)]).current_dir(&folder);
+    let output = command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").output().expect("it runs");
+    refused(&output, &["no window", "--headless"]);
+    assert_eq!(device.felt().requests, 0, "the device was not opened");
+}
+
+/// As root a port of mode 000 can be opened, so the session runs as a user without rights.
+#[test]
+fn a_port_without_permission_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (blob, profile) = files(folder.path());
+    let port = folder.path().join("port");
+    std::fs::write(&port, "").expect("written");
+    std::fs::set_permissions(&port, Permissions::from_mode(0o000)).expect("owned");
+    let program = folder.path().join("palpate");
+    std::fs::copy(env!("CARGO_BIN_EXE_palpate"), &program).expect("copied");
+    let mut command = Command::new(program);
+    if nix::unistd::geteuid().is_root() {
+        std::fs::set_permissions(folder.path(), Permissions::from_mode(0o755)).expect("owned");
+        command.uid(65_534).gid(65_534);
+    }
+    command.arg("run").arg(blob).args(["--uncertified", "--headless", "--frame-rate", "0", "--profile"]);
+    command.arg(profile).args(["--device", &format!("polhem:{}", port.display())]).current_dir("/");
+    let output = run(&mut command);
+    refused(&output, &["not permitted", "Permissions"]);
+}
+
+/// Runs `palpate control` and returns its JSON and its exit code.
+fn control(socket: &Path, request: &str) -> (serde_json::Value, Option<i32>) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+    let output = command.arg("control").arg(socket).arg(request).output().expect("it runs");
+    (serde_json::from_slice(&output.stdout).unwrap_or_default(), output.status.code())
+}
+
+/// A session without a window: asked, disarmed in contact, reset and ended over its socket.
+#[test]
+fn a_headless_session_is_disarmed_and_ended_over_its_socket() {
+    let _quiet = quiet();
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = files(folder.path());
+    let socket = folder.path().join("control");
+    let name = socket.to_str().expect("plain");
+    let (device, session) = leaning(&files, &["--control", name]);
+    let (status, code) = control(&socket, "status");
+    assert_eq!((code, status["armed"].as_bool()), (Some(0), Some(true)), "{status}");
+    let (status, code) = control(&socket, "disarm");
+    assert_eq!((code, status["armed"].as_bool()), (Some(0), Some(false)), "{status}");
+    assert!(device.released().is_some());
+    // The hand goes on pushing; the button stays released.
+    let quiet_from = Instant::now();
+    std::thread::sleep(4 * Device::TOUCHES);
+    assert!(device.felt().forced.is_none_or(|forced| forced < quiet_from), "{:?}", device.felt());
+    let (status, code) = control(&socket, "reset");
+    assert_eq!((code, status["state"].as_str()), (Some(0), Some("homed, not armed")), "{status}");
+    assert_eq!(control(&socket, "arm").1, Some(2), "no request arms");
+    let beside = Device::new().run(&files, &["--control", name]).end();
+    refused(&beside, &["another session is controlled there"]);
+    assert_eq!(control(&socket, "end").1, Some(0));
+    let output = session.end();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(!socket.exists());
+    assert_eq!(control(&socket, "status").1, Some(2), "it has ended");
 }
 
 #[test]

@@ -29,6 +29,7 @@ pub use wrapper::DeviceWrapper;
 
 use core::fmt;
 use fence::{Fence, GuardPath};
+use nix::errno::Errno;
 use palpate_core::{Sample, Vec3};
 use palpate_link::DeviceFault;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -124,7 +125,13 @@ impl From<std::io::Error> for DeviceError {
             ErrorKind::ResourceBusy => DeviceErrorKind::InUse,
             ErrorKind::Unsupported | ErrorKind::InvalidInput => DeviceErrorKind::Unsupported,
             // A tty reports EIO or ENXIO after its cable was pulled.
-            _ if matches!(error.raw_os_error(), Some(5 | 6 | 19)) => DeviceErrorKind::Disconnected,
+            _ if matches!(
+                error.raw_os_error().map(Errno::from_raw),
+                Some(Errno::EIO | Errno::ENXIO | Errno::ENODEV)
+            ) =>
+            {
+                DeviceErrorKind::Disconnected
+            }
             _ => DeviceErrorKind::Io,
         };
         Self { kind, os_code: error.raw_os_error() }
@@ -266,14 +273,14 @@ mod tests {
     #[test]
     fn os_errors_keep_their_code_and_map_to_a_kind() {
         for (code, kind) in [
-            (5, DeviceErrorKind::Disconnected),
-            (13, DeviceErrorKind::Denied),
-            (16, DeviceErrorKind::InUse),
-            (19, DeviceErrorKind::Disconnected),
-            (28, DeviceErrorKind::Io),
+            (Errno::EIO, DeviceErrorKind::Disconnected),
+            (Errno::EACCES, DeviceErrorKind::Denied),
+            (Errno::EBUSY, DeviceErrorKind::InUse),
+            (Errno::ENODEV, DeviceErrorKind::Disconnected),
+            (Errno::ENOSPC, DeviceErrorKind::Io),
         ] {
-            let error = DeviceError::from(std::io::Error::from_raw_os_error(code));
-            assert_eq!((error.kind(), error.os_code()), (kind, Some(code)));
+            let error = DeviceError::from(std::io::Error::from(code));
+            assert_eq!((error.kind(), error.os_code()), (kind, Some(code as i32)));
         }
         assert!(DeviceErrorKind::Timeout.is_transient() && !DeviceErrorKind::Disconnected.is_transient());
     }

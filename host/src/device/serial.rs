@@ -98,7 +98,7 @@ impl fmt::Display for LatencyTimer {
             }
             Self::Refused { ms, why } => write!(
                 f,
-                "latency timer of the adapter: {ms} ms, not changed ({why}): replies are delayed; install host/deploy/70-palpate.rules and reconnect the adapter"
+                "latency timer of the adapter: {ms} ms, not changed ({why}): replies are delayed; install host/deploy/72-palpate.rules and reconnect the adapter"
             ),
         }
     }
@@ -129,6 +129,6 @@ mod tests {
             assert_eq!(LatencyTimer::shorten_in(class.path(), other), None, "{other}");
         }
         let refused = LatencyTimer::Refused { ms: 16, why: io::ErrorKind::PermissionDenied }.to_string();
-        assert!(refused.contains("70-palpate.rules") && refused.contains("16 ms"), "{refused}");
+        assert!(refused.contains("72-palpate.rules") && refused.contains("16 ms"), "{refused}");
     }
 }

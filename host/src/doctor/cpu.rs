@@ -63,7 +63,7 @@ pub(super) fn idle(probe: &Probe, cpu: usize) -> Check {
             let why = if may.is_none() { "does not exist" } else { "is not writable" };
             Check::new(NAME, Better, format!("{found}, and {HOLD} {why}")).fix([
                 "permit it (group realtime), or disable the sleep states:",
-                "$ cp host/deploy/70-palpate.rules /etc/udev/rules.d/",
+                "$ cp host/deploy/72-palpate.rules /etc/udev/rules.d/",
                 "$ udevadm control --reload",
                 "$ udevadm trigger --name-match=cpu_dma_latency",
                 &format!("$ cpupower -c {cpu} idle-set -D {LONG_EXIT_US}"),

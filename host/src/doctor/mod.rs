@@ -152,6 +152,7 @@ pub fn examine(probe: &Probe, cpu: usize, fifo_priority: i32) -> Vec<Check> {
         rights::swap(probe),
         cpu::load(probe),
     ];
+    checks.push(ports::group(probe));
     checks.extend(ports::usb(probe));
     checks.extend(ports::serial(probe));
     checks

@@ -7,8 +7,25 @@ use super::probe::Probe;
 /// Known USB devices by vendor and product.
 const KNOWN: [(&str, &str, &str); 1] = [("0403", "cb48", "Novint Falcon")];
 
+/// The group that may open haptic devices.
+const GROUP: &str = "palpate";
+
+const JOIN: [&str; 2] = ["$ groupadd -f palpate && usermod -aG palpate USER", "then log in again"];
 const RULES: [&str; 2] =
-    ["$ cp host/deploy/70-palpate.rules /etc/udev/rules.d/ && udevadm control --reload", "$ udevadm trigger"];
+    ["$ cp host/deploy/72-palpate.rules /etc/udev/rules.d/ && udevadm control --reload", "$ udevadm trigger"];
+
+/// Whether this user is in the group of the haptic devices.
+pub(super) fn group(probe: &Probe) -> Check {
+    const NAME: &str = "group";
+    match probe.is_in_group(GROUP) {
+        None => Check::unknown(NAME, "/etc/group"),
+        Some(true) => Check::new(NAME, Good, "palpate: this user may open haptic devices"),
+        Some(false) => {
+            Check::new(NAME, Better, "this user is not in the group palpate, which opens haptic devices")
+                .fix(JOIN)
+        }
+    }
+}
 
 /// One check per known device, or one that reports that there is none.
 pub(super) fn usb(probe: &Probe) -> Vec<Check> {
@@ -26,10 +43,13 @@ pub(super) fn usb(probe: &Probe) -> Vec<Check> {
         let node = format!("/dev/bus/usb/{:03}/{:03}", number("busnum"), number("devnum"));
         let sleeps = of("power/control").as_deref() == Some("auto");
         checks.push(match probe.may_write(&node) {
-            Some(false) => {
-                Check::new(NAME, Bad, format!("{name} at {node}, which this user may not open")).fix(RULES)
-            }
+            Some(false) => Check::new(NAME, Bad, format!("{name} at {node}, which this user may not open"))
+                .fix(RULES)
+                .fix(JOIN),
             None => Check::unknown(NAME, &node),
+            Some(true) if probe.is_open_to_others(&node) => {
+                Check::new(NAME, Bad, format!("{name} at {node}: any user may move its motors")).fix(RULES)
+            }
             Some(true) if sleeps => {
                 Check::new(NAME, Better, format!("{name} at {node} may be suspended (autosuspend)"))
                     .fix([&format!("$ echo on > {BASE}/{device}/power/control"), "or permanently:"])
@@ -57,7 +77,9 @@ pub(super) fn serial(probe: &Probe) -> Vec<Check> {
             match (probe.may_write(&node), probe.number::<u32>(&timer)) {
                 (None, _) => Check::unknown(NAME, &node),
                 (Some(false), _) => Check::new(NAME, Bad, format!("{node}, which this user may not open"))
-                    .fix(["$ usermod -aG dialout USER", "then log in again"]),
+                    .fix(["a haptic device belongs to the group palpate:"])
+                    .fix(RULES)
+                    .fix(JOIN),
                 (Some(true), Some(ms)) if ms > 1 => {
                     Check::new(NAME, Bad, format!("{node}: its FTDI chip delays replies by {ms} ms"))
                         .fix([&format!("$ echo 1 > {timer}"), "or permanently:"])

@@ -103,6 +103,25 @@ impl Probe {
         Some(metadata.mode() & bit != 0)
     }
 
+    /// Whether any user may write to a file.
+    #[cfg(unix)]
+    pub(super) fn is_open_to_others(&self, path: &str) -> bool {
+        use std::os::unix::fs::MetadataExt;
+        std::fs::metadata(self.at(path)).is_ok_and(|metadata| metadata.mode() & 0o002 != 0)
+    }
+
+    /// Whether this process is in a group, or may open files of every group; `None` if the groups cannot be
+    /// read.
+    pub(super) fn is_in_group(&self, name: &str) -> Option<bool> {
+        let groups = self.read("/etc/group")?;
+        let own = self.value("/proc/self/status", "Groups")?;
+        let gid = self.value("/proc/self/status", "Gid")?;
+        let line = groups.lines().find(|line| line.split(':').next() == Some(name));
+        let wanted = line.and_then(|line| line.split(':').nth(2));
+        let mut ids = own.split_whitespace().chain(gid.split_whitespace());
+        Some(self.has_capability(CAP_DAC_OVERRIDE) || ids.any(|id| wanted == Some(id)))
+    }
+
     /// Not available on this system.
     #[cfg(not(unix))]
     pub(super) fn may_write(&self, _path: &str) -> Option<bool> {

@@ -77,6 +77,7 @@ fn good() -> Pc {
         ("/proc/sys/kernel/sched_rt_period_us", "1000000\n"),
         ("/proc/swaps", "Filename\tType\tSize\tUsed\tPriority\n"),
         ("/proc/loadavg", "0.10 0.20 0.30 1/200 1234\n"),
+        ("/etc/group", "root:x:0:\npalpate:x:4243:operator\n"),
         ("/dev/cpu_dma_latency", ""),
         ("/sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc\n"),
         ("/sys/devices/system/cpu/online", "0-3\n"),
@@ -102,13 +103,23 @@ fn good() -> Pc {
         pc.write(&file("cpuidle/state1/name"), "C6\n");
         pc.write(&file("cpuidle/state1/disable"), "0\n");
     }
+    // Only its group may open the device.
+    let node = pc.path("/dev/bus/usb/001/007");
+    pc.mode(&node, 0o660);
+    pc.write("/proc/self/status", &in_group_of(&node));
     pc
+}
+
+/// A user who is also in the group of a file.
+fn in_group_of(path: &Path) -> String {
+    use std::os::unix::fs::MetadataExt;
+    STATUS.replace("4243", &format!("4243 {}", path.metadata().expect("there").gid()))
 }
 
 #[test]
 fn a_good_pc_has_nothing_to_fix() {
     let checks = good().checks();
-    assert_eq!(checks.len(), 15);
+    assert_eq!(checks.len(), 16);
     for check in &checks {
         assert_eq!((check.verdict, check.fix.len()), (Verdict::Good, 0), "{check}");
     }
@@ -122,7 +133,7 @@ type Defect = (&'static str, &'static str, &'static str, Verdict, &'static str);
 fn each_defect_is_found_by_its_own_check() {
     let ordinary = "Linux version 6.1.0-44-amd64 (debian) #1 SMP PREEMPT_DYNAMIC Debian 6.1.1";
     let voluntary = "Linux version 6.1.0-44-amd64 (debian) #1 SMP Debian 6.1.1";
-    let ills: [Defect; 17] = [
+    let ills: [Defect; 19] = [
         ("/proc/version", ordinary, "kernel", Verdict::Better, "linux-image-rt-"),
         ("/proc/version", voluntary, "kernel", Verdict::Bad, "linux-image-rt-"),
         ("/proc/self/limits", "rtprio", "priority", Verdict::Bad, "palpate-limits.conf"),
@@ -161,7 +172,9 @@ fn each_defect_is_found_by_its_own_check() {
         ),
         ("/proc/sys/kernel/sched_rt_runtime_us", "50000", "throttling", Verdict::Bad, "sysctl"),
         ("/proc/loadavg", "3.9 0 0 1/2 3", "load", Verdict::Better, "top"),
-        ("/sys/bus/usb/devices/1-1/power/control", "auto", "usb", Verdict::Better, "70-palpate.rules"),
+        ("/etc/group", "root:x:0:", "group", Verdict::Better, "usermod -aG palpate"),
+        ("/etc/group", "palpate:x:77:", "group", Verdict::Better, "usermod -aG palpate"),
+        ("/sys/bus/usb/devices/1-1/power/control", "auto", "usb", Verdict::Better, "72-palpate.rules"),
         ("/sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16", "serial", Verdict::Bad, "latency_timer"),
         ("/sys/devices/system/cpu/online", "3", "isolation", Verdict::Bad, "two"),
     ];
@@ -201,20 +214,30 @@ fn isolation_is_read_from_the_command_line_too() {
 fn a_node_without_permission_is_reported() {
     for (path, name, verdict, fix) in [
         ("/dev/cpu_dma_latency", "idle", Verdict::Better, "udev"),
-        ("/dev/bus/usb/001/007", "usb", Verdict::Bad, "70-palpate.rules"),
-        ("/dev/ttyUSB0", "serial", Verdict::Bad, "dialout"),
+        ("/dev/bus/usb/001/007", "usb", Verdict::Bad, "72-palpate.rules"),
+        ("/dev/bus/usb/001/007", "usb", Verdict::Bad, "usermod -aG palpate"),
+        ("/dev/ttyUSB0", "serial", Verdict::Bad, "palpate"),
     ] {
         let pc = good();
+        pc.write("/proc/self/status", STATUS);
         pc.mode(&pc.path(path), 0o660);
         let checks = pc.checks();
         assert_eq!(named(&checks, name).verdict, verdict, "{path}");
         assert!(named(&checks, name).fix.iter().any(|line| line.contains(fix)), "{}", named(&checks, name));
         // The owner's group has permission, and this user is in it.
-        use std::os::unix::fs::MetadataExt;
-        let group = pc.path(path).metadata().expect("there").gid();
-        pc.write("/proc/self/status", &STATUS.replace("4243", &group.to_string()));
+        pc.write("/proc/self/status", &in_group_of(&pc.path(path)));
         assert_eq!(named(&pc.checks(), name).verdict, Verdict::Good, "{path}");
     }
+}
+
+#[test]
+fn a_device_that_any_user_may_open_is_reported() {
+    let pc = good();
+    pc.mode(&pc.path("/dev/bus/usb/001/007"), 0o666);
+    let checks = pc.checks();
+    let usb = named(&checks, "usb");
+    assert_eq!(usb.verdict, Verdict::Bad);
+    assert!(usb.found.contains("any user may move its motors"), "{usb}");
 }
 
 #[test]
@@ -249,7 +272,7 @@ fn unreadable_sources_give_unknown_verdicts() {
     let pc = Pc::new(&[]);
     let probe = Probe::with_root(pc.0.path().into(), None);
     let checks = examine(&probe, loop_cpu(&probe, None), PRIORITY);
-    assert_eq!(checks.len(), 15);
+    assert_eq!(checks.len(), 16);
     for check in &checks {
         // A missing USB or serial port needs no fix.
         let expected = if matches!(check.name, "usb" | "serial") { Verdict::Good } else { Verdict::Unknown };

@@ -15,7 +15,12 @@ use super::record::{Applied, TickRecord};
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, Ordering};
-use palpate_core::{Controller, Fault, Limits, Phase, State, Vec3, vec3};
+use palpate_core::{Controller, Fault, Limits, Phase, Sample, State, Vec3, vec3};
+
+/// The buttons while they are unknown: none counts as pressed before it was seen released.
+const ALL_HELD: u32 = u32::MAX;
+/// Ticks without a sample after which the buttons are unknown. A late reply takes two or three.
+const MAX_SILENT_TICKS: u32 = 10;
 
 /// Destinations of the records. Both are wait-free.
 #[derive(Debug)]
@@ -90,7 +95,10 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits
     recording: Option<rtrb::Producer<TickRecord>>,
     /// Force of the next exchange: that of the last record.
     sent_force_n: Vec3,
+    /// Buttons of the last sample, or [`ALL_HELD`].
     buttons: u32,
+    /// Ticks without a sample since the last one.
+    silent_ticks: u32,
     latency: LatencyRecorder,
     ticks: u64,
     skipped_periods: u64,
@@ -172,8 +180,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             outputs,
             recording: None,
             sent_force_n: vec3::ZERO,
-            // All bits set: arming needs a transition from released to pressed.
-            buttons: u32::MAX,
+            buttons: ALL_HELD,
+            silent_ticks: 0,
             latency: LatencyRecorder::new(),
             ticks: 0,
             skipped_periods: 0,
@@ -212,6 +220,20 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             self.state.hand_over(true);
             self.model = requested;
         }
+    }
+
+    /// Whether this sample shows a press of the button that arms. A button that is held at the start, or that
+    /// went down in a gap of samples, must first be released.
+    fn button_is_pressed(&mut self, sample: Option<&Sample>) -> bool {
+        let Some(sample) = sample else {
+            self.silent_ticks = self.silent_ticks.saturating_add(1);
+            if self.silent_ticks > MAX_SILENT_TICKS {
+                self.buttons = ALL_HELD;
+            }
+            return false;
+        };
+        self.silent_ticks = 0;
+        sample.buttons & !core::mem::replace(&mut self.buttons, sample.buttons) & self.config.arm_button != 0
     }
 
     /// Runs for a number of periods or until the flag is set, then stops the device.
@@ -269,13 +291,9 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             self.device.0.reset();
         }
         self.change_model();
-        if let Some(sample) = &sample {
-            let just_pressed = sample.buttons & !self.buttons & self.config.arm_button != 0;
-            self.buttons = sample.buttons;
-            // Any request of the same tick, for example to disarm, overrides a press of the button.
-            if just_pressed && ready && applied == Applied::default() {
-                self.state.arm();
-            }
+        // Any request of the same tick, for example to disarm, overrides a press of the button.
+        if self.button_is_pressed(sample.as_ref()) && ready && applied == Applied::default() {
+            self.state.arm();
         }
         let Model { controller, interpolator, .. } = &self.models[self.model];
         let command =

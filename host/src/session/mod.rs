@@ -153,7 +153,7 @@ pub fn run_session<D: Device, const N: usize>(
     let info = device.info();
     let (producer, records) = rtrb::RingBuffer::new(options.queue_ticks.max(1));
     let (latest, newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
-    let controls = Controls::default();
+    let controls = observer.controls();
     let ended_here = AtomicBool::new(false);
     let mut watched =
         Watched { observer, records, newest, touch: TouchStatistics::default(), organs: organs.len() };

@@ -3,6 +3,7 @@
 use crate::rt::{Controls, TickRecord};
 use core::ops::ControlFlow;
 use core::time::Duration;
+use std::sync::Arc;
 
 /// Watches a session on the thread that called [`run_session`](super::run_session).
 ///
@@ -14,6 +15,12 @@ pub trait Observer {
     /// The loop fills it directly, so a slow frame loses no record of a recording.
     fn recording(&mut self) -> Option<rtrb::Producer<TickRecord>> {
         None
+    }
+
+    /// The flags that the loop reads in every tick. The session requests them once, before the loop begins; an
+    /// observer that keeps a clone can set them at any time, from any thread.
+    fn controls(&mut self) -> Arc<Controls> {
+        Arc::default()
     }
 
     /// Receives every record of the session's queue in order, with a delay of a few milliseconds.

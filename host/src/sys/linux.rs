@@ -5,9 +5,10 @@ use nix::errno::Errno;
 use nix::libc;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
+use nix::sys::prctl;
 use nix::sys::resource::{Resource, getrlimit};
 use nix::time::{ClockId, ClockNanosleepFlags, clock_getres, clock_gettime, clock_nanosleep};
-use nix::unistd::Pid;
+use nix::unistd::{Pid, geteuid};
 use std::fs::File;
 use std::io::Write;
 
@@ -15,11 +16,6 @@ const CALLING_THREAD: Pid = Pid::from_raw(0);
 
 fn refused(errno: Errno, advice: &'static str) -> Outcome {
     Outcome::Refused { os_code: errno as i32, advice }
-}
-
-fn is_root() -> bool {
-    // SAFETY: geteuid has no arguments, cannot fail and accesses no memory of this program.
-    unsafe { libc::geteuid() == 0 }
 }
 
 /// Locks the present pages, and future ones if no finite limit applies.
@@ -31,7 +27,7 @@ pub(super) fn lock_memory(requested: bool) -> Outcome {
         return Outcome::NotRequested;
     }
     let unlimited = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft == libc::RLIM_INFINITY);
-    let flags = if unlimited || is_root() {
+    let flags = if unlimited || geteuid().is_root() {
         MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE
     } else {
         MlockAllFlags::MCL_CURRENT
@@ -90,10 +86,9 @@ pub(super) fn current_policy() -> Policy {
 }
 
 pub(super) fn shorten_timer_slack() -> Outcome {
-    // SAFETY: PR_SET_TIMERSLACK has one integer argument and affects only the calling thread.
-    match unsafe { libc::prctl(libc::PR_SET_TIMERSLACK, 1 as libc::c_ulong) } {
-        0 => Outcome::Granted,
-        _ => refused(Errno::last(), "needs a Linux kernel with PR_SET_TIMERSLACK"),
+    match prctl::set_timerslack(1) {
+        Ok(()) => Outcome::Granted,
+        Err(errno) => refused(errno, "needs a Linux kernel with PR_SET_TIMERSLACK"),
     }
 }
 
@@ -107,7 +102,7 @@ pub(super) fn hold_cpus_awake() -> (Outcome, Option<File>) {
         Ok(file) => (Outcome::Granted, Some(file)),
         Err(error) => {
             let os_code = error.raw_os_error().unwrap_or(0);
-            let advice = "permit writing to /dev/cpu_dma_latency (host/deploy/70-palpate.rules)";
+            let advice = "permit writing to /dev/cpu_dma_latency (host/deploy/72-palpate.rules)";
             (Outcome::Refused { os_code, advice }, None)
         }
     }

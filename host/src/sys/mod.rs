@@ -198,6 +198,7 @@ impl Drop for Held {
 mod linux;
 mod process;
 mod shared;
+mod socket;
 pub mod usb;
 
 use linux as platform;
@@ -206,6 +207,7 @@ pub use process::{
     FDS, duplicate_non_blocking, pidfd, receive_fds, send_fds, wait_any, wait_readable, write,
 };
 pub use shared::SharedWords;
+pub use socket::listen;
 
 #[cfg(test)]
 mod tests {

@@ -23,7 +23,7 @@ const KEYS: &[[&str; 2]] = &[
     ["right drag", "pan (or shift + left)"],
     ["wheel", "zoom"],
     ["Home or 0", "initial view"],
-    ["A", "arm"],
+    ["shift + A", "hold 1 s: arm"],
     ["D", "disarm"],
     ["R", "reset a fault"],
     ["N", "next model, if any"],

@@ -16,6 +16,7 @@
 #![forbid(unsafe_code)]
 
 pub mod animation;
+mod arming;
 pub mod camera;
 mod charts;
 pub mod comparison;

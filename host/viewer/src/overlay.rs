@@ -7,12 +7,16 @@ use super::image::{Image, StrokeMask};
 use super::live::Live;
 use super::palette::{BAD, BRIGHT, ColourMap, FAINT, GOOD, MUTED, WAITING, packed};
 use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MAX_NAMES, magnitudes};
+use core::time::Duration;
 use glam::Vec2;
 use palpate_core::Phase;
 use palpate_host::rt::{SessionState, TickRecord};
 
 /// Text for a model without displacements.
 const FORCE_ONLY: &str = "forces only: the shape is not updated";
+
+/// What ends a fault.
+const FAULT_HINT: &str = "the force is zero \u{b7} R resets, then hold Shift + A to arm";
 
 /// Text of the overlay that is not in the records.
 #[derive(Debug, Clone, Default)]
@@ -146,22 +150,28 @@ impl Overlay {
     /// Draws the reason of a fault prominently.
     fn draw_fault(&mut self, image: &mut Image, record: &TickRecord, scale: f32) {
         let Phase::SafeZero(fault) = record.phase else { return };
+        self.draw_banner(image, (fault.name(), BAD, 0x2a_0d0b), FAULT_HINT, scale);
+    }
+
+    /// Draws the countdown until the device is armed.
+    pub(super) fn draw_arming(&mut self, image: &mut Image, remaining: Option<Duration>) {
+        let Some(remaining) = remaining else { return };
+        let scale = image.height() as f32 / 720.0;
+        let text = format!("arming in {:.1} s", remaining.as_secs_f32());
+        self.draw_banner(image, (&text, WAITING, 0x2a_1f0b), "release to cancel", scale);
+    }
+
+    /// Draws a line and a hint over the picture, at the top.
+    fn draw_banner(&mut self, image: &mut Image, line: (&str, u32, u32), hint: &str, scale: f32) {
+        let (text, colour, background) = line;
         let middle = 0.5 * image.width() as f32;
-        let name = fault.name();
-        let style = TextStyle::new(15.0 * scale, BAD).weight(0.12);
-        let width = self.face.width_px(name, style.height_px).max(300.0 * scale) + 56.0 * scale;
+        let style = TextStyle::new(15.0 * scale, colour).weight(0.12);
+        let width = self.face.width_px(text, style.height_px).max(300.0 * scale) + 56.0 * scale;
         let (left, top) = ((middle - 0.5 * width) as i32, (22.0 * scale) as i32);
-        image.fill_rect(left, top, width as i32, (56.0 * scale) as i32, 0x2a_0d0b, 0.85);
-        self.text(image, name, middle, 46.0 * scale, Align::Centre, style);
-        let hint = TextStyle::new(9.5 * scale, BRIGHT);
-        self.text(
-            image,
-            "the force is zero \u{b7} R resets, then A arms",
-            middle,
-            68.0 * scale,
-            Align::Centre,
-            hint,
-        );
+        image.fill_rect(left, top, width as i32, (56.0 * scale) as i32, background, 0.85);
+        self.text(image, text, middle, 46.0 * scale, Align::Centre, style);
+        let style = TextStyle::new(9.5 * scale, BRIGHT);
+        self.text(image, hint, middle, 68.0 * scale, Align::Centre, style);
     }
 
     /// A large number followed by a small unit, right-aligned.
@@ -289,6 +299,17 @@ mod tests {
         assert!(red(&fault) > red(&calm) + 10, "{} {}", red(&fault), red(&calm));
         let pushing = drawn(&TickRecord { reaction_n: [0.0, 3.0, 0.0], ..TickRecord::EMPTY });
         assert_ne!(pushing, drawn(&TickRecord::EMPTY));
+    }
+
+    #[test]
+    fn the_countdown_is_drawn_while_it_runs() {
+        let bright = |remaining| {
+            let mut image = Image::new(640, 360);
+            Overlay::default().draw_arming(&mut image, remaining);
+            image.pixels().iter().filter(|pixel| **pixel != 0).count()
+        };
+        assert_eq!(bright(None), 0);
+        assert!(bright(Some(Duration::from_millis(700))) > 1_000);
     }
 
     /// The title names the model if there are several, and states that a model without displacements does not

@@ -72,11 +72,13 @@ pub struct Layers {
     pub reach: bool,
     /// The help.
     pub help: Help,
+    /// Time until the window's chord arms the device, while it is held.
+    pub arming: Option<Duration>,
 }
 
 impl Default for Layers {
     fn default() -> Self {
-        Self { ghost: true, reach: false, help: Help::Absent }
+        Self { ghost: true, reach: false, help: Help::Absent, arming: None }
     }
 }
 
@@ -209,6 +211,7 @@ impl Renderer {
         let legend = (self.scene.map(), self.full_scale_m);
         self.overlay.draw(&mut self.image, &self.captions, record, live, legend);
         self.overlay.draw_help(&mut self.image, self.layers.help);
+        self.overlay.draw_arming(&mut self.image, self.layers.arming);
         self.times.overlay = watch.lap();
         &self.image
     }

@@ -236,21 +236,21 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
             }
             Output::Gif(film) => film.write(renderer.image(), record.t_us)?,
             Output::Window(controller) => {
-                let events = controller.show(renderer, organ, record)?;
-                if events.arm {
+                let requests = controller.show(renderer, organ, record)?;
+                if requests.arm {
                     controls.arm();
                 }
-                if events.disarm {
+                if requests.disarm {
                     controls.disarm();
                 }
-                if events.reset {
+                if requests.reset {
                     controls.reset();
                 }
-                if events.next_model {
+                if requests.next_model {
                     // The index after the last one wraps round to the first.
                     controls.select(record.model + 1);
                 }
-                quit = events.quit;
+                quit = requests.quit;
             }
         }
         // Counted from now, not from the due time: a slow frame is not followed by a burst.

@@ -15,8 +15,8 @@ pub struct WindowEvents {
     pub quit: bool,
     /// Space.
     pub screenshot: bool,
-    /// A: arms a device, by a deliberate act.
-    pub arm: bool,
+    /// Whether Shift and A are held ([`ArmingChord`](super::arming::ArmingChord)).
+    pub arming_chord: bool,
     /// D.
     pub disarm: bool,
     /// R: clears a latched fault.
@@ -80,7 +80,8 @@ impl ViewWindow {
         let events = WindowEvents {
             quit: !self.window.is_open() || pressed(Key::Escape),
             screenshot: pressed(Key::Space),
-            arm: pressed(Key::A),
+            // A window without the focus keeps the keys that were held when it lost it.
+            arming_chord: self.window.is_active() && self.is_shift_down() && self.window.is_key_down(Key::A),
             disarm: pressed(Key::D),
             reset: pressed(Key::R),
             home: pressed(Key::Home) || pressed(Key::Key0) || pressed(Key::NumPad0),
@@ -94,16 +95,19 @@ impl ViewWindow {
         Ok((events, self.pointer()))
     }
 
+    fn is_shift_down(&self) -> bool {
+        self.window.is_key_down(Key::LeftShift) || self.window.is_key_down(Key::RightShift)
+    }
+
     fn pointer(&self) -> Pointer {
-        let held = |keys: [Key; 2]| keys.into_iter().any(|key| self.window.is_key_down(key));
         let down = |button| self.window.get_mouse_down(button);
         let deeper = |key: Key| f32::from(u8::from(self.window.is_key_down(key)));
         Pointer {
             at_px: self.window.get_mouse_pos(MouseMode::Pass).map(|(x, y)| Vec2::new(x, y)),
             left: down(MouseButton::Left),
             other: down(MouseButton::Right) || down(MouseButton::Middle),
-            shift: held([Key::LeftShift, Key::RightShift]),
-            grasp: held([Key::LeftCtrl, Key::RightCtrl]) || self.window.is_key_down(Key::E),
+            shift: self.is_shift_down(),
+            grasp: [Key::LeftCtrl, Key::RightCtrl, Key::E].iter().any(|key| self.window.is_key_down(*key)),
             wheel: self.window.get_scroll_wheel().map_or(0.0, |(_, steps)| steps),
             deeper: deeper(Key::W) - deeper(Key::S),
         }

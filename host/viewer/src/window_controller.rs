@@ -1,6 +1,7 @@
 //! Controller of a window: navigation, keys, screenshots and films.
 
 use super::animation::GifWriter;
+use super::arming::ArmingChord;
 use super::error::ViewerError;
 use super::frames::FrameWriter;
 use super::help::Help;
@@ -34,6 +35,24 @@ pub(super) struct WindowController {
     screenshots: Option<FrameWriter>,
     film: Option<Film>,
     films: u64,
+    arming: ArmingChord,
+    /// Time of the last picture.
+    shown: Instant,
+}
+
+/// What the user requests of the session.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Requests {
+    /// Arm: the chord was held for its time.
+    pub arm: bool,
+    /// Disarm.
+    pub disarm: bool,
+    /// Clear a latched fault.
+    pub reset: bool,
+    /// Change to the next model.
+    pub next_model: bool,
+    /// End the session.
+    pub quit: bool,
 }
 
 struct Film {
@@ -56,6 +75,8 @@ impl WindowController {
             screenshots: None,
             film: None,
             films: 0,
+            arming: ArmingChord::Spent,
+            shown: Instant::now(),
         })
     }
 
@@ -69,13 +90,13 @@ impl WindowController {
         self.films + self.screenshots.as_ref().map_or(0, FrameWriter::written)
     }
 
-    /// Shows the renderer's picture and performs the user's actions; returns the events for the session.
+    /// Shows the renderer's picture and performs the user's actions; returns the requests to the session.
     pub(super) fn show<const N: usize>(
         &mut self,
         renderer: &mut Renderer,
         organ: &Organ<'_, N>,
         record: &TickRecord,
-    ) -> Result<WindowEvents, ViewerError> {
+    ) -> Result<Requests, ViewerError> {
         self.add_to_film(renderer, record)?;
         let (events, pointer) = if self.film.is_some() {
             // The mark is shown in the window only, not in the film.
@@ -110,7 +131,20 @@ impl WindowController {
         if events.help {
             layers.help = if layers.help == help { Help::Hint } else { help };
         }
-        Ok(events)
+        let step = core::mem::replace(&mut self.shown, Instant::now()).elapsed();
+        let requests = self.requests(events, step, record);
+        layers.arming = self.arming.remaining();
+        Ok(requests)
+    }
+
+    /// The requests to the session. A request to disarm or to reset also ends a countdown.
+    fn requests(&mut self, events: WindowEvents, step: Duration, record: &TickRecord) -> Requests {
+        let WindowEvents { disarm, reset, next_model, quit, .. } = events;
+        if disarm || reset {
+            self.arming.cancel();
+        }
+        let arm = self.arming.update(events.arming_chord, step, record);
+        Requests { arm, disarm, reset, next_model, quit }
     }
 
     /// Completes a film in progress.

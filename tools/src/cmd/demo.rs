@@ -308,6 +308,8 @@ fn palpate(
         timing: Timing::default(),
         gif: None,
         mouse: None,
+        has_motors: false,
+        control: None,
     };
     let mut visits = Vec::new();
     let touched = touch::run(

@@ -1,6 +1,7 @@
 //! One file per command of `palpate`.
 
 pub(crate) mod bench;
+pub(crate) mod control;
 pub(crate) mod demo;
 pub(crate) mod doctor;
 pub(crate) mod guard;

@@ -4,6 +4,7 @@
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
@@ -23,6 +24,7 @@ use serde_json::json;
 
 use super::inspect::certificate;
 use super::pack::method;
+use crate::control::Control;
 use crate::device_spec::DeviceSpec;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
@@ -36,8 +38,9 @@ use palpate_precompute::certificate::Verdict;
 
 /// Palpate a blob: the 1 kHz loop, a device and the viewer.
 ///
-/// Without a display (or with --headless) PNG frames are written instead of a window. The device's button or
-/// the window's key arms a real device; a start does not. Ctrl-C ends the session with zero force.
+/// With --headless PNG frames are written instead of a window, and for a device without motors also if there
+/// is no display. The device's button or a chord of keys in the window arms a real device; a start does not.
+/// Ctrl-C ends the session with zero force.
 ///
 /// A guard, a separate process, zeroes the force of a real device if this process ends, stops or hangs; this
 /// process zeroes it and ends if the guard does.
@@ -127,6 +130,11 @@ pub(crate) struct Args {
     /// Change to the next of several blobs every S seconds
     #[arg(long, value_name = "S", value_parser = seconds, hide_short_help = true, help_heading = "Contact")]
     change_every: Option<Duration>,
+    /// Create this socket, over which `palpate control` disarms, resets and ends the session
+    ///
+    /// Its mode is 0660 for the group palpate, or 0600 if this user may not give it files.
+    #[arg(long, value_name = "SOCKET", hide_short_help = true, help_heading = "Control")]
+    control: Option<PathBuf>,
     #[command(flatten)]
     timing: Timing,
     /// Write the histograms of wake-up lateness, device time and compute time to this file
@@ -300,12 +308,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         );
     }
     let stop = stop_flag()?;
+    let control = args.control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
     let (handle, mut tool) = match args.device {
         DeviceSpec::Mouse => open_mouse(args, organs[0]).map(|(handle, tool)| (Some(handle), Some(tool)))?,
         _ => (None, None),
     };
-    let show =
-        touch::Show { profile: profile.as_ref(), mouse: handle.as_ref(), ..show(args, &outputs, record) };
+    let show = touch::Show {
+        profile: profile.as_ref(),
+        mouse: handle.as_ref(),
+        control: control.as_ref(),
+        ..show(args, &outputs, record)
+    };
     let mut resident = Resident::start();
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
     let mut guard = None;
@@ -383,6 +396,8 @@ fn show<'a>(args: &'a Args, outputs: &'a Outputs, record: Option<touch::Record<'
         timing: args.timing,
         gif: outputs.gif.as_ref(),
         mouse: None,
+        has_motors: args.device.hardware().is_some(),
+        control: None,
     }
 }
 
@@ -399,6 +414,9 @@ fn run_replay(
             "a replay is as long as its recording, has its limits, and is not recorded again: leave --seconds, --profile and \
              --record out",
         ));
+    }
+    if args.control.is_some() {
+        return Err(Failure::input("a replay moves no motors: leave --control out"));
     }
     if args.histograms.is_some() {
         return Err(Failure::input("a replay has no timing of its own: leave --histograms out"));
@@ -470,8 +488,9 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method, args: &Args
             )));
         }
         let health = space.health.as_ref().filter(|health| health.verdict == Verdict::Red);
-        if let Some(reason) = health.and_then(|health| health.reasons.first()) {
-            let what = format!("{path_name}: {} is red: {}", space.active, reason.what);
+        if let Some(health) = health {
+            let reason = health.reasons.first().map_or("no reason is stated", |reason| reason.what.as_str());
+            let what = format!("{path_name}: {} is red: {reason}", space.active);
             if drives_motors {
                 return Err(Failure::input(format!(
                     "{what}; a red blob drives no motors: pack a sound one, or look at it with --motors-off or --device sim"

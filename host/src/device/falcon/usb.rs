@@ -54,12 +54,11 @@ impl fmt::Display for UsbError {
                 f,
                 "no Falcon ({VENDOR_ID:04x}:{PRODUCT_ID:04x}) on USB; check the cable and its own power supply"
             ),
-            Self::Denied => write!(
-                f,
-                "no permission to open the Falcon; add the udev rule SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{VENDOR_ID:04x}\", \
-                 ATTR{{idProduct}}==\"{PRODUCT_ID:04x}\", TAG+=\"uaccess\" (docs/devices.md) and connect it again"
+            Self::Denied => f.write_str(
+                "no permission to open the Falcon; join the group palpate, install host/deploy/72-palpate.rules \
+                 (docs/devices.md, Permissions) and connect it again",
             ),
-            Self::Busy => f.write_str("another program uses the Falcon; end it"),
+            Self::Busy => f.write_str("the Falcon is in use by another program; end it"),
             Self::Device(error) => write!(f, "the Falcon cannot be opened: {error}; connect it again"),
         }
     }
@@ -239,6 +238,9 @@ mod tests {
             assert_eq!(from_usb(error).kind(), kind);
         }
         assert_eq!(UsbError::from(E::Access), UsbError::Denied);
+        // What libusb makes of EBUSY, the answer to the claim of an interface that another session has claimed.
+        assert_eq!(UsbError::from(E::Busy), UsbError::Busy);
+        assert_eq!(UsbError::Busy.to_string(), "the Falcon is in use by another program; end it");
     }
 
     /// The result, the number of attempts and the number of cleared halts.

@@ -1,6 +1,6 @@
 //! The file format of a profile. Unknown keys are errors, and every error names file, line and fix.
 
-use super::{Assumed, Calibration, Damping, Mechanism, Profile};
+use super::{Assumed, Buttons, Calibration, Damping, Mechanism, Profile};
 use crate::device::capstan::Capstan;
 use crate::device::workspace::{Reach, Workspace};
 use core::fmt;
@@ -51,6 +51,8 @@ struct ProfileFile {
     mapping: MappingTable,
     #[serde(default)]
     calibration: CalibrationTable,
+    #[serde(default)]
+    buttons: ButtonsTable,
     #[serde(default)]
     simulation: SimulationTable,
 }
@@ -119,6 +121,13 @@ struct CalibrationTable {
 
 #[derive(Default, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
+struct ButtonsTable {
+    arm: Option<Spanned<i64>>,
+    grasp: Option<Spanned<i64>>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 struct SimulationTable {
     mass_kg: Option<Number>,
     damping_n_s_m: Option<Number>,
@@ -153,8 +162,18 @@ pub(super) fn read(path: &Path) -> Result<Profile, ProfileError> {
 pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
     let place = Place { path, text };
     let file: ProfileFile = toml::from_str(text).map_err(|error| place.explain(&error))?;
-    let ProfileFile { name, limits, mechanism, link, capstan, workspace, mapping, calibration, simulation } =
-        file;
+    let ProfileFile {
+        name,
+        limits,
+        mechanism,
+        link,
+        capstan,
+        workspace,
+        mapping,
+        calibration,
+        buttons,
+        simulation,
+    } = file;
     if name.get_ref().is_empty() {
         return Err(place.error(name.span(), "the name is empty", "name the device"));
     }
@@ -186,6 +205,10 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
         workspace: place.mapping(&mapping)?,
         calibration: place.calibration(&calibration, *limits.max_force_n.get_ref())?,
         capstan: capstan.map(|table| place.capstan(&table)).transpose()?,
+        buttons: Buttons {
+            arm: place.button("arm", buttons.arm.as_ref())?,
+            grasp: place.button("grasp", buttons.grasp.as_ref())?,
+        },
         assumed: Assumed {
             mass_kg: place.optional("mass_kg", simulation.mass_kg.as_ref())?.unwrap_or(default.mass_kg),
             damping_n_s_m: place
@@ -268,6 +291,16 @@ impl Place<'_> {
         known.ok_or_else(|| {
             let what = format!("`{key}` = {}", value.get_ref());
             self.error(value.span(), what, format!("give 0 to {MAX_DELAY_US} us"))
+        })
+    }
+
+    /// The bit of a button, which is numbered from 1; the first if none is given.
+    fn button(&self, key: &str, value: Option<&Spanned<i64>>) -> Result<u32, ProfileError> {
+        let Some(value) = value else { return Ok(1) };
+        let number = u32::try_from(*value.get_ref()).ok().filter(|number| (1..=u32::BITS).contains(number));
+        number.map(|number| 1 << (number - 1)).ok_or_else(|| {
+            let what = format!("`{key}` = {}", value.get_ref());
+            self.error(value.span(), what, format!("give the number of a button, 1 to {}", u32::BITS))
         })
     }
 

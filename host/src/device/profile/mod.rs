@@ -43,8 +43,26 @@ pub struct Profile {
     pub workspace: Workspace,
     /// Values determined on the individual device.
     pub calibration: Calibration,
+    /// The buttons that arm and grasp.
+    pub buttons: Buttons,
     /// Assumptions of the simulation for unknown properties.
     pub assumed: Assumed,
+}
+
+/// Bits of the device's buttons. They differ on a device with several buttons, so that a hand that grasps does
+/// not arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Buttons {
+    /// The button that arms.
+    pub arm: u32,
+    /// The button that grasps while it is held.
+    pub grasp: u32,
+}
+
+impl Default for Buttons {
+    fn default() -> Self {
+        Self { arm: 1, grasp: 1 }
+    }
 }
 
 /// Properties of an individual device, determined at its first power-up (docs/devices.md).

@@ -32,6 +32,9 @@ gravity_n = 0.7
 
 [simulation]
 mass_kg = 0.3
+
+[buttons]
+arm = 3
 "#;
 
 #[test]
@@ -46,6 +49,7 @@ fn every_value_is_read() {
     assert_eq!(profile.reach, Reach::Box { half_m: [0.1, 0.2, 0.3] });
     assert_eq!((profile.assumed.mass_kg, profile.assumed.damping_n_s_m), (0.3, 0.0));
     assert_eq!(profile.calibration.counts_per_n_m, [-9e3, 11e3, -1e4]);
+    assert_eq!(profile.buttons, Buttons { arm: 0b100, grasp: 0b1 });
     // The device's y is the model's x.
     assert_eq!(profile.gravity_compensation_n(), [0.7, 0.0, 0.0]);
     assert_eq!(profile.workspace.to_model_m([0.0, 0.01, 0.0]), [0.02, 0.0, 0.05]);
@@ -86,6 +90,8 @@ fn every_error_has_its_line_and_its_fix() {
     refuses("0.0, 0.05", "0.0, inf", 25, "`model_origin_m`", "finite");
     refuses("-9000,", "-900,", 28, "`counts_per_n_m`", "1000 to 100000");
     refuses("11000,", "nan,", 28, "`counts_per_n_m`", "with its sign");
+    refuses("arm = 3", "arm = 0", 35, "`arm` = 0", "1 to 32");
+    refuses("arm = 3", "grasp = 33", 35, "`grasp` = 33", "1 to 32");
     refuses("-9000, ", "", 28, "invalid length", "expected type");
     refuses("= 0.7", "= -0.7", 29, "`gravity_n` = -0.7", "upwards");
     refuses("= 0.7", "= 2.6", 29, "`gravity_n` = 2.6", "half");

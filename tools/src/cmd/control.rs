@@ -1,0 +1,34 @@
+//! `palpate control`: disarms, resets or ends a session that has no window.
+
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+
+use crate::control::{self, Request};
+use crate::failure::Failure;
+use crate::output;
+
+/// Ask a session for its status, disarm, reset or end it.
+///
+/// The session was started with `palpate run --control SOCKET`. The answer is one line of JSON. No request arms:
+/// that takes the button of the device.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// The socket of the session
+    socket: PathBuf,
+    /// What to do
+    request: Request,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let socket = args.socket.display();
+    let (answer, is_refused) = control::request(&args.socket, args.request).map_err(|error| {
+        Failure::input(format!("{socket}: {error}; give the --control of a session that runs"))
+    })?;
+    output::line(answer)?;
+    if is_refused {
+        return Err(Failure::work(format!("{socket}: the session did not do it")));
+    }
+    Ok(())
+}
