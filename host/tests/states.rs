@@ -147,8 +147,8 @@ impl Device for Pressing {
     }
 }
 
-/// Ticks 0 to 1,000: the number of the first armed tick, if any. The session is reset before tick 500.
-fn armed_at(button: fn(u64) -> Option<u32>, state: fn(u64) -> DeviceState) -> Option<usize> {
+/// The ticks of 1,000 at which the session becomes armed. It is reset before tick 500.
+fn armed_at(button: fn(u64) -> Option<u32>, state: fn(u64) -> DeviceState) -> Vec<usize> {
     let blob = synthetic::organ(&Shape::default());
     let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let controller = Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
@@ -167,7 +167,9 @@ fn armed_at(button: fn(u64) -> Option<u32>, state: fn(u64) -> DeviceState) -> Op
         clock.wait_until(index * 1_000_000, 0);
         haptic.tick(index, 0, index * 1_000_000).expect("it answers");
     }
-    core::iter::from_fn(|| records.pop().ok()).position(|record| record.phase == Phase::Active)
+    let armed: Vec<bool> =
+        core::iter::from_fn(|| records.pop().ok()).map(|record| record.phase == Phase::Active).collect();
+    (1..armed.len()).filter(|&tick| armed[tick] && !armed[tick - 1]).collect()
 }
 
 /// Held at the start, held through homing, held through a fault and its reset, or pressed while the link was
@@ -175,27 +177,31 @@ fn armed_at(button: fn(u64) -> Option<u32>, state: fn(u64) -> DeviceState) -> Op
 #[test]
 fn a_held_button_does_not_arm() {
     let homed: fn(u64) -> DeviceState = |_| DeviceState::Homed;
-    let press_at_700 = Some(699);
-    assert_eq!(armed_at(|_| Some(0b10), homed), None, "held from the start");
-    assert_eq!(armed_at(|call| Some(if call == 600 { 0 } else { 0b10 }), homed), Some(600), "then released");
+    assert_eq!(armed_at(|_| Some(0b10), homed), [0; 0], "held from the start");
+    assert_eq!(armed_at(|call| Some(if call == 600 { 0 } else { 0b10 }), homed), [600], "then released");
     let homing: fn(u64) -> DeviceState =
         |call| if call < 300 { DeviceState::Unhomed } else { DeviceState::Homed };
-    assert_eq!(armed_at(|call| Some(if call < 100 { 0 } else { 0b10 }), homing), None, "held through homing");
-    // A loss of homing before tick 400 latches a fault, which tick 500 resets.
+    let button = |call| Some(if call < 100 { 0 } else { 0b10 });
+    assert_eq!(armed_at(button, homing), [0; 0], "held through homing");
+    // A press arms; a loss of homing latches a fault, which tick 500 resets.
     let lost: fn(u64) -> DeviceState =
         |call| if (390..400).contains(&call) { DeviceState::Unhomed } else { DeviceState::Homed };
-    assert_eq!(armed_at(|call| Some(if call < 450 { 0 } else { 0b10 }), lost), None, "held through a reset");
+    fn presses(call: u64, second: u64) -> Option<u32> {
+        Some(if (100..110).contains(&call) || call >= second { 0b10 } else { 0 })
+    }
+    assert_eq!(armed_at(|call| presses(call, 450), lost), [99], "held through a reset");
+    assert_eq!(armed_at(|call| presses(call, 550), lost), [99, 549], "pressed after it");
     fn silent(call: u64, pressed_from: u64) -> Option<u32> {
         match call {
             600..650 => None,
             call => Some(if call < pressed_from { 0 } else { 0b10 }),
         }
     }
-    assert_eq!(armed_at(|call| silent(call, 620), homed), None, "pressed in a silence");
-    assert_eq!(armed_at(|call| silent(call, 700), homed), press_at_700, "pressed after it");
+    assert_eq!(armed_at(|call| silent(call, 620), homed), [0; 0], "pressed in a silence");
+    assert_eq!(armed_at(|call| silent(call, 700), homed), [699], "pressed after it");
     // The other button does not arm, nor hide a press of this one.
-    assert_eq!(armed_at(|_| Some(0b01), homed), None);
-    assert_eq!(armed_at(|call| Some(if call < 700 { 0b01 } else { 0b11 }), homed), press_at_700);
+    assert_eq!(armed_at(|_| Some(0b01), homed), [0; 0]);
+    assert_eq!(armed_at(|call| Some(if call < 700 { 0b01 } else { 0b11 }), homed), [699]);
 }
 
 /// Allocates the organs one by one: an array of them, and the code that moves it, exceeds a test's stack.

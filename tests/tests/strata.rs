@@ -172,7 +172,7 @@ const HOST: [&str; 24] = [
 ];
 
 /// The viewer, lowest stratum first.
-const VIEWER: [&str; 32] = [
+const VIEWER: [&str; 33] = [
     "error",
     "image",
     "palette",
@@ -201,6 +201,7 @@ const VIEWER: [&str; 32] = [
     "window",
     "mouse_tool",
     "renderer",
+    "arming",
     "window_controller",
     "screen",
     "map",
