@@ -5,12 +5,17 @@
 //! change the others.
 
 mod channel;
+mod kind;
 
 pub use channel::Channel;
 pub(crate) use channel::REORDER_TIMEOUT_US;
+pub use kind::FaultKind;
+
+use serde::{Deserialize, Serialize};
 
 /// Probability of each fault for a frame, 0 to 1.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Faults {
     /// The frame is lost.
     pub drop: f32,
@@ -63,7 +68,7 @@ impl Faults {
 }
 
 /// Counts of the injected faults.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct FaultCounts {
     /// Frames lost.
     pub dropped: u64,

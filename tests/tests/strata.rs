@@ -232,7 +232,7 @@ const HIL: [&str; 28] = [
     "matrix::reference",
     "matrix::approach",
     "matrix::ended",
-    "matrix::fault_kind",
+    "matrix::plan",
     "matrix::outcome",
     "matrix::monitor",
     "matrix::table",
