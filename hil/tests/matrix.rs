@@ -5,7 +5,7 @@ use palpate_hil::fault::FaultKind;
 use palpate_hil::matrix::{self, Ended, Run, Size, Table, matrix};
 use palpate_hil::{rig, session};
 
-/// Two runs of each cell in memory, one over each pseudo terminal; `hil/long` runs ten times as many.
+/// Two runs of each cell in memory, one over each pseudo terminal; `tests/long` runs ten times as many.
 const SIZE: Size = Size { in_memory: 132, real: 31, seed: 1 };
 
 fn latched(end: Ended) -> bool {
