@@ -382,6 +382,3 @@ impl<F: Ftdi + 'static> Drop for Falcon<F> {
         self.stop();
     }
 }
-
-#[cfg(test)]
-mod tests;
