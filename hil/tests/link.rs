@@ -1,8 +1,7 @@
 //! The driver of the device link on an emulated controller: checks beyond the contract of all devices.
 
 use palpate_core::{Method, Organ, Phase as Control, Vec3, vec3};
-use palpate_hil::fault::FaultKind;
-use palpate_hil::fault::Faults;
+use palpate_hil::fault::{FaultKind, Faults};
 use palpate_hil::hosts::{self, Device, Role};
 use palpate_hil::link::WATCHDOG_US;
 use palpate_hil::matrix::Ended;

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 const RIG: &str = "falcon-qemu";
 
 /// One run as the guest judged it. The guest's clock is not real time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct BenchRun {
     /// Seed of the run.
@@ -52,32 +52,6 @@ pub struct BenchRun {
     pub loads: u32,
     /// Duration of the run, s.
     pub seconds: f32,
-}
-
-impl Default for BenchRun {
-    fn default() -> Self {
-        Self {
-            seed: 0,
-            fault: None,
-            ended: Ended::Recovered,
-            exchanges: 0,
-            lost: 0,
-            lost_closing: 0,
-            mean_us: 0,
-            longest_us: 0,
-            injected: 0,
-            touch_n: 0.0,
-            largest_n: 0.0,
-            step_n: 0.0,
-            unhomed_n: 0.0,
-            zero_ticks: 0,
-            zero_ms: None,
-            again_n: 0.0,
-            ready_ms: 0,
-            loads: 0,
-            seconds: 0.0,
-        }
-    }
 }
 
 impl BenchRun {
