@@ -5,7 +5,7 @@
 //! with a zero timeout does not advance it.
 
 use crate::transport::{MemoryTransport, Transport};
-use palpate_host::device::serial::Port;
+use palpate_host::device::nonblocking_port::Port;
 use serialport::{ClearBuffer, DataBits, FlowControl, Parity, Result as SerialResult, SerialPort, StopBits};
 use std::io::{self, Read, Write};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -110,6 +110,10 @@ fn a_disabled_device_is_a_fault() {
     session.device().reset();
     pushed(&mut session, 10);
     assert!(vec3::distance(session.rig.force_record().force_n, FORCE_N) < 1e-3);
+    // The message names the new session.
+    session.guard_zero(&fence, path.as_ref()).expect("the port is open");
+    pushed(&mut session, 10);
+    assert_eq!(session.rig.force_record().force_n, vec3::ZERO);
 }
 
 /// Each fault that the device latches, and the driver's own, is reported once. There is no force until a

@@ -116,8 +116,7 @@ fn a_crate_has_one_binary_of_tests_with_every_file() {
         let roots: Vec<&Path> =
             package.targets.iter().filter(|t| t.is_test()).map(|t| t.src_path.as_std_path()).collect();
         let one = roots.iter().filter(|root| root.ends_with("tests/main.rs")).count();
-        // Tests in `palpate-host` trap allocations, or need the processor for themselves.
-        assert!(roots.len() == one || package.name.starts_with("palpate-host"), "{}", package.name);
+        assert!(roots.len() == one, "{} has tests beside tests/main.rs", package.name);
         let found: Vec<String> =
             roots.iter().filter(|r| r.ends_with("main.rs")).flat_map(|r| left_out(r)).collect();
         assert!(found.is_empty(), "no module of a test: {found:?}");

@@ -17,15 +17,16 @@ const ANYWHERE: [(&str, &str); 3] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 9] = [
+const HERE: [(&str, &str, &str); 10] = [
     ("tools/build.rs", "rustc", "the compiler that cargo names in RUSTC"),
-    ("tools/src/hardware.rs", "\"true\"", "coreutils, essential"),
-    ("tools/src/hardware.rs", "\"/no/such/program\"", "its absence is what is tested"),
+    ("host/src/sys/process.rs", "\"cat\"", "coreutils, essential"),
     ("tools/src/cmd/bench/fem.rs", "\"/usr/bin/python3\"", "the peer of `bench fem`, which no test asks for"),
     ("tests/tests/read_blob.rs", "PYTHON", "ignored tests, run by tests/peers/numpy"),
+    ("tests/tests/stored_fit.rs", "this", "the test itself"),
     ("host/tests/no_allocation.rs", "this", "the test itself"),
     ("hil/src/hosts/process.rs", "program", "palpate-hil, and /bin/false of coreutils, essential"),
     ("hil/src/bin/falcon-guest/killed_hosts.rs", "program", "the running program"),
+    ("tools/tests/command_line.rs", "\"bash\"", "essential"),
     ("tools/tests/documents.rs", "\"sh\"", "dash, essential"),
 ];
 

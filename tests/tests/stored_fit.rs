@@ -1,6 +1,7 @@
 //! A complete space is never replayed: its fit is read from the store. The count is that of the process, so
-//! this binary has one test.
+//! the test runs in a process of its own.
 
+use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use palpate_core::{Method, Organ};
@@ -15,6 +16,17 @@ use palpate_tests::space_bench::SpaceBench;
 
 #[test]
 fn a_finished_space_is_solved_packed_and_certified_without_a_replay() {
+    let this = std::env::current_exe().expect("a test has a file");
+    let alone = ["--ignored", "--exact", "stored_fit::replays_of_this_process", "--nocapture"];
+    let output = Command::new(this).args(alone).output().expect("it starts");
+    let text = [output.stdout, output.stderr].concat();
+    let text = String::from_utf8_lossy(&text);
+    assert!(output.status.success() && text.contains("1 passed"), "{text}");
+}
+
+#[test]
+#[ignore = "other tests of the process would be counted; the test above starts it alone"]
+fn replays_of_this_process() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut bench = SpaceBench::new(1.0);
     let tolerance = Tolerance { relative: 0.035, absolute_n: 0.005 };

@@ -144,7 +144,7 @@ const CORE: [&str; 12] = [
 
 /// The real-time host, lowest stratum first. The trait of a device is below the loop; a profile uses the
 /// loop's timing statistics, which are below both.
-const HOST: [&str; 25] = [
+const HOST: [&str; 24] = [
     "sys",
     "blob_file",
     "instructions",
@@ -159,13 +159,12 @@ const HOST: [&str; 25] = [
     "device",
     "rt::record",
     "rt::controls",
-    "rt::watchdog",
     "rt::haptic_loop",
     "rt::state",
     "rt::thread",
     "rt",
     "settings",
-    "supervisor",
+    "guard",
     "model",
     "doctor",
     "session",
@@ -213,7 +212,7 @@ const RECORD: [&str; 9] =
     ["format", "error", "header", "message", "writer", "reader", "recorder", "replay_device", "replay"];
 
 /// The emulated devices and the tests on them, lowest stratum first.
-const HIL: [&str; 28] = [
+const HIL: [&str; 27] = [
     "tick",
     "fault",
     "transport",
@@ -225,7 +224,6 @@ const HIL: [&str; 28] = [
     "polhem",
     "falcon",
     "usbredir",
-    "supervised",
     "rig",
     "session",
     "shadow",
@@ -245,7 +243,7 @@ const HIL: [&str; 28] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 58] = [
+const TOOLS: [&str; 59] = [
     "memory",
     "resident",
     "timing",
@@ -262,6 +260,7 @@ const TOOLS: [&str; 58] = [
     "truth",
     "summary",
     "motors_off",
+    "device_spec",
     "hardware",
     "documents",
     "cmd::inspect::scattered",
@@ -274,7 +273,7 @@ const TOOLS: [&str; 58] = [
     "cmd::paper::compare",
     "cmd::paper",
     "cmd::doctor",
-    "cmd::supervise",
+    "cmd::guard",
     "cmd::plan",
     "cmd::pack",
     "cmd::query",

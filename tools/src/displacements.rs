@@ -23,7 +23,7 @@ pub(crate) enum Displacements {
     /// None.
     Unwanted,
     /// A row per node and step, written at the end.
-    Csv { file: Output, table: Csv },
+    Csv { file: Output, table: Box<Csv> },
     /// A VTU file per step, including rest, listed in a PVD file that is complete after each step.
     Pvd { file: Output, series: Option<Series> },
 }
@@ -34,7 +34,7 @@ impl Displacements {
         let Some(path) = path else { return Ok(Self::Unwanted) };
         match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
             Some("csv") => {
-                let table = Csv::new(["step", "node", "ux_m", "uy_m", "uz_m"])?;
+                let table = Box::new(Csv::new(["step", "node", "ux_m", "uy_m", "uz_m"])?);
                 Ok(Self::Csv { file: files.write(OPTION, path, FileKind::Table)?, table })
             }
             Some("pvd") => {

@@ -417,7 +417,7 @@ mod tests {
         for (refused, show) in [
             ("not a number", Show { seconds: Some(f64::NAN), ..show }),
             ("no folder for frames", Show { rate_hz: Some(2.0), ..show }),
-            ("no priority for the watchdog", Show { timing: Timing { fifo: 99, ..show.timing }, ..show }),
+            ("no priority for the guard", Show { timing: Timing { fifo: 99, ..show.timing }, ..show }),
         ] {
             let device =
                 || -> Result<SimulatedHand, Failure> { panic!("{refused}: no device may be opened") };

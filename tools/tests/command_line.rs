@@ -344,11 +344,9 @@ fn the_table_of_a_query_is_as_ever() {
 #[test]
 fn a_closed_pipe_ends_a_command_in_silence() {
     let many = "0,0,-0.001\n".repeat(20_000);
-    let script = format!(
-        "\"$1\" query \"$2\" | head -n 2; echo ${{PIPESTATUS[0]}}; \"$1\" run --help-all | head -n 1"
-    );
+    let script = "\"$1\" query \"$2\" | head -n 2; echo ${PIPESTATUS[0]}; \"$1\" run --help-all | head -n 1";
     let mut command = Command::new("bash");
-    command.args(["-c", &script, "sh", env!("CARGO_BIN_EXE_palpate"), BLOB]).stdin(Stdio::piped());
+    command.args(["-c", script, "sh", env!("CARGO_BIN_EXE_palpate"), BLOB]).stdin(Stdio::piped());
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("bash runs");
     child.stdin.take().expect("a pipe").write_all(format!("x_m,y_m,z_m\n{many}").as_bytes()).expect("read");
     let output = child.wait_with_output().expect("it ends");
@@ -374,7 +372,7 @@ fn mistakes_are_refused_in_one_line() {
         (&["compare", scene], &["compare", "palpate --help"]),
         (&["run"], &["<BLOB>", "palpate run --help"]),
         (&["run", BLOB, "--sceonds", "1"], &["--seconds", "palpate run --help"]),
-        (&["run", BLOB, "--uncertified", "--headless", "--seconds", "-1"], &["-1"]),
+        (&["run", BLOB, "--uncertified", "--headless", "--seconds", "-1"], &["--seconds -1", "not negative"]),
         (&["run", BLOB, "--uncertified", "--device", "flacon"], &["no device `flacon`", "falcon"]),
         (&["run", BLOB, "--uncertified", "--profile", "delta"], &["delta.3"]),
         (&["run", dir], &["is a folder"]),

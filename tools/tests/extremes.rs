@@ -94,7 +94,7 @@ fn a_node_that_the_device_cannot_move_is_refused() {
     let words = ["beam.toml", "active node A", "um at most", "max_force_n"];
     bench.plan(2, &words);
     bench.precompute(2, &words);
-    bench.pack("energy", 2, &["a.space", "cannot be opened"]);
+    bench.pack("energy", 2, &["a.space", "No such file"]);
 }
 
 #[test]

@@ -138,7 +138,8 @@ pub fn process(arguments: &[String]) -> Result<(), String> {
     if *role == Role::Unguarded.name() {
         return home_and_render(device, force_n);
     }
-    let mut guard = Command::new(std::env::current_exe().map_err(|error| error.to_string())?);
+    let program = std::env::current_exe().map_err(|error| error.to_string())?;
+    let mut guard = Command::new(program);
     guard.args(["process", GUARD]);
     host(device, guard, limit_ms, force_n)
 }

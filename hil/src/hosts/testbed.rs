@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 /// Poll period of the device.
 const POLL_PERIOD: Duration = Duration::from_micros(100);
 /// Largest step of the testbed's clock between two polls, us. A longer pause is one of the whole machine,
-/// with host and supervisor, and does not count.
+/// with host and guard, and does not count.
 const MAX_CLOCK_STEP_US: u64 = 2_000;
 
 /// Observed forces at the motors. Times are on the testbed's clock, us.

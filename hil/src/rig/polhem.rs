@@ -7,9 +7,9 @@ use crate::polhem::EmulatedPolhem;
 use crate::transport::Transport;
 use palpate_core::{Vec3, vec3};
 use palpate_host::Device;
+use palpate_host::device::nonblocking_port::Port;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
-use palpate_host::device::serial::Port;
 use palpate_host::device::workspace::Workspace;
 use std::io;
 

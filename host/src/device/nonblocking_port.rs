@@ -5,7 +5,6 @@
 //! were measured, in a thread with SCHED_FIFO. write(2) itself does not wait for that worker, and on a
 //! non-blocking port it does not wait for room either.
 
-use crate::device::serial::Port;
 use crate::sys;
 use serialport::{
     ClearBuffer, DataBits, FlowControl, Parity, Result, SerialPort, SerialPortBuilder, StopBits, TTYPort,
@@ -14,6 +13,14 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::OwnedFd;
 use std::time::Duration;
+
+/// A serial port that a guard can share.
+pub trait Port: SerialPort {
+    /// A duplicate of the open descriptor whose writes do not block; `None` for a port without one.
+    fn duplicate(&self) -> io::Result<Option<OwnedFd>> {
+        Ok(None)
+    }
+}
 
 /// The port, and its descriptor for writing. The port is opened once, and stays locked (TIOCEXCL and flock) until
 /// the last duplicate of the descriptor is closed.

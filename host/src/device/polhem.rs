@@ -15,9 +15,10 @@
 use super::buttons::ButtonDebouncer;
 use super::fence::{Fence, GuardPath, Wire};
 use super::in_flight::{InFlight, Unnumbered};
+use super::nonblocking_port::Port;
 use super::position_check::{PositionCheck, Verdict};
 use super::profile::DEFAULT_CAP_N_M;
-use super::serial::{MAX_READS, Port, from_serial, open, read_waiting};
+use super::serial::{MAX_READS, from_serial, open, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use palpate_core::{Sample, Vec3, clamp_force};

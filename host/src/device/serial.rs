@@ -1,11 +1,10 @@
 //! Functions shared by the serial drivers: conversion of errors, and the latency timer of an adapter.
 
-use super::nonblocking_port::NonBlockingPort;
+use super::nonblocking_port::{NonBlockingPort, Port};
 use super::{DeviceError, DeviceErrorKind};
 use core::fmt;
 use serialport::SerialPort;
 use std::io;
-use std::os::fd::OwnedFd;
 use std::path::Path;
 
 /// Converts an error of the crate.
@@ -15,14 +14,6 @@ pub(super) fn from_serial(error: serialport::Error) -> DeviceError {
         serialport::ErrorKind::InvalidInput => DeviceError::new(DeviceErrorKind::Unsupported),
         serialport::ErrorKind::Unknown => DeviceError::new(DeviceErrorKind::Io),
         serialport::ErrorKind::Io(kind) => DeviceError::from(io::Error::from(kind)),
-    }
-}
-
-/// A serial port that a guard can share.
-pub trait Port: SerialPort {
-    /// A duplicate of the open descriptor whose writes do not block; `None` for a port without one.
-    fn duplicate(&self) -> io::Result<Option<OwnedFd>> {
-        Ok(None)
     }
 }
 

@@ -21,18 +21,17 @@ pub(super) fn priority(probe: &Probe, fifo_priority: i32) -> Check {
         return Check::new(NAME, Good, "CAP_SYS_NICE: SCHED_FIFO of any priority");
     }
     let Some(limit) = limit else { return Check::unknown(NAME, "/proc/self/limits") };
-    // The priority of the watchdog is one above the loop's.
-    let watchdog_priority = u64::from(fifo_priority.unsigned_abs()) + 1;
-    if limit >= watchdog_priority {
+    // The priority of the guard is one above the loop's.
+    let guard_priority = u64::from(fifo_priority.unsigned_abs()) + 1;
+    if limit >= guard_priority {
         return Check::new(
             NAME,
             Good,
             format!("SCHED_FIFO up to {limit}; the loop requests {fifo_priority}"),
         );
     }
-    let found = format!(
-        "SCHED_FIFO up to {limit}; loop and watchdog request {fifo_priority} and {watchdog_priority}"
-    );
+    let found =
+        format!("SCHED_FIFO up to {limit}; loop and guard request {fifo_priority} and {guard_priority}");
     Check::new(NAME, Verdict::Bad, found)
         .fix(["without it any other process of the PC can delay the loop:"])
         .fix(LIMITS)

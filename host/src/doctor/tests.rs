@@ -227,7 +227,7 @@ fn capabilities_replace_limits() {
     for name in ["priority", "memory", "swap"] {
         assert_eq!(named(&pc.checks(), name).verdict, Verdict::Good);
     }
-    // The watchdog needs one more than the loop.
+    // The guard needs one more than the loop.
     pc.write("/proc/self/status", STATUS);
     for (limit, verdict) in [("50", Verdict::Bad), ("51", Verdict::Good)] {
         pc.write("/proc/self/limits", &limits(limit, "unlimited"));

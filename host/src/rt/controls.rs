@@ -17,7 +17,7 @@ pub struct Controls {
     disarm: AtomicBool,
     reset: AtomicBool,
     model: AtomicU8,
-    /// Set by a replay only: the watchdog fired before this tick.
+    /// Set by a replay only: the device was zeroed before this tick.
     zeroed: AtomicBool,
 }
 

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// A press of the arming button is not included: it follows from the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Applied {
-    /// The watchdog zeroed the device since the last tick.
+    /// The guard or the device zeroed the force since the last tick.
     pub zeroed: bool,
     /// A latched fault was cleared.
     pub reset: bool,

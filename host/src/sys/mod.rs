@@ -13,7 +13,7 @@ use std::fs::File;
 /// watchdog.
 pub const DEFAULT_FIFO_PRIORITY: i32 = 50;
 
-/// Highest priority of a haptic loop: its watchdog uses the next one, and 99 belongs to the kernel.
+/// Highest priority of a haptic loop: its guard uses the next one, and 99 belongs to the kernel.
 pub const MAX_LOOP_FIFO_PRIORITY: i32 = 97;
 
 /// Real-time requests of the haptic thread.

@@ -227,6 +227,9 @@ fn open_device(
 
 /// Refuses arguments that have no effect together.
 fn check(args: &Args) -> Result<(), Failure> {
+    if let Some(seconds) = args.seconds.filter(|seconds| !(*seconds >= 0.0 && seconds.is_finite())) {
+        return Err(Failure::input(format!("--seconds {seconds}: give a number that is not negative")));
+    }
     if args.change_every.is_some() && args.more.is_empty() {
         return Err(Failure::input(
             "--change-every goes from one blob to the next, and there is only one: name another, or leave it out",

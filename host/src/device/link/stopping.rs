@@ -36,12 +36,16 @@ impl Link {
         Ok(self.port.duplicate()?.map(|fd| GuardPath { fd, wire: Wire::Stream }))
     }
 
-    /// The guard's Disable names the session, which changes.
+    /// The guard's Disable names the session, which changes. Runs in an exchange: it does not allocate.
     pub(super) fn renew_zero_message(&self) {
-        let mut bytes = [0; MAX_FRAME + 1];
+        let mut frames = [[0; MAX_FRAME + 1]; 2];
+        let [first, second] = &mut frames;
         // No message exceeds the size of a frame.
-        if let Ok(len) = frame(&disable(self.session), &mut bytes) {
-            self.fence.set_zero_message(&[&bytes[..len], &bytes[..len]].concat());
+        if let Ok(len) = frame(&disable(self.session), first) {
+            *second = *first;
+            let message = frames.as_flattened_mut();
+            message.copy_within(MAX_FRAME + 1..MAX_FRAME + 1 + len, len);
+            self.fence.set_zero_message(&message[..2 * len]);
         }
     }
 }
