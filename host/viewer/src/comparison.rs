@@ -452,10 +452,8 @@ impl Painter {
             + side * 14.0 * scale
             + Vec2::new(0.0, (0.5 + 0.5 * side.y.abs()) * 10.0 * scale);
         let align = if side.x < 0.5 { Align::Centre } else { Align::Left };
-        for (colour, weight, alpha) in [(0x10_1418, 0.42, 0.55), (BRIGHT, 0.13, 1.0)] {
-            let style = TextStyle { alpha, ..TextStyle::new(10.0 * scale, colour).weight(weight) };
-            self.face.draw(image, &text, at.x, at.y, align, style);
-        }
+        let style = TextStyle::new(10.0 * scale, BRIGHT);
+        self.face.draw_with_halo(image, &text, at.into(), align, style);
     }
 
     /// Draws the key: names of the shapes and their values.
@@ -471,7 +469,7 @@ impl Painter {
         for (index, (shape, colour)) in comparison.shapes.iter().zip(colours(comparison)).enumerate() {
             let swatch = (left, y - 5.5 * scale);
             self.swatch(image, swatch, colour, if index == comparison.solid { 1.0 } else { GLASS[0] }, scale);
-            let name = TextStyle::new(11.0 * scale, BRIGHT).weight(0.13);
+            let name = TextStyle::new(11.0 * scale, BRIGHT);
             self.face.draw(image, &shape.name, left + 32.0 * scale, y, Align::Left, name);
             y += 4.0 * scale;
             for [what, value] in &shape.values {
@@ -523,7 +521,7 @@ impl Painter {
     fn captions(&mut self, comparison: &Comparison, image: &mut Image) {
         let scale = self.layout.scale;
         let (x, mut y) = (40.0 * scale, 56.0 * scale);
-        let mark = TextStyle::new(17.0 * scale, BRIGHT).weight(0.125);
+        let mark = TextStyle::new(17.0 * scale, BRIGHT);
         self.face.draw(image, &comparison.title, x, y, Align::Left, mark);
         y += 6.0 * scale;
         for line in &comparison.subtitle {
