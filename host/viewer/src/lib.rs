@@ -44,6 +44,7 @@ pub mod screen;
 pub mod shade;
 pub mod shapes;
 pub mod smooth;
+mod still;
 pub mod viewpoint;
 pub mod window;
 mod window_controller;
