@@ -25,7 +25,6 @@ pub mod font;
 pub mod frames;
 mod help;
 pub mod image;
-mod lanes;
 pub mod live;
 pub mod map;
 pub mod material;
