@@ -1,6 +1,6 @@
 //! A still picture of scalar fields on a surface: one column per field, from the front and from the back.
 
-use super::camera::{OrbitCamera, Projection};
+use super::camera::Projection;
 use super::font::{Align, TextStyle, Typeface};
 use super::image::Image;
 use super::material::Material;
@@ -9,16 +9,12 @@ use super::raster::{Raster, Vertex};
 use super::scene::FIXED_COLOUR;
 use super::shade::Shader;
 use super::smooth::Smooth;
+use super::still::{camera, fit, in_range, samples, vertices};
 use super::viewpoint::{box_of, longest_axis, up_axis};
 use glam::{Vec2, Vec3};
 
 /// Colour of vertices without a value.
 const NONE_COLOUR: u32 = 0x6b_727a;
-/// Nearly parallel rays, so that near and far parts are comparable.
-const FIELD_OF_VIEW_RAD: f32 = 0.22;
-/// Largest number of samples, limited by memory.
-const MAX_SAMPLES: usize = 12_000_000;
-
 /// Content of the picture.
 #[derive(Debug, Clone, Default)]
 pub struct SurfaceMap {
@@ -163,8 +159,7 @@ fn panel(
 ) -> Image {
     let mut image = Image::new(width, height);
     let count = map.position_m.len();
-    let in_range = |triangle: &&[u32; 3]| triangle.iter().all(|&corner| (corner as usize) < count);
-    let triangles: Vec<[u32; 3]> = map.triangles.iter().filter(in_range).copied().collect();
+    let triangles = in_range(&map.triangles, count);
     if field.values.len() != count || triangles.is_empty() {
         return image;
     }
@@ -173,26 +168,11 @@ fn panel(
         None if map.fixed.get(at) == Some(&true) => linear(FIXED_COLOUR),
         None => linear(NONE_COLOUR),
     };
-    let vertex = |(at, p): (usize, &[f32; 3])| Vertex {
-        position_m: Vec3::from_array(*p),
-        normal: Vec3::ZERO,
-        albedo: colour(at),
-    };
-    let mut vertices: Vec<Vertex> = map.position_m.iter().enumerate().map(vertex).collect();
-    for triangle in &triangles {
-        let [a, b, c] = triangle.map(|corner| vertices[corner as usize].position_m);
-        for corner in triangle {
-            vertices[*corner as usize].normal += (b - a).cross(c - a);
-        }
-    }
-    for vertex in &mut vertices {
-        vertex.normal = vertex.normal.normalize_or_zero();
-    }
+    let mut vertices = vertices(&map.position_m, &triangles, colour);
     let smooth = Smooth::new(&triangles, count);
     smooth.refine(&mut vertices);
     let projection = viewpoint(&vertices, [width, height], back);
-    let factor = if width * height * 4 <= MAX_SAMPLES { 2 } else { 1 };
-    let mut raster = Raster::new(width, height, factor, &projection);
+    let mut raster = Raster::new(width, height, samples(width, height), &projection);
     raster.begin(&projection);
     raster.draw(&vertices, smooth.triangles(), Material::Plain);
     shader.resolve(&raster, &mut image);
@@ -207,33 +187,9 @@ fn viewpoint(vertices: &[Vertex], [width, height]: [usize; 2], back: bool) -> Pr
     let up = up_axis(&[], long);
     let across = long.cross(up).normalize_or_zero();
     let towards = (if back { -across } else { across } + 0.35 * up).normalize_or_zero();
-    let mut camera = OrbitCamera {
-        field_of_view_rad: FIELD_OF_VIEW_RAD,
-        distance_m: radius_m / (0.5 * FIELD_OF_VIEW_RAD).sin(),
-        ..OrbitCamera::framing(centre_m, radius_m, towards, up)
-    };
     let size = Vec2::new(width as f32, height as f32);
-    let extent = |projection: &Projection| {
-        points
-            .iter()
-            .filter_map(|&point| projection.project(point))
-            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(min, max), (pixel, _)| {
-                (min.min(pixel), max.max(pixel))
-            })
-    };
-    for _ in 0..4 {
-        let (min, max) = extent(&camera.projection(width, height));
-        let ratio = ((max - min).max(Vec2::splat(1e-3)) / (0.88 * size)).max_element();
-        if ratio.is_finite() && ratio > 0.0 {
-            camera.zoom(ratio);
-        }
-    }
-    let mut projection = camera.projection(width, height);
-    let (min, max) = extent(&projection);
-    if min.is_finite() && max.is_finite() {
-        projection.centre_px += 0.5 * size - 0.5 * (min + max);
-    }
-    projection
+    let camera = camera(centre_m, radius_m, towards, up);
+    fit(camera, [width, height], [0.06 * size, 0.94 * size], &points)
 }
 
 fn paste(image: &mut Image, part: &Image, left: usize, top: usize) {

@@ -88,9 +88,8 @@ impl Overlay {
         for (name, place) in captions.spaces.iter().zip(at) {
             if let Some(place) = place {
                 let (x, y) = (place.x + 13.0 * scale, place.y + 4.5 * scale);
-                let shadow = TextStyle { alpha: 0.55, ..TextStyle::new(9.0 * scale, 0x10_0a08).weight(0.34) };
-                self.text(image, name, x, y, Align::Left, shadow);
-                self.text(image, name, x, y, Align::Left, TextStyle::new(9.0 * scale, BRIGHT).weight(0.13));
+                let style = TextStyle::new(9.0 * scale, BRIGHT);
+                self.face.draw_with_halo(image, name, (x, y), Align::Left, style);
             }
         }
     }
@@ -101,7 +100,7 @@ impl Overlay {
 
     fn draw_title(&mut self, image: &mut Image, captions: &Captions, record: &TickRecord, scale: f32) {
         let (x, y) = (40.0 * scale, 56.0 * scale);
-        let mark = TextStyle::new(19.0 * scale, BRIGHT).weight(0.125);
+        let mark = TextStyle::new(19.0 * scale, BRIGHT);
         self.text(image, "palpate", x, y, Align::Left, mark);
         let style = TextStyle::new(9.5 * scale, MUTED);
         self.text(image, &captions.line(record), x, y + 28.0 * scale, Align::Left, style);
@@ -165,7 +164,7 @@ impl Overlay {
     fn draw_banner(&mut self, image: &mut Image, line: (&str, u32, u32), hint: &str, scale: f32) {
         let (text, colour, background) = line;
         let middle = 0.5 * image.width() as f32;
-        let style = TextStyle::new(15.0 * scale, colour).weight(0.12);
+        let style = TextStyle::new(15.0 * scale, colour);
         let width = self.face.width_px(text, style.height_px).max(300.0 * scale) + 56.0 * scale;
         let (left, top) = ((middle - 0.5 * width) as i32, (22.0 * scale) as i32);
         image.fill_rect(left, top, width as i32, (56.0 * scale) as i32, background, 0.85);
@@ -186,7 +185,7 @@ impl Overlay {
     ) {
         let small = TextStyle::new(size * 0.48, colour);
         let width = self.text(image, unit, right, y, Align::Right, TextStyle { alpha: 0.8, ..small });
-        let style = TextStyle::new(size, colour).weight(0.092);
+        let style = TextStyle::new(size, colour);
         self.text(image, value, right - width - 0.32 * size, y, Align::Right, style);
     }
 

@@ -2,7 +2,6 @@
 //! occlusion from the depth buffer.
 
 use super::image::Image;
-use super::lanes::{LANES, Lanes, dot, unit};
 use super::material::Material;
 use super::palette::{linear, linear_from_srgb, srgb_from_linear};
 use super::raster::{Raster, Surfel};
@@ -15,6 +14,9 @@ const STEPS_PER_ROOT: f32 = 1024.0;
 /// Thresholds of a 4 by 4 ordered dither, which avoids bands in dark 8-bit gradients.
 const DITHER: [[f32; 4]; 4] =
     [[0.0, 8.0, 2.0, 10.0], [12.0, 4.0, 14.0, 6.0], [3.0, 11.0, 1.0, 9.0], [15.0, 7.0, 13.0, 5.0]];
+
+/// Number of samples shaded at once.
+const LANES: usize = 8;
 
 /// Lights and background, with tables for fast encoding.
 #[derive(Debug, Clone)]
@@ -68,10 +70,6 @@ const KEY_COLOUR: Vec3 = Vec3::new(1.28, 1.20, 1.09);
 const FILL_COLOUR: Vec3 = Vec3::new(0.10, 0.14, 0.21);
 const SKY_COLOUR: Vec3 = Vec3::new(0.25, 0.27, 0.31);
 const GROUND_COLOUR: Vec3 = Vec3::new(0.11, 0.085, 0.08);
-/// Wrap of the diffuse light round the terminator of tissue, by colour.
-const TISSUE_WRAP: [f32; 3] = [0.24, 0.10, 0.08];
-/// Strength of the broad and the sharp highlight of tissue.
-const TISSUE_GLOSS: (f32, f32) = (0.020, 0.26);
 const RIM_COLOUR: Vec3 = Vec3::new(0.26, 0.33, 0.43);
 
 impl Shader {
@@ -140,18 +138,18 @@ impl Shader {
                 continue;
             }
             let ray_x = (first as f32 + 0.5 - projection.centre_px.x) * to_ray;
-            // Nearly all samples are tissue; the others are recomputed one by one.
-            let light = shade_tissue(surfels, (ray_x, ray_y, to_ray), lights);
+            let ray = (ray_x, ray_y, to_ray);
+            let (mut shaded, mut light) = (None, [[0.0; LANES]; 3]);
             for (lane, surfel) in surfels.iter().enumerate() {
                 if surfel.inverse_depth <= 0.0 {
                     continue;
                 }
-                let own = if surfel.material == Material::Tissue {
-                    Vec3::new(light[0].0[lane], light[1].0[lane], light[2].0[lane])
-                } else {
-                    let ray = Vec3::new(ray_x + lane as f32 * to_ray, ray_y, -1.0);
-                    shade(surfel, -ray.normalize(), lights)
-                };
+                // Nearly all blocks have one material.
+                if shaded != Some(surfel.material) {
+                    light = shade_block(surfels, ray, lights, &Reflectance::of(surfel.material));
+                    shaded = Some(surfel.material);
+                }
+                let own = Vec3::new(light[0][lane], light[1][lane], light[2][lane]);
                 if factor == 1 {
                     // Store without reading: a sum would wait for its own last store.
                     self.row[first + lane] = Pixel { light: own, samples: 1 };
@@ -244,107 +242,117 @@ fn shoulder(value: f32) -> f32 {
     }
 }
 
-/// Light of tissue for up to [`LANES`] samples of one row, by colour: the vectorised form of [`shade`].
-///
-/// Lanes without a sample contain arbitrary values that are not read.
-#[inline(always)]
-fn shade_tissue(surfels: &[Surfel], (ray_x, ray_y, step): (f32, f32, f32), lights: &Lights) -> [Lanes; 3] {
-    let mut normal = [Lanes::of(0.0); 3];
-    let mut albedo = [Lanes::of(0.0); 3];
-    for (lane, surfel) in surfels.iter().enumerate().take(LANES) {
-        for axis in 0..3 {
-            normal[axis].0[lane] = surfel.normal[axis];
-            albedo[axis].0[lane] = surfel.albedo[axis];
-        }
-    }
-    let mut x = Lanes::of(ray_x);
-    x.0.iter_mut().enumerate().for_each(|(lane, x)| *x += lane as f32 * step);
-    let y = Lanes::of(ray_y);
-    let one = Lanes::of(1.0);
-    let nothing = Lanes::of(0.0);
-
-    let inverse = one / (x * x + y * y + one).root();
-    let eye = [nothing - x * inverse, nothing - y * inverse, inverse];
-    let n = unit(normal);
-    let facing = dot(n, eye);
-    // At the rim of a coarse mesh an interpolated normal may face away.
-    let away = facing.at_most(0.0);
-    let n = unit([n[0] - eye[0] * away, n[1] - eye[1] * away, n[2] - eye[2] * away]);
-    let facing = facing.at_least(0.0);
-
-    let [key, fill, up] = [lights.key, lights.fill, lights.up].map(|light| light.to_array().map(Lanes::of));
-    let incidence = dot(n, key);
-    let filled = dot(n, fill).at_least(0.0);
-    let upward = dot(n, up);
-    let sky = upward * Lanes::of(0.5) + Lanes::of(0.5);
-    let half = [key[0] + eye[0], key[1] + eye[1], key[2] + eye[2]];
-    let along = dot(n, half).at_least(0.0);
-    let squared = along * along / dot(half, half).at_least(1e-6);
-    let h4 = squared * squared;
-    let h16 = (h4 * h4) * (h4 * h4);
-    let h64 = (h16 * h16) * (h16 * h16);
-    let visible = (incidence.at_least(0.0) * Lanes::of(4.0)).at_most(1.0);
-    let sharp = h64 * (Lanes::of(0.15) + Lanes::of(0.85) * h16 * h16);
-    let gloss = visible * (Lanes::of(TISSUE_GLOSS.0) * h16 + Lanes::of(TISSUE_GLOSS.1) * sharp);
-    let grazing = one - facing;
-    let fresnel = (grazing * grazing) * (grazing * grazing);
-    let rim = fresnel * (Lanes::of(0.45) + Lanes::of(0.55) * upward).at_least(0.0) * Lanes::of(0.8);
-    core::array::from_fn(|colour| {
-        let wrap = TISSUE_WRAP[colour];
-        let diffuse = (incidence + Lanes::of(wrap)).at_least(0.0) * Lanes::of(0.95 / (1.0 + wrap));
-        let hemisphere = Lanes::of(GROUND_COLOUR[colour]) * (one - sky) + Lanes::of(SKY_COLOUR[colour]) * sky;
-        let lit =
-            Lanes::of(KEY_COLOUR[colour]) * diffuse + Lanes::of(FILL_COLOUR[colour]) * filled + hemisphere;
-        albedo[colour] * lit + Lanes::of(KEY_COLOUR[colour]) * gloss + Lanes::of(RIM_COLOUR[colour]) * rim
-    })
+/// Strength of each kind of reflection of a material.
+#[derive(Debug, Clone, Copy)]
+struct Reflectance {
+    /// Diffuse light of the key.
+    diffuse: f32,
+    /// Wrap of that light round the terminator, by colour.
+    wrap: [f32; 3],
+    /// Light of the fill, and of the rim.
+    around: f32,
+    /// Light of sky and ground.
+    sky: f32,
+    /// Broad and sharp highlight.
+    gloss: [f32; 2],
+    /// Light of its own.
+    glow: f32,
 }
 
-/// Light from one sample towards the eye.
-fn shade(surfel: &Surfel, to_eye: Vec3, lights: &Lights) -> Vec3 {
-    let mut normal = surfel.normal.normalize_or(Vec3::Z);
-    let mut facing = normal.dot(to_eye);
-    if facing < 0.0 {
-        // At the rim of a coarse mesh an interpolated normal may face away.
-        normal = (normal - to_eye * facing).normalize_or(to_eye);
-        facing = 0.0;
+impl Reflectance {
+    const fn of(material: Material) -> Self {
+        let plain =
+            Self { diffuse: 1.0, wrap: [0.0; 3], around: 1.0, sky: 1.0, gloss: [0.05, 0.0], glow: 0.0 };
+        match material {
+            Material::Plain => plain,
+            // More wrap in red approximates scattering inside tissue.
+            Material::Tissue => {
+                Self { diffuse: 0.95, wrap: [0.24, 0.10, 0.08], gloss: [0.020, 0.26], ..plain }
+            }
+            Material::Polished => Self { gloss: [0.25, 1.4], ..plain },
+            Material::Luminous => {
+                Self { diffuse: 0.0, around: 0.0, sky: 0.2, gloss: [0.0; 2], glow: 1.0, ..plain }
+            }
+        }
     }
-    let albedo = surfel.albedo;
-    let hemisphere = GROUND_COLOUR.lerp(SKY_COLOUR, 0.5 + 0.5 * normal.dot(lights.up));
-    if surfel.material == Material::Luminous {
-        return albedo * (0.55 + 0.45 * facing) + albedo * hemisphere * 0.2;
+}
+
+/// Light, by colour, of up to [`LANES`] samples of one row as if all were of one material.
+///
+/// Lanes without a sample contain arbitrary values that are not read. There is one array per component, so
+/// that the compiler turns the loop into vector instructions.
+#[inline(always)]
+fn shade_block(
+    surfels: &[Surfel],
+    (ray_x, ray_y, step): (f32, f32, f32),
+    lights: &Lights,
+    reflectance: &Reflectance,
+) -> [[f32; LANES]; 3] {
+    let [mut normal, mut albedo, mut light] = [[[0.0; LANES]; 3]; 3];
+    for (lane, surfel) in surfels.iter().enumerate().take(LANES) {
+        for axis in 0..3 {
+            normal[axis][lane] = surfel.normal[axis];
+            albedo[axis][lane] = surfel.albedo[axis];
+        }
     }
-    let tissue = surfel.material == Material::Tissue;
+    for lane in 0..LANES {
+        let normal = Vec3::new(normal[0][lane], normal[1][lane], normal[2][lane]);
+        let albedo = Vec3::new(albedo[0][lane], albedo[1][lane], albedo[2][lane]);
+        let ray = Vec3::new(ray_x + lane as f32 * step, ray_y, -1.0);
+        let own = shade(normal, albedo, ray, lights, reflectance);
+        [light[0][lane], light[1][lane], light[2][lane]] = own.to_array();
+    }
+    light
+}
+
+/// Light of one sample towards the eye, seen along `ray`. Without branches, see [`shade_block`].
+#[inline(always)]
+fn shade(normal: Vec3, albedo: Vec3, ray: Vec3, lights: &Lights, reflectance: &Reflectance) -> Vec3 {
+    let to_eye = -ray * ray.length_recip();
+    let normal = unit(normal);
+    let facing = normal.dot(to_eye);
+    // At the rim of a coarse mesh an interpolated normal may face away.
+    let normal = unit(normal - to_eye * (facing - at_least(facing, 0.0)));
+    let facing = at_least(facing, 0.0);
     let incidence = normal.dot(lights.key);
-    let lambert = incidence.max(0.0);
-    let diffuse = if tissue {
-        // Diffuse light wraps round the terminator, more in red, which approximates scattering inside tissue.
-        let wrap = |amount: f32| ((incidence + amount) / (1.0 + amount)).max(0.0);
-        Vec3::from_array(TISSUE_WRAP.map(wrap)) * 0.95
-    } else {
-        Vec3::splat(lambert)
-    };
-    let fill = normal.dot(lights.fill).max(0.0);
-    let mut light = albedo * (KEY_COLOUR * diffuse + FILL_COLOUR * fill + hemisphere);
+    let upward = normal.dot(lights.up);
+
+    let wrapped = |wrap: f32| at_least(incidence + wrap, 0.0) * (reflectance.diffuse / (1.0 + wrap));
+    let [r, g, b] = reflectance.wrap;
+    let diffuse = Vec3::new(wrapped(r), wrapped(g), wrapped(b));
+    let fill = reflectance.around * at_least(normal.dot(lights.fill), 0.0);
+    let hemisphere = reflectance.sky * GROUND_COLOUR.lerp(SKY_COLOUR, 0.5 + 0.5 * upward);
+    let glow = reflectance.glow * (0.55 + 0.45 * facing);
 
     // The half vector is not normalised: only the square of the cosine is needed, which uses its squared
     // length.
     let half = lights.key + to_eye;
-    let along = normal.dot(half).max(0.0);
-    let squared = along * along / half.length_squared().max(1e-6);
-    let grazing = 1.0 - facing;
-    let fresnel = grazing * grazing * grazing * grazing;
-    let (broad, sharp) = match surfel.material {
-        Material::Tissue => TISSUE_GLOSS,
-        Material::Polished => (0.25, 1.4),
-        Material::Plain | Material::Luminous => (0.05, 0.0),
-    };
+    let along = at_least(normal.dot(half), 0.0);
+    let squared = along * along / at_least(half.length_squared(), 1e-6);
     let h4 = squared * squared;
     let h16 = (h4 * h4) * (h4 * h4);
     let h64 = (h16 * h16) * (h16 * h16);
-    let visible = (lambert * 4.0).min(1.0);
-    light += KEY_COLOUR * (visible * (broad * h16 + sharp * h64 * (0.15 + 0.85 * h16 * h16)));
+    let visible = 1.0 - at_least(1.0 - 4.0 * at_least(incidence, 0.0), 0.0);
+    let [broad, sharp] = reflectance.gloss;
+    let gloss = visible * (broad * h16 + sharp * h64 * (0.15 + 0.85 * h16 * h16));
     // The rim models the bright surroundings reflected at a grazing angle, so it fades towards the ground.
-    light + RIM_COLOUR * (fresnel * (0.45 + 0.55 * normal.dot(lights.up)).max(0.0) * 0.8)
+    let grazing = 1.0 - facing;
+    let fresnel = (grazing * grazing) * (grazing * grazing);
+    let rim = reflectance.around * 0.8 * fresnel * at_least(0.45 + 0.55 * upward, 0.0);
+
+    let lit = KEY_COLOUR * diffuse + FILL_COLOUR * fill + hemisphere + glow;
+    albedo * lit + KEY_COLOUR * gloss + RIM_COLOUR * rim
+}
+
+#[inline(always)]
+fn unit(vector: Vec3) -> Vec3 {
+    vector * at_least(vector.length_squared(), 1e-30).sqrt().recip()
+}
+
+/// Larger of two values in one instruction; `f32::max` needs more because it does not propagate NaN.
+#[inline(always)]
+fn at_least(value: f32, low: f32) -> f32 {
+    if value > low { value } else { low }
 }
 
 #[cfg(test)]
@@ -353,7 +361,7 @@ mod tests {
 
     fn lit(normal: Vec3, material: Material) -> Vec3 {
         let lights = Lights { key: Vec3::Y, fill: Vec3::X, up: Vec3::Y };
-        shade(&Surfel { inverse_depth: 1.0, normal, albedo: Vec3::splat(0.5), material }, Vec3::Z, &lights)
+        shade(normal, Vec3::splat(0.5), -Vec3::Z, &lights, &Reflectance::of(material))
     }
 
     #[test]
@@ -365,9 +373,9 @@ mod tests {
         }
     }
 
-    /// The vectorised code must equal the code for one sample.
+    /// The lanes of a block do not depend on each other, and a luminous mark is lit from everywhere.
     #[test]
-    fn rows_of_tissue_are_shaded_as_single_samples() {
+    fn blocks_are_shaded_as_single_samples() {
         let up = Vec3::new(0.1, 0.9, 0.3).normalize();
         let lights = Lights { key: Vec3::new(-0.6, 0.7, 0.4).normalize(), fill: Vec3::X, up };
         let angle = |i: usize, rate: f32| (i as f32 * rate).sin();
@@ -381,16 +389,21 @@ mod tests {
             })
             .collect();
         let (ray_x, ray_y, step) = (-0.3, 0.2, 0.04);
-        let light = shade_tissue(&surfels, (ray_x, ray_y, step), &lights);
-        for (lane, surfel) in surfels.iter().enumerate().skip(1) {
-            let ray = Vec3::new(ray_x + lane as f32 * step, ray_y, -1.0);
-            let one = shade(surfel, -ray.normalize(), &lights);
-            let many = Vec3::new(light[0].0[lane], light[1].0[lane], light[2].0[lane]);
-            assert!((one - many).length() < 1e-5, "{lane}: {one} {many}");
+        for material in [Material::Plain, Material::Tissue, Material::Polished, Material::Luminous] {
+            let reflectance = Reflectance::of(material);
+            let light = shade_block(&surfels, (ray_x, ray_y, step), &lights, &reflectance);
+            for (lane, surfel) in surfels.iter().enumerate() {
+                let ray = Vec3::new(ray_x + lane as f32 * step, ray_y, -1.0);
+                let one = shade(surfel.normal, surfel.albedo, ray, &lights, &reflectance);
+                let many = Vec3::from_array(light.map(|colour| colour[lane]));
+                assert!((one - many).length() < 1e-5, "{lane}: {one} {many}");
+            }
+            let broken = Surfel { normal: Vec3::ZERO, ..surfels[1] };
+            let light = shade_block(&[broken], (ray_x, ray_y, step), &lights, &reflectance);
+            assert!(light.iter().all(|colour| colour[0].is_finite()), "{light:?}");
         }
-        let broken = Surfel { normal: Vec3::ZERO, ..surfels[1] };
-        let light = shade_tissue(&[broken], (ray_x, ray_y, step), &lights);
-        assert!(light.iter().all(|colour| colour.0[0].is_finite()), "{light:?}");
+        let glow = |normal| lit(normal, Material::Luminous).max_element();
+        assert!(glow(-Vec3::Y) > 0.5 * glow(Vec3::Y), "{} {}", glow(-Vec3::Y), glow(Vec3::Y));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use palpate_core::Method;
 
 use super::super::curves::CurveRow;
 use super::super::measure::{Along, Measured, PathRow};
-use super::super::plot::{Axis, Bars, Chart, Group, Point, Series, Style, Value};
+use super::super::plot::{Axis, Bars, Chart, Point, Series, Style, Value};
 use super::super::results::Report;
 use super::super::words::{count, figure, law, list, milli, percent, seconds};
 use super::cost::radius;
@@ -244,9 +244,9 @@ fn times(report: &Report) -> String {
         let values = report.cases.iter().enumerate().map(|(n, cases)| {
             let space = &cases[g].space;
             let text = seconds(space.solve_seconds);
-            Value { style: bar_style(n), value: Some(space.solve_seconds), title: text.clone(), text }
+            Value { style: bar_style(n), value: Some(space.solve_seconds), text }
         });
-        groups.push(Group { name: count(*points as usize), values: values.collect() });
+        groups.push((count(*points as usize), values.collect()));
     }
     let all = || report.cases.iter().flatten().map(|case| &case.space);
     let x_label = "grid points within r_G";
@@ -262,9 +262,9 @@ fn times(report: &Report) -> String {
         let values = report.cases.iter().enumerate().map(|(n, cases)| {
             let each = each_ms(&cases[g]);
             let text = format!("{} ms", figure(each));
-            Value { style: bar_style(n), value: Some(each), title: text.clone(), text }
+            Value { style: bar_style(n), value: Some(each), text }
         });
-        groups.push(Group { name: count(*points as usize), values: values.collect() });
+        groups.push((count(*points as usize), values.collect()));
     }
     let each = Bars {
         title: "One configuration".into(),
@@ -316,20 +316,14 @@ fn means(report: &Report) -> String {
         for (what, unit, scale, relative) in [("relative", "%", 100.0, true), ("absolute", "mN", 1e3, false)]
         {
             let of = |mean_n: f64, mean_relative: f64| scale * if relative { mean_relative } else { mean_n };
-            let groups = cases.iter().map(|case| Group {
-                name: count(case.space.grid as usize),
-                values: report
-                    .plan
-                    .methods
-                    .iter()
-                    .map(|method| {
-                        let row = case.means.iter().find(|row| row.method == method.name());
-                        let value = row.map(|row| of(row.mean_n, row.mean_relative));
-                        let text = value.map(figure).unwrap_or_default();
-                        let title = format!("{}: {text} {unit}", method.name());
-                        Value { style: Style::of_method(*method), value, text, title }
-                    })
-                    .collect(),
+            let groups = cases.iter().map(|case| {
+                let values = report.plan.methods.iter().map(|method| {
+                    let row = case.means.iter().find(|row| row.method == method.name());
+                    let value = row.map(|row| of(row.mean_n, row.mean_relative));
+                    let text = format!("{}: {} {unit}", method.name(), value.map(figure).unwrap_or_default());
+                    Value { style: Style::of_method(*method), value, text }
+                });
+                (count(case.space.grid as usize), values.collect())
             });
             let all = cases.iter().flat_map(|case| &case.means).map(|row| of(row.mean_n, row.mean_relative));
             charts.push(

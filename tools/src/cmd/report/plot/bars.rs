@@ -2,8 +2,8 @@
 
 use super::axis::Axis;
 use super::chart::{Frame, HEIGHT, WIDTH};
-use super::style::Style;
-use super::svg::{Anchor, Svg};
+use super::style::{Style, rectangle};
+use super::svg::{MIDDLE, Svg};
 
 /// A plot of groups.
 #[derive(Debug)]
@@ -14,19 +14,10 @@ pub(in super::super) struct Bars {
     pub x_label: String,
     /// The vertical axis.
     pub y: Axis,
-    /// The groups, from left to right.
-    pub groups: Vec<Group>,
+    /// The groups from left to right: the label below each, and its values.
+    pub groups: Vec<(String, Vec<Value>)>,
     /// Bars if true; otherwise stems, which suit a logarithmic axis without a floor.
     pub solid: bool,
-}
-
-/// One group.
-#[derive(Debug)]
-pub(in super::super) struct Group {
-    /// Label below the group.
-    pub name: String,
-    /// Its values, with a gap for each missing one.
-    pub values: Vec<Value>,
 }
 
 /// One bar or stem.
@@ -34,12 +25,10 @@ pub(in super::super) struct Group {
 pub(in super::super) struct Value {
     /// Its style.
     pub style: Style,
-    /// Its height.
+    /// Its height; a missing one leaves a gap.
     pub value: Option<f64>,
-    /// Label above a bar.
+    /// Label above a bar, or tooltip of a stem.
     pub text: String,
-    /// Tooltip.
-    pub title: String,
 }
 
 impl Bars {
@@ -49,39 +38,30 @@ impl Bars {
         let frame = Frame { x: None, y: &self.y };
         frame.draw(&mut svg, &self.title, &self.x_label);
         let share = 1.0 / self.groups.len().max(1) as f64;
-        for (n, group) in self.groups.iter().enumerate() {
+        for (n, (name, values)) in self.groups.iter().enumerate() {
             let start = n as f64 * share;
-            svg.text(
-                [Frame::across(start + 0.5 * share), Frame::FLOOR + 16.0],
-                Anchor::Middle,
-                "tick",
-                &group.name,
-            );
-            let step = 0.8 * share / group.values.len().max(1) as f64;
-            for (m, value) in group.values.iter().enumerate() {
+            let middle = Frame::across(start + 0.5 * share);
+            svg.text([middle, Frame::FLOOR + 16.0], MIDDLE, "tick", name);
+            let step = 0.8 * share / values.len().max(1) as f64;
+            for (m, value) in values.iter().enumerate() {
                 let Some(height) = value.value.filter(|v| v.is_finite()) else { continue };
                 let from = start + 0.1 * share + m as f64 * step;
-                self.draw_value(&mut svg, &frame, [from, from + step], height, value);
+                let [left, right] = [from, from + step].map(Frame::across);
+                self.draw_value(&mut svg, [left, right, frame.up(height)], value);
             }
         }
         svg.finish(WIDTH, HEIGHT, &self.title)
     }
 
-    fn draw_value(&self, svg: &mut Svg, frame: &Frame<'_>, [from, to]: [f64; 2], height: f64, value: &Value) {
-        let middle = Frame::across(0.5 * (from + to));
-        let top = frame.up(height);
+    fn draw_value(&self, svg: &mut Svg, [left, right, top]: [f64; 3], Value { style, text, .. }: &Value) {
+        let middle = 0.5 * (left + right);
         if self.solid {
-            let (left, right) = (Frame::across(from) + 1.5, Frame::across(to) - 1.5);
-            svg.rectangle(
-                [left, top],
-                [right - left, Frame::FLOOR - top],
-                value.style.colour,
-                value.style.hollow,
-            );
-            svg.text([middle, top - 5.0], Anchor::Middle, "note", &value.text);
+            let path = rectangle([left + 1.5, top], [right - left - 3.0, Frame::FLOOR - top]);
+            svg.shape(&path, style.colour, style.hollow, "");
+            svg.text([middle, top - 5.0], MIDDLE, "note", text);
         } else {
-            svg.polyline(&[[middle, Frame::FLOOR], [middle, top]], value.style.colour, "", 1.6);
-            value.style.marker(svg, [middle, top], 4.5, &value.title);
+            svg.polyline(&[[middle, Frame::FLOOR], [middle, top]], style.colour, "");
+            style.marker(svg, [middle, top], 4.5, text);
         }
     }
 }

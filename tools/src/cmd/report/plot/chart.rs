@@ -2,7 +2,7 @@
 
 use super::axis::Axis;
 use super::style::Style;
-use super::svg::{Anchor, Svg};
+use super::svg::{END, MIDDLE, START, Svg};
 
 /// A plot.
 #[derive(Debug)]
@@ -91,12 +91,12 @@ impl Frame<'_> {
     /// Grid lines, ticks and labels.
     pub(super) fn draw(&self, svg: &mut Svg, title: &str, x_label: &str) {
         let (left, right, floor) = (Self::across(0.0), Self::across(1.0), Self::FLOOR);
-        svg.text([left, 16.0], Anchor::Start, "title", title);
+        svg.text([left, 16.0], START, "title", title);
         for tick in self.y.ticks() {
             let y = self.up(tick.value);
             svg.line([left, y], [right, y], if tick.text.is_some() { "grid" } else { "fine" });
             if let Some(text) = tick.text {
-                svg.text([left - 6.0, y + 4.0], Anchor::End, "tick", &text);
+                svg.text([left - 6.0, y + 4.0], END, "tick", &text);
             }
         }
         for tick in self.x.map(Axis::ticks).unwrap_or_default() {
@@ -104,12 +104,12 @@ impl Frame<'_> {
             svg.line([x, TOP], [x, floor], if tick.text.is_some() { "grid" } else { "fine" });
             if let Some(text) = tick.text {
                 let half = 0.5 * TICK * text.chars().count() as f64;
-                svg.text([x.min(WIDTH - half), floor + 16.0], Anchor::Middle, "tick", &text);
+                svg.text([x.min(WIDTH - half), floor + 16.0], MIDDLE, "tick", &text);
             }
         }
         svg.line([left, floor], [right, floor], "axis");
         svg.line([left, TOP], [left, floor], "axis");
-        svg.text([0.5 * (left + right), HEIGHT - 8.0], Anchor::Middle, "label", x_label);
+        svg.text([0.5 * (left + right), HEIGHT - 8.0], MIDDLE, "label", x_label);
         svg.text_upwards([14.0, 0.5 * (TOP + floor)], "label", &self.y.label);
     }
 
@@ -118,7 +118,7 @@ impl Frame<'_> {
         if self.y.holds(value) {
             let y = self.up(value);
             svg.line([Self::across(0.0), y], [Self::across(1.0), y], "level");
-            svg.text([Self::across(1.0) - 3.0, y - 4.0], Anchor::End, "note", word);
+            svg.text([Self::across(1.0) - 3.0, y - 4.0], END, "note", word);
         }
     }
 }
@@ -136,7 +136,7 @@ impl Chart {
         for series in self.series.iter().filter(|series| series.joined) {
             let points: Vec<[f64; 2]> =
                 series.points.iter().filter(shown).map(|p| frame.at(p.x, p.y)).collect();
-            svg.polyline(&points, series.style.colour, series.style.dash, 1.6);
+            svg.polyline(&points, series.style.colour, series.style.dash);
         }
         // Markers above all lines, the small ones last, so that none is hidden completely.
         let mut marks: Vec<(&Style, &Point)> = self
@@ -152,8 +152,7 @@ impl Chart {
             style.marker(&mut svg, at, point.r, &point.title);
             if let Some(note) = &point.note {
                 // Beside the point, on the side of the middle of the plot.
-                let (side, anchor) =
-                    if self.x.place(point.x) > 0.7 { (-1.0, Anchor::End) } else { (1.0, Anchor::Start) };
+                let (side, anchor) = if self.x.place(point.x) > 0.7 { (-1.0, END) } else { (1.0, START) };
                 let x = at[0] + side * (point.r + 4.0);
                 let width = NOTE[0] * note.chars().count() as f64;
                 let left = if side < 0.0 { x - width } else { x };

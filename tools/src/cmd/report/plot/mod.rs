@@ -9,7 +9,7 @@ mod style;
 mod svg;
 
 pub(super) use axis::Axis;
-pub(super) use bars::{Bars, Group, Value};
+pub(super) use bars::{Bars, Value};
 pub(super) use chart::{Chart, Point, Series};
 pub(super) use style::Style;
 pub(super) use svg::escaped;

@@ -79,59 +79,57 @@ impl Style {
     /// A short line with a marker, for a legend.
     pub(in super::super) fn swatch(&self) -> String {
         let mut svg = Svg::default();
-        svg.polyline(&[[1.0, 8.0], [33.0, 8.0]], self.colour, self.dash, 1.6);
-        self.marker(&mut svg, [17.0, 8.0], 4.5, "");
-        svg.finish(34.0, 16.0, "").replacen("<svg", "<svg class=\"swatch\"", 1)
+        svg.polyline(&[[1.0, 8.0], [33.0, 8.0]], self.colour, self.dash);
+        self.in_legend(svg, &self.shape.path([17.0, 8.0], 4.5))
     }
 
     /// A block, for a legend of bars.
     pub(in super::super) fn block(&self) -> String {
-        let mut svg = Svg::default();
-        svg.rectangle([8.0, 2.0], [18.0, 12.0], self.colour, self.hollow);
+        self.in_legend(Svg::default(), &rectangle([8.0, 2.0], [18.0, 12.0]))
+    }
+
+    fn in_legend(&self, mut svg: Svg, path: &str) -> String {
+        svg.shape(path, self.colour, self.hollow, "");
         svg.finish(34.0, 16.0, "").replacen("<svg", "<svg class=\"swatch\"", 1)
     }
 }
 
 impl Shape {
-    /// Its outline. The areas of the shapes are about equal.
-    fn path(self, [x, y]: [f64; 2], r: f64) -> String {
-        let corners = |corners: &[(f64, f64)]| -> String {
-            let points: Vec<String> =
-                corners.iter().map(|(dx, dy)| format!("{:.1} {:.1}", x + r * dx, y + r * dy)).collect();
-            format!("M{}Z", points.join("L"))
-        };
+    /// Its corners for radius 1; none for a circle. The areas of the shapes are about equal.
+    const fn corners(self) -> &'static [(f64, f64)] {
         match self {
-            Self::Circle => {
-                let (left, r2) = (x - r, 2.0 * r);
-                format!("M{left:.1} {y:.1}a{r:.1} {r:.1} 0 1 0 {r2:.1} 0a{r:.1} {r:.1} 0 1 0 -{r2:.1} 0Z")
-            }
-            Self::Square => corners(&[(-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)]),
-            Self::Diamond => corners(&[(0.0, -1.25), (1.25, 0.0), (0.0, 1.25), (-1.25, 0.0)]),
-            Self::Up => corners(&[(0.0, -1.25), (1.15, 0.8), (-1.15, 0.8)]),
-            Self::Down => corners(&[(0.0, 1.25), (1.15, -0.8), (-1.15, -0.8)]),
-            Self::Cross => {
-                let (a, b) = (1.15, 0.42);
-                let arm = [(b, 0.0), (a, a - b), (a - b, a), (0.0, b)];
-                let mut all = Vec::new();
-                for (sx, sy, back) in
-                    [(1.0, 1.0, false), (-1.0, 1.0, true), (-1.0, -1.0, false), (1.0, -1.0, true)]
-                {
-                    let mut quarter = arm.map(|(x, y)| (sx * x, sy * y));
-                    if back {
-                        quarter.reverse();
-                    }
-                    all.extend(quarter);
-                }
-                corners(&all)
-            }
-            Self::Star => {
-                let spike = |n: u32| {
-                    let (s, c) = (std::f64::consts::PI * f64::from(n) / 5.0).sin_cos();
-                    let r = if n.is_multiple_of(2) { 1.45 } else { 0.62 };
-                    (r * s, -r * c)
-                };
-                corners(&(0..10).map(spike).collect::<Vec<_>>())
-            }
+            Self::Circle => &[],
+            Self::Square => &[(-0.88, -0.88), (0.88, -0.88), (0.88, 0.88), (-0.88, 0.88)],
+            Self::Diamond => &[(0.0, -1.25), (1.25, 0.0), (0.0, 1.25), (-1.25, 0.0)],
+            Self::Up => &[(0.0, -1.25), (1.15, 0.8), (-1.15, 0.8)],
+            Self::Down => &[(0.0, 1.25), (1.15, -0.8), (-1.15, -0.8)],
+            #[rustfmt::skip]
+            Self::Cross => &[
+                (0.42, 0.0), (1.15, 0.73), (0.73, 1.15), (0.0, 0.42), (-0.73, 1.15), (-1.15, 0.73),
+                (-0.42, 0.0), (-1.15, -0.73), (-0.73, -1.15), (0.0, -0.42), (0.73, -1.15), (1.15, -0.73),
+            ],
+            #[rustfmt::skip]
+            Self::Star => &[
+                (0.0, -1.45), (0.364, -0.502), (1.379, -0.448), (0.590, 0.192), (0.852, 1.173),
+                (0.0, 0.62), (-0.852, 1.173), (-0.590, 0.192), (-1.379, -0.448), (-0.364, -0.502),
+            ],
         }
     }
+
+    /// Its outline in path syntax.
+    fn path(self, [x, y]: [f64; 2], r: f64) -> String {
+        if self == Self::Circle {
+            let (left, r2) = (x - r, 2.0 * r);
+            return format!(
+                "M{left:.1} {y:.1}a{r:.1} {r:.1} 0 1 0 {r2:.1} 0a{r:.1} {r:.1} 0 1 0 -{r2:.1} 0Z"
+            );
+        }
+        let corners = self.corners().iter().map(|(dx, dy)| format!("{:.1} {:.1}", x + r * dx, y + r * dy));
+        format!("M{}Z", corners.collect::<Vec<_>>().join("L"))
+    }
+}
+
+/// Outline of a rectangle from its upper left corner, in path syntax.
+pub(super) fn rectangle([x, y]: [f64; 2], [width, height]: [f64; 2]) -> String {
+    format!("M{x:.1} {y:.1}h{width:.1}v{height:.1}h-{width:.1}Z")
 }

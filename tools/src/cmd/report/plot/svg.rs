@@ -2,23 +2,10 @@
 
 use std::fmt::Write;
 
-/// Alignment of a text at its position.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Anchor {
-    Start,
-    Middle,
-    End,
-}
-
-impl Anchor {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Start => "start",
-            Self::Middle => "middle",
-            Self::End => "end",
-        }
-    }
-}
+/// Edge of a text at its position, in SVG's words.
+pub(super) const START: &str = "start";
+pub(super) const MIDDLE: &str = "middle";
+pub(super) const END: &str = "end";
 
 /// A drawing under construction.
 #[derive(Debug, Default)]
@@ -45,31 +32,15 @@ impl Svg {
     }
 
     /// A line through points.
-    pub(super) fn polyline(&mut self, points: &[[f64; 2]], colour: &str, dash: &str, width: f64) {
+    pub(super) fn polyline(&mut self, points: &[[f64; 2]], colour: &str, dash: &str) {
         let _ = write!(
             self.body,
-            "<polyline fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" stroke-dasharray=\"{dash}\" points=\""
+            "<polyline fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.6\" stroke-dasharray=\"{dash}\" points=\""
         );
         for [x, y] in points {
             let _ = write!(self.body, "{x:.1},{y:.1} ");
         }
         self.body.push_str("\"/>");
-    }
-
-    /// A rectangle from its upper left corner, filled or hollow.
-    pub(super) fn rectangle(
-        &mut self,
-        [x, y]: [f64; 2],
-        [width, height]: [f64; 2],
-        colour: &str,
-        hollow: bool,
-    ) {
-        let fill = if hollow { "#ffffff" } else { colour };
-        let _ = write!(
-            self.body,
-            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{fill}\" stroke=\"{colour}\" \
-             stroke-width=\"1.6\"/>"
-        );
     }
 
     /// A closed outline in path syntax, filled or hollow, with `title` as tooltip.
@@ -83,11 +54,10 @@ impl Svg {
     }
 
     /// Text with a class of the style sheet.
-    pub(super) fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, class: &str, text: &str) {
+    pub(super) fn text(&mut self, [x, y]: [f64; 2], anchor: &str, class: &str, text: &str) {
         let _ = write!(
             self.body,
-            "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{}\">{}</text>",
-            anchor.name(),
+            "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{}</text>",
             escaped(text)
         );
     }
