@@ -13,7 +13,7 @@
 //! no driver can measure. The seed alone determines the faults of a run, so both ends know them.
 
 pub mod command;
-pub mod fault;
+mod fault;
 mod jump;
 pub mod log;
 pub mod remote;
@@ -21,8 +21,8 @@ pub mod rig;
 pub mod serve;
 pub mod stepped;
 
-pub use command::{BenchCommand, Report};
-pub use fault::BenchFault;
+pub use command::{BenchCommand, Reply, Report, Request};
+pub use log::BenchRun;
 pub use remote::{RigReply, RigRequest};
 pub use rig::{HOMING_STEP, Rig};
 pub use serve::{Options, serve};

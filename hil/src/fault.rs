@@ -5,12 +5,19 @@
 //! change the others.
 
 mod channel;
+mod kind;
 
 pub use channel::Channel;
 pub(crate) use channel::REORDER_TIMEOUT_US;
+pub use kind::FaultKind;
+
+pub(crate) use palpate_host::device::script::split_mix;
+
+use serde::{Deserialize, Serialize};
 
 /// Probability of each fault for a frame, 0 to 1.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Faults {
     /// The frame is lost.
     pub drop: f32,
@@ -63,7 +70,7 @@ impl Faults {
 }
 
 /// Counts of the injected faults.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct FaultCounts {
     /// Frames lost.
     pub dropped: u64,
@@ -115,12 +122,4 @@ impl core::ops::Add for FaultCounts {
             refused: self.refused + other.refused,
         }
     }
-}
-
-/// Element `index` of the sequence SplitMix64 (Steele, Lea and Flood 2014).
-pub(crate) const fn split_mix(seed: u64, index: u64) -> u64 {
-    let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }

@@ -17,8 +17,8 @@ pub use host::{Host, MAX_WAIT, happens_within, is_running, send, wait};
 pub use process::{Device, Role, host, process};
 pub use testbed::{Observation, Testbed};
 
-use crate::fault::split_mix;
-use crate::matrix::{Ended, FaultKind, Run};
+use crate::fault::{FaultKind, split_mix};
+use crate::matrix::{Ended, Run};
 use nix::sys::signal::Signal;
 use palpate_core::Vec3;
 use std::path::Path;

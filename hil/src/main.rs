@@ -10,6 +10,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use palpate_core::{Method, Organ};
 use palpate_hil::bench::{Options, serve};
 use palpate_hil::emulate::{self, Stroke};
+use palpate_hil::fault::FaultKind;
 use palpate_hil::{EmulatedLink, EmulatedPolhem, Faults, closed_loop, hosts, matrix, rig};
 use palpate_host::BlobFile;
 use palpate_host::device::profile::Profile;
@@ -69,8 +70,8 @@ struct Falcon {
     /// Unix socket to create for QEMU's usb-redir.
     #[arg(long, value_name = "SOCKET")]
     usbredir: PathBuf,
-    /// Unix socket to create for commands, one per line: plug SEED, home, press, lift, inject, clear-faults,
-    /// reset-record, report, end.
+    /// Unix socket to create for commands, one JSON value a line: {"plug":{"seed":1}}, "home", "press", "lift",
+    /// "inject", "clear-faults", "reset-record", "report", "end".
     #[arg(long, value_name = "SOCKET")]
     control: Option<PathBuf>,
     /// Longest time to run, seconds.
@@ -137,7 +138,8 @@ struct Once {
     /// The device and its link.
     rig: String,
     /// The fault.
-    fault: String,
+    #[arg(hide_possible_values = true)]
+    fault: FaultKind,
     /// Seed of the run.
     seed: u64,
 }
@@ -185,14 +187,13 @@ fn run_closed_loop(seconds: u64) -> anyhow::Result<()> {
 }
 
 fn run_once(arguments: &Once) -> anyhow::Result<()> {
-    let (kinds, names) = (rig::all(), matrix::FaultKind::ALL.map(matrix::FaultKind::name));
+    let (kinds, fault) = (rig::all(), arguments.fault);
     let kind = kinds.iter().find(|kind| kind.name == arguments.rig);
-    let fault = matrix::FaultKind::ALL.into_iter().find(|fault| fault.name() == arguments.fault);
     let known: Vec<&str> = kinds.iter().map(|kind| kind.name).collect();
     let kind =
         kind.with_context(|| format!("unknown device `{}`; known: {}", arguments.rig, known.join(", ")))?;
-    let fault =
-        fault.with_context(|| format!("unknown fault `{}`; known: {}", arguments.fault, names.join(", ")))?;
+    let names = FaultKind::ALL.map(|fault| fault.to_string()).join(", ");
+    ensure!(FaultKind::ALL.contains(&fault), "`{fault}` does not run in lockstep; these do: {names}");
     println!("{:#?}", fault.plan_for_display(arguments.seed));
     let blob = palpate_hil::session::golden_organ();
     let organ = palpate_core::Organ::read(blob.bytes()).map_err(|error| anyhow::anyhow!("{error:?}"))?;
@@ -231,7 +232,7 @@ fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
         .iter()
         .filter_map(|run| {
             let why = run.violation()?;
-            Some(format!("{}, {}, seed {}: {why}", run.rig, run.fault.name(), run.seed))
+            Some(format!("{}, {}, seed {}: {why}", run.rig, run.fault, run.seed))
         })
         .collect();
     if !violation.is_empty() {

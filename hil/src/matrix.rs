@@ -8,26 +8,25 @@
 
 mod approach;
 mod ended;
-mod fault_kind;
 mod monitor;
 mod outcome;
+mod plan;
 mod reference;
 mod table;
 
 pub use ended::Ended;
-pub use fault_kind::FaultKind;
 pub use outcome::{MAX_TIME_TO_ZERO, Run};
 pub use table::{Table, csv};
 
 use crate::falcon::{LoaderFault, LoaderOptions};
-use crate::fault::Faults;
-use crate::rig::{Cut, FalconRig, HardwareFault, OpenError, Rig, RigKind};
+use crate::fault::{FaultKind, Faults};
+use crate::rig::{FalconRig, OpenError, Rig, RigKind};
 use crate::session::{self, Bench, with_loop};
 use crate::tick::TICK_US;
 use approach::approach;
-use fault_kind::{Draws, Stage, plan};
 use monitor::RunMonitor;
 use palpate_core::{Method, Organ, Phase, vec3};
+use plan::{Draws, Stage, plan};
 use reference::ReferenceController;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -136,24 +135,16 @@ fn injected_frames(rig: &dyn Rig) -> [u64; 2] {
 }
 
 fn inject(bench: &mut Bench<'_, '_>, fault: FaultKind, stage: &Stage, draws: Draws) {
-    let sign = if draws.draw(7, 0, 1) == 0 { 1.0 } else { -1.0 };
-    match fault {
-        FaultKind::UnplugMidFrame => bench.rig.unplug(Cut::MidFrame),
-        FaultKind::Replug => bench.rig.unplug(Cut::Between),
-        FaultKind::EncoderJump => {
-            let axis = draws.draw(8, 0, 2) as usize;
-            let by_m = sign * 0.5e-3 * draws.draw(9, 1, 80) as f32;
-            bench.rig.inject(HardwareFault::EncoderJump { axis, by_m });
-        }
-        FaultKind::HomingLost => {
-            bench.rig.inject(HardwareFault::HomingLost);
-        }
-        FaultKind::PowerCycle => {
-            bench.rig.inject(HardwareFault::PowerCycle);
-            // The device does not answer while it restarts.
-            bench.rig.set_faults(stage.to_device, stage.to_host);
-        }
-        _ => bench.rig.set_faults(stage.to_device, stage.to_host),
+    if fault == FaultKind::EncoderJump {
+        let sign = if draws.draw(7, 0, 1) == 0 { 1.0 } else { -1.0 };
+        let axis = draws.draw(8, 0, 2) as usize;
+        bench.rig.jump_encoder(axis, sign * 0.5e-3 * draws.draw(9, 1, 80) as f32);
+        return;
+    }
+    bench.rig.inject(fault);
+    // A device that restarts does not answer meanwhile.
+    if stage.to_device != Faults::NONE || stage.to_host != Faults::NONE {
+        bench.rig.set_faults(stage.to_device, stage.to_host);
     }
 }
 

@@ -4,7 +4,8 @@
 use palpate_core::{Method, Organ, Phase, Vec3, vec3};
 use palpate_hil::contract::CHECKS;
 use palpate_hil::falcon::grip::NM_PER_MOTOR_COUNT;
-use palpate_hil::rig::{Cut, FalconRig, HardwareFault, Rig, RigKind};
+use palpate_hil::fault::FaultKind;
+use palpate_hil::rig::{FalconRig, Rig, RigKind};
 use palpate_hil::session::{self, Bench, Session};
 use palpate_hil::{Faults, Waypoint};
 use palpate_host::device::DeviceState;
@@ -27,7 +28,7 @@ fn a_replugged_falcon_is_homed_again_before_it_renders() {
     {
         let mut session = Session::homed(&mut rig, workspace).expect("homing succeeds");
         session.tick([0.0, 0.0, 2.0]).expect("a link");
-        session.rig.unplug(Cut::Between);
+        session.rig.inject(FaultKind::Replug);
         session.pass(5_000);
         session.rig.replug();
     }
@@ -152,7 +153,7 @@ fn an_encoder_jump_removes_the_force_permanently() {
             in_contact(7, |bench| {
                 let case = format!("{by_m} m on {axis}");
                 let before_n = vec3::norm(bench.rig.force_record().force_n);
-                assert!(bench.rig.inject(HardwareFault::EncoderJump { axis, by_m }));
+                bench.rig.jump_encoder(axis, by_m);
                 let records = bench.run(8).expect("the device stays connected");
                 assert!(matches!(records[7].phase, Phase::SafeZero(_)), "{case}: {:?}", records[7].phase);
                 assert_eq!(records[7].device, DeviceState::Unhomed, "{case}");
@@ -234,7 +235,7 @@ fn the_weight_is_compensated_while_armed_and_not_after_a_fault() {
         assert_eq!(bench.rig.force_record().force_n, vec3::ZERO, "disarmed");
     });
     with_weight_compensation(|bench| {
-        bench.rig.inject(HardwareFault::HomingLost);
+        bench.rig.inject(FaultKind::HomingLost);
         bench.run(4).expect("a fault-free link");
         assert_eq!(bench.rig.force_record().force_n, vec3::ZERO, "homing is lost");
     });

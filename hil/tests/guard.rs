@@ -5,8 +5,9 @@
 
 use nix::sys::signal::{Signal, kill};
 use palpate_core::{Vec3, vec3};
+use palpate_hil::fault::FaultKind;
 use palpate_hil::hosts::{self, Device as TestedDevice, Host, Role, TARGET, Testbed, is_running, wait};
-use palpate_hil::matrix::{Ended, FaultKind, MAX_TIME_TO_ZERO, Run, Table};
+use palpate_hil::matrix::{Ended, MAX_TIME_TO_ZERO, Run, Table};
 use palpate_host::guard::DEFAULT_LIMIT_MS;
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -1,11 +1,11 @@
 //! The driver of the device link on an emulated controller: checks beyond the contract of all devices.
 
 use palpate_core::{Method, Organ, Phase as Control, Vec3, vec3};
-use palpate_hil::fault::Faults;
+use palpate_hil::fault::{FaultKind, Faults};
 use palpate_hil::hosts::{self, Device, Role};
 use palpate_hil::link::WATCHDOG_US;
-use palpate_hil::matrix::{Ended, FaultKind};
-use palpate_hil::rig::{Cut, HardwareFault, Rig, SerialRig, Wire};
+use palpate_hil::matrix::Ended;
+use palpate_hil::rig::{Rig, SerialRig, Wire};
 use palpate_hil::session::{Session, golden_organ, press, with_loop};
 use palpate_hil::{EmulatedLink, PtyTransport};
 use palpate_host::DeviceErrorKind;
@@ -71,7 +71,7 @@ fn a_restarted_device_is_a_fault_and_renders_only_after_a_reset() {
     let mut rig = rig();
     let mut session = homed(&mut rig);
     forced(&mut session);
-    session.rig.inject(HardwareFault::PowerCycle);
+    session.rig.inject(FaultKind::PowerCycle);
     let fault_us = session.now_us();
     // The restarted device has no session and does not answer. The driver gives up after twice the time of
     // the watchdog.
@@ -126,21 +126,21 @@ fn no_fault_ends_without_a_reset() {
         (
             "overspeed",
             |session| {
-                session.rig.inject(HardwareFault::EncoderJump { axis: 0, by_m: 0.02 });
+                session.rig.jump_encoder(0, 0.02);
             },
             Some(DeviceFault::Overspeed),
         ),
         (
             "home lost",
             |session| {
-                session.rig.inject(HardwareFault::HomingLost);
+                session.rig.inject(FaultKind::HomingLost);
             },
             Some(DeviceFault::HomeLost),
         ),
         (
             "power cycle",
             |session| {
-                session.rig.inject(HardwareFault::PowerCycle);
+                session.rig.inject(FaultKind::PowerCycle);
             },
             None,
         ),
@@ -267,7 +267,7 @@ fn a_silent_terminal_is_an_error_within_the_timeout() {
     let opened = Link::with_port(Box::new(port), config);
     assert_eq!(opened.err(), Some(LinkError::Silent));
     let mut rig = rig();
-    rig.unplug(Cut::Between);
+    rig.inject(FaultKind::Replug);
     let workspace = rig.profile().workspace;
     assert!(rig.open(workspace).is_err(), "no cable, no port");
 }
@@ -287,9 +287,7 @@ fn a_killed_or_stopped_host_is_zeroed_by_the_device() {
         );
         println!(
             "{}: zero {:?} us, latched {:?} us after the last command",
-            fault.name(),
-            run.zero_us,
-            run.detected_us
+            fault, run.zero_us, run.detected_us
         );
         assert_eq!((run.violation(), run.ended), (None, Ended::Watchdog), "{run:?}");
         assert!(run.largest_n > 0.4, "{run:?}");

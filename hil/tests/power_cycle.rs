@@ -1,7 +1,8 @@
 //! A power cycle of a Polhem, which answers afterwards as before: what its driver can detect.
 
 use palpate_core::{Method, Organ, Phase, Vec3, vec3};
-use palpate_hil::rig::{self, HardwareFault, Rig};
+use palpate_hil::fault::FaultKind;
+use palpate_hil::rig::{self, Rig};
 use palpate_hil::session::{self, Session};
 use palpate_hil::{Faults, Waypoint};
 use palpate_host::device::DeviceState;
@@ -25,7 +26,7 @@ fn a_polhem_after_a_power_cycle_renders_nothing_until_it_is_opened_again() {
             bench.controls.arm();
             bench.run(800).expect("a fault-free link");
             assert!(bench.rig.force_record().force_n[2] > 0.3, "{:?}", bench.rig.force_record());
-            assert!(bench.rig.inject(HardwareFault::PowerCycle));
+            assert!(bench.rig.inject(FaultKind::PowerCycle));
             let silence = Faults { drop: 1.0, ..Faults::NONE };
             bench.rig.set_faults(silence, silence);
             bench.run(silent_ticks).expect("the cable is in");
@@ -73,7 +74,7 @@ fn a_power_cycle_at_the_start_position_is_undetectable() {
         for _ in 0..1_000 {
             session.tick(vec3::ZERO).expect("a fault-free link");
         }
-        session.rig.inject(HardwareFault::PowerCycle);
+        session.rig.inject(FaultKind::PowerCycle);
         for _ in 0..20 {
             let _ = session.tick(vec3::ZERO);
         }
@@ -83,6 +84,6 @@ fn a_power_cycle_at_the_start_position_is_undetectable() {
 
 /// Position that the device reports after power-up.
 fn power_up_position_m(rig: &mut dyn Rig) -> Vec3 {
-    rig.inject(HardwareFault::PowerCycle);
+    rig.inject(FaultKind::PowerCycle);
     rig.reported_m()
 }

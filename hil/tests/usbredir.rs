@@ -1,6 +1,6 @@
 //! The bench on its sockets, with a peer that sends usb-redir bytes as QEMU does, without a virtual machine.
 
-use palpate_hil::bench::{Options, Report, serve};
+use palpate_hil::bench::{BenchCommand, Options, Reply, Report, serve};
 use palpate_hil::usbredir::packet::{self, kind};
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
@@ -28,15 +28,24 @@ fn next(bus: &mut UnixStream) -> (u32, u64, Vec<u8>) {
     (word(0), u64::from(word(8)), body)
 }
 
-fn order(control: &mut UnixStream, line: &str) -> String {
+fn order(control: &mut UnixStream, line: &str) -> Reply {
     control.write_all(format!("{line}\n").as_bytes()).expect("open");
-    let (mut answer, mut byte) = (String::new(), [0]);
-    loop {
+    let (mut answer, mut byte) = (Vec::new(), [0]);
+    while byte != *b"\n" {
         control.read_exact(&mut byte).expect("open");
-        if byte == *b"\n" {
-            return answer;
-        }
-        answer.push(byte[0].into());
+        answer.push(byte[0]);
+    }
+    serde_json::from_slice(&answer).expect("a reply")
+}
+
+fn command(control: &mut UnixStream, command: BenchCommand) -> Reply {
+    order(control, &serde_json::to_string(&command).expect("plain data"))
+}
+
+fn report(control: &mut UnixStream) -> Report {
+    match command(control, BenchCommand::Report) {
+        Reply::Report(report) => report,
+        other => panic!("{other:?}"),
     }
 }
 
@@ -57,9 +66,8 @@ fn a_peer_sees_the_falcon_connect_answer_and_disconnect() {
     assert_eq!(hello, *packet::hello());
     bus.write_all(&packet::hello()).expect("open");
     // The cable is still out.
-    let report: Report = order(&mut control, "report").parse().expect("a report");
-    assert!(!report.plugged);
-    assert_eq!(order(&mut control, "plug 3"), "ok");
+    assert!(!report(&mut control).plugged);
+    assert_eq!(command(&mut control, BenchCommand::Plug { seed: 3 }), Reply::Ok);
     let kinds = [0; 3].map(|_: u32| next(&mut bus).0);
     assert_eq!(kinds, [kind::INTERFACE_INFO, kind::EP_INFO, kind::DEVICE_CONNECT]);
 
@@ -79,15 +87,15 @@ fn a_peer_sees_the_falcon_connect_answer_and_disconnect() {
         assert_eq!((answer.0, answer.1, &answer.2[..4]), (kind::BULK, id, &[0x81, 0, 2, 0][..]));
     }
 
-    let report: Report = order(&mut control, "report").parse().expect("a report");
+    let report = report(&mut control);
     assert!(report.plugged && !report.homed && report.loads == 0 && report.zero_ms.is_none());
-    assert_eq!(order(&mut control, "fly"), "unknown command");
-    assert_eq!(order(&mut control, "plug 4"), "ok");
+    assert_eq!(order(&mut control, "fly"), Reply::Unknown);
+    assert_eq!(command(&mut control, BenchCommand::Plug { seed: 4 }), Reply::Ok);
     let kinds = [0; 4].map(|_: u32| next(&mut bus).0);
     assert_eq!(kinds, [kind::DEVICE_DISCONNECT, kind::INTERFACE_INFO, kind::EP_INFO, kind::DEVICE_CONNECT]);
-    assert_eq!(order(&mut control, "end"), "ok");
+    assert_eq!(order(&mut control, "\"end\""), Reply::Ok);
     let (traffic, log) = server.join().expect("no panic").expect("no error");
     assert_eq!((traffic.control, traffic.bulk_in, traffic.stalled), (3, 10, 0));
-    assert!(log.contains("the cable is out") && log.contains("plug 4: ok"), "{log}");
+    assert!(log.contains("the cable is out") && log.contains(r#"{"plug":{"seed":4}}: Ok"#), "{log}");
     std::fs::remove_dir_all(folder).expect("ours");
 }

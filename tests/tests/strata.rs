@@ -231,7 +231,7 @@ const HIL: [&str; 27] = [
     "matrix::reference",
     "matrix::approach",
     "matrix::ended",
-    "matrix::fault_kind",
+    "matrix::plan",
     "matrix::outcome",
     "matrix::monitor",
     "matrix::table",

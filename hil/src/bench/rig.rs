@@ -1,7 +1,6 @@
 //! The emulated Falcon of one run, its hand, and its fault.
 
-use super::command::{BenchCommand, Report};
-use super::fault::BenchFault;
+use super::command::{BenchCommand, Reply, Report};
 use super::jump::Jump;
 use super::stepped::control;
 use crate::falcon::descriptors::PACKET_LEN;
@@ -11,7 +10,7 @@ use crate::falcon::{
     EmulatedFalcon, FalconConfig, FaultyFtdi, LoaderFault, LoaderOptions, MemoryFtdi, Setup, Stall,
     homing_path,
 };
-use crate::fault::Faults;
+use crate::fault::{FaultKind, Faults};
 use crate::mechanism::Waypoint;
 use crate::usbredir::UsbDevice;
 use palpate_core::vec3;
@@ -42,7 +41,7 @@ const STROKE_US: u64 = 200_000;
 pub struct Rig {
     link: FaultyFtdi<MemoryFtdi>,
     seed: u64,
-    fault: Option<BenchFault>,
+    fault: Option<FaultKind>,
     /// Requests left before the injection.
     countdown: Option<u64>,
     injected: u64,
@@ -61,8 +60,8 @@ impl Rig {
     /// The device of a run, in real time. Its cable is out at first.
     #[must_use]
     pub fn new(seed: u64) -> Self {
-        let fault = BenchFault::of(seed);
-        let loader_fault = (fault == Some(BenchFault::WrongEcho))
+        let fault = FaultKind::of_seed(seed);
+        let loader_fault = (fault == Some(FaultKind::WrongEcho))
             .then_some((LoaderFault::WrongEcho { at: WRONG_ECHO_AT }, 1));
         let loader = LoaderOptions { leading_zero: seed % 2 == 1, fault: loader_fault };
         let mut falcon = EmulatedFalcon::new(FalconConfig { loader, ..FalconConfig::default() });
@@ -104,8 +103,8 @@ impl Rig {
         }
     }
 
-    /// Executes a command; returns the reply line.
-    pub fn execute(&mut self, command: BenchCommand) -> String {
+    /// Executes a command.
+    pub fn execute(&mut self, command: BenchCommand) -> Reply {
         match command {
             BenchCommand::Plug { seed } => *self = Self::new(seed),
             BenchCommand::Home => self.moves(homing_path(), HOMING_STEP),
@@ -113,16 +112,16 @@ impl Rig {
             BenchCommand::Lift => self.stroke(ABOVE_M),
             // Without a device fault the host process is the one at fault, from now on.
             BenchCommand::Inject if self.fault.is_none() => self.fault_us = Some(self.link.now_us()),
-            BenchCommand::Inject => self.countdown = Some(BenchFault::delay_requests(self.seed)),
+            BenchCommand::Inject => self.countdown = Some(FaultKind::delay_requests(self.seed)),
             BenchCommand::ClearFaults => {
                 self.countdown = None;
                 self.link.set_faults(Faults::NONE, Faults::NONE);
             }
             BenchCommand::ResetRecord => self.link.inner().falcon().reset_record(),
-            BenchCommand::Report => return self.report().to_string(),
+            BenchCommand::Report => return Reply::Report(self.report()),
             BenchCommand::End => {}
         }
-        "ok".into()
+        Reply::Ok
     }
 
     /// Moves from the present position of the grip, so that its path is continuous.
@@ -169,7 +168,7 @@ impl Rig {
     /// While some frames pass, the first faulty frame is not the one after which the motors stay off.
     fn update_fault_time(&mut self, is_whole: bool) {
         let off = self.link.inner().falcon().force_record().off_since_us.is_some();
-        if !self.fault.is_some_and(BenchFault::affects_wire) || off {
+        if !self.fault.is_some_and(FaultKind::affects_wire) || off {
             return;
         }
         if is_whole {
@@ -200,25 +199,25 @@ impl Rig {
         self.fault_us = Some(self.link.now_us());
         self.injected += 1;
         match fault {
-            BenchFault::DropRequest => return Some(Ok(bytes.len())),
-            BenchFault::StallOut => return Some(Err(Stall)),
-            BenchFault::StallIn => self.stall_in = true,
-            BenchFault::HomingLost => self.link.inner().falcon().lose_homing(),
-            BenchFault::PowerCycle => self.link.inner().falcon().power_cycle(),
-            BenchFault::EncoderJump => {
+            FaultKind::DropRequest => return Some(Ok(bytes.len())),
+            FaultKind::StallOut => return Some(Err(Stall)),
+            FaultKind::StallIn => self.stall_in = true,
+            FaultKind::HomingLost => self.link.inner().falcon().lose_homing(),
+            FaultKind::PowerCycle => self.link.inner().falcon().power_cycle(),
+            FaultKind::EncoderJump => {
                 let mut falcon = self.link.inner().falcon();
                 let jump = Jump::of(self.seed, falcon.counts()).expect("one sign is within reach");
                 falcon.jump_encoder(jump.axis, jump.counts);
             }
-            BenchFault::UnplugMidFrame | BenchFault::Replug | BenchFault::UnplugPower => {
-                if fault != BenchFault::Replug {
+            FaultKind::UnplugMidFrame | FaultKind::Replug | FaultKind::UnplugPower => {
+                if fault != FaultKind::Replug {
                     self.link.inner().falcon().bulk_out(&bytes[..bytes.len().min(CUT_AFTER_BYTES)]);
                 }
                 // The bytes already on the UART arrive.
                 std::thread::sleep(CUT_WAIT);
                 self.replug_us = Some(self.link.now_us() + UNPLUGGED_US);
                 self.link.unplug();
-                if fault == BenchFault::UnplugPower {
+                if fault == FaultKind::UnplugPower {
                     self.link.inner().falcon().power_cycle();
                 }
                 return Some(Ok(0));
@@ -261,7 +260,7 @@ impl UsbDevice for Rig {
         let mut buffer = vec![0; max];
         debug_assert!(max >= PACKET_LEN);
         let read = self.link.read(&mut buffer, Duration::ZERO);
-        if self.fault == Some(BenchFault::DropReply) && self.link.counts().1.dropped > 0 {
+        if self.fault == Some(FaultKind::DropReply) && self.link.counts().1.dropped > 0 {
             // One lost reply is enough.
             self.link.set_faults(Faults::NONE, Faults::NONE);
         }

@@ -1,6 +1,6 @@
 //! Serves the bench on its sockets, in real time.
 
-use super::command::{BenchCommand, UnknownCommand};
+use super::command::{BenchCommand, Reply, Request};
 use super::remote::RigRequest;
 use super::rig::Rig;
 use super::stepped::Stepped;
@@ -150,25 +150,25 @@ impl BusDevice {
         }
     }
 
-    fn execute(&mut self, command: BenchCommand) -> String {
+    fn execute(&mut self, command: BenchCommand) -> Reply {
         if let (Self::Stepped(_), BenchCommand::Plug { seed }) = (&self, command) {
             *self = Self::RealTime(Box::new(Rig::new(seed)));
-            return "ok".into();
+            return Reply::Ok;
         }
         match self {
             Self::RealTime(rig) => rig.execute(command),
-            Self::Stepped(_) if command == BenchCommand::End => "ok".into(),
-            Self::Stepped(_) => UnknownCommand.to_string(),
+            Self::Stepped(_) if command == BenchCommand::End => Reply::Ok,
+            Self::Stepped(_) => Reply::Unknown,
         }
     }
 
-    fn request(&mut self, request: RigRequest) -> String {
+    fn request(&mut self, request: RigRequest) -> Reply {
         if let (Self::RealTime(_), RigRequest::NewDevice { seed }) = (&self, &request) {
             *self = Self::Stepped(Box::new(Stepped::new(*seed)));
         }
         match self {
-            Self::RealTime(_) => UnknownCommand.to_string(),
-            Self::Stepped(device) => device.execute(request).to_string(),
+            Self::RealTime(_) => Reply::Unknown,
+            Self::Stepped(device) => Reply::Rig(device.execute(request)),
         }
     }
 }
@@ -196,6 +196,12 @@ impl UsbDevice for BusDevice {
     }
 }
 
+fn json_line(reply: &Reply) -> Vec<u8> {
+    let mut line = serde_json::to_vec(reply).expect("plain data");
+    line.push(b'\n');
+    line
+}
+
 /// Serves until the peer closes, the command `end`, or the time limit. Writes a log.
 pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
     let start = Instant::now();
@@ -206,7 +212,7 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
     let (mut session, mut rig) = (Session::new(), BusDevice::RealTime(Box::new(rig)));
     let mut commands = Vec::new();
     // A reply that waits until the driver has processed the device's output, and its time.
-    let mut pending_reply: Option<(String, Instant)> = None;
+    let mut pending_reply: Option<(Vec<u8>, Instant)> = None;
     writeln!(log, "listening")?;
     let ended = loop {
         if start.elapsed() >= options.longest {
@@ -255,7 +261,7 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
             if let Some((answer, since)) = &pending_reply {
                 // No transfer arrives from a device that is unplugged.
                 if session.has_pending_in() || !session.is_connected() {
-                    control.write(format!("{answer}\n").as_bytes())?;
+                    control.write(answer)?;
                     (pending_reply, busy) = (None, true);
                 } else if since.elapsed() > MAX_WAIT {
                     break "the driver posts no transfer";
@@ -263,20 +269,19 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
             }
             while let Some(at) = commands.iter().position(|byte| *byte == b'\n') {
                 let line: Vec<u8> = commands.drain(..=at).collect();
-                let line = String::from_utf8_lossy(&line).trim().to_string();
                 busy = true;
-                if let Ok(request) = line.parse::<RigRequest>() {
-                    let waits = matches!(request, RigRequest::Advance { wait_for_driver: true, .. });
-                    let answer = rig.request(request);
-                    if waits {
-                        pending_reply = Some((answer, Instant::now()));
-                    } else {
-                        control.write(format!("{answer}\n").as_bytes())?;
+                let answer = match serde_json::from_slice(&line) {
+                    Ok(Request::Rig(request)) => {
+                        let waits = matches!(request, RigRequest::Advance { wait_for_driver: true, .. });
+                        let answer = json_line(&rig.request(request));
+                        if waits {
+                            pending_reply = Some((answer, Instant::now()));
+                        } else {
+                            control.write(&answer)?;
+                        }
+                        continue;
                     }
-                    continue;
-                }
-                let answer = match line.parse::<BenchCommand>() {
-                    Ok(command) => {
+                    Ok(Request::Bench(command)) => {
                         end |= command == BenchCommand::End;
                         if matches!(command, BenchCommand::Plug { .. }) && session.is_connected() {
                             session.disconnect();
@@ -284,10 +289,11 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
                         }
                         rig.execute(command)
                     }
-                    Err(error) => error.to_string(),
+                    Err(_) => Reply::Unknown,
                 };
-                writeln!(log, "[{:9.3}] {line}: {answer}", start.elapsed().as_secs_f64())?;
-                control.write(format!("{answer}\n").as_bytes())?;
+                let line = String::from_utf8_lossy(&line);
+                writeln!(log, "[{:9.3}] {}: {answer:?}", start.elapsed().as_secs_f64(), line.trim())?;
+                control.write(&json_line(&answer))?;
             }
             control.write(&[])?;
             if end {

@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn an_unplugged_device_is_silent_and_a_new_driver_has_a_new_link() {
         let mut device = Stepped::new(1);
-        device.execute(RigRequest::Unplug(crate::rig::Cut::Between));
+        device.execute(RigRequest::InjectFault(crate::fault::FaultKind::Replug));
         assert!(!device.is_plugged());
         assert_eq!((device.bulk_out(b"x"), device.bulk_in(64)), (Ok(0), Ok(None)));
         device.execute(RigRequest::Replug);

@@ -1,8 +1,9 @@
 //! Contract checks of the driver with loop and controller, on an organ.
 
 use super::{Violation, error_kind, hold_force, new_rig, permuted};
+use crate::fault::FaultKind;
 use crate::fault::Faults;
-use crate::rig::{Cut, HardwareFault, Rig, RigKind};
+use crate::rig::{Rig, RigKind};
 use crate::session::{self, Bench, Session};
 use palpate_core::{Fault, Method, Organ, Phase, vec3};
 use palpate_host::DeviceErrorKind;
@@ -93,7 +94,7 @@ pub(super) fn zero_after_the_loop(kind: RigKind) -> Result<(), Violation> {
 }
 
 pub(super) fn lost_homing(kind: RigKind) -> Result<(), Violation> {
-    for fault in [HardwareFault::HomingLost, HardwareFault::PowerCycle] {
+    for fault in [FaultKind::HomingLost, FaultKind::PowerCycle] {
         let (mut rig, _) = new_rig(kind);
         if !rig.inject(fault) {
             continue;
@@ -107,7 +108,7 @@ pub(super) fn lost_homing(kind: RigKind) -> Result<(), Violation> {
             let latched = records.iter().position(|record| matches!(record.phase, Phase::SafeZero(_)));
             let last = records.last().map(|record| (record.phase, record.device));
             ensure!(latched.is_some_and(|tick| tick <= 11), "{fault:?}: latched after {latched:?} ticks");
-            if fault == HardwareFault::HomingLost {
+            if fault == FaultKind::HomingLost {
                 let expected = (Phase::SafeZero(Fault::NotReady), DeviceState::Unhomed);
                 ensure!(last == Some(expected), "{fault:?}: {last:?}");
             }
@@ -183,7 +184,7 @@ pub(super) fn latched_stays(kind: RigKind) -> Result<(), Violation> {
 }
 
 pub(super) fn unplugged_is_gone(kind: RigKind) -> Result<(), Violation> {
-    for cut in [Cut::Between, Cut::MidFrame] {
+    for cut in [FaultKind::Replug, FaultKind::UnplugMidFrame] {
         let (mut rig, traits) = new_rig(kind);
         {
             let mut session = Session::homed(&mut *rig, permuted(&traits))?;
@@ -191,7 +192,7 @@ pub(super) fn unplugged_is_gone(kind: RigKind) -> Result<(), Violation> {
             // A request is in flight when the cable is pulled.
             let now_us = session.now_us();
             let _ = session.device().exchange(now_us, [1.0, 1.0, 1.0]);
-            session.rig.unplug(cut);
+            session.rig.inject(cut);
             session.pass(1_000);
             let is_disconnected = (0..5)
                 .any(|_| error_kind(session.tick([1.0, 1.0, 1.0])) == Some(DeviceErrorKind::Disconnected));

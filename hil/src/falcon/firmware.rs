@@ -127,6 +127,17 @@ impl Firmware {
         (self.homed, self.offset) = ([false; 3], raw_offset.map(i32::from));
     }
 
+    /// Counts reported by the encoders.
+    #[must_use]
+    pub fn reported(&self) -> [i32; 3] {
+        core::array::from_fn(|axis| self.counts[axis] + self.offset[axis])
+    }
+
+    /// Sets which axes report that they have passed their index, and leaves their counts.
+    pub const fn set_homed(&mut self, homed: [bool; 3]) {
+        self.homed = homed;
+    }
+
     /// Takes a received byte. Returns the reply after the last byte of a valid packet.
     pub fn take(&mut self, byte: u8) -> Option<[u8; PACKET_LEN]> {
         if self.packet.is_empty() && byte != BEGIN {
@@ -159,7 +170,7 @@ impl Firmware {
         packet[0] = BEGIN;
         for axis in 0..3 {
             // An i16 wraps, like its register.
-            let reported = (self.counts[axis] + self.offset[axis]) as u16;
+            let reported = self.reported()[axis] as u16;
             for nibble in 0..4 {
                 packet[1 + 4 * axis + nibble] += (reported >> (4 * nibble) & 0x0f) as u8;
             }

@@ -41,6 +41,8 @@ pub enum LoaderFault {
     },
     /// It echoes everything, but the firmware does not start.
     NeverStarts,
+    /// The firmware starts with an old homing.
+    StartsHomed,
 }
 
 /// Options of the loader.
@@ -145,7 +147,7 @@ impl Loader {
     }
 
     /// The fault of the present load.
-    fn fault(&self) -> Option<LoaderFault> {
+    pub(super) fn fault(&self) -> Option<LoaderFault> {
         self.options.fault.filter(|(_, times)| self.loads <= *times).map(|(fault, _)| fault)
     }
 
@@ -297,7 +299,9 @@ mod tests {
                     LoaderFault::WrongEcho { at } => assert_eq!(echo[at], image()[at] ^ 0x10),
                     LoaderFault::FallsSilent { at } => assert_eq!(echo.len(), at),
                     LoaderFault::NeverStarts => assert_eq!((echo == image(), started), (true, false)),
-                    LoaderFault::Silent | LoaderFault::Refuses => assert!(echo.is_empty()),
+                    LoaderFault::Silent | LoaderFault::Refuses | LoaderFault::StartsHomed => {
+                        assert!(echo.is_empty())
+                    }
                 }
             }
             assert_eq!(load(&mut loader, &image()), (image(), true), "{fault:?}");

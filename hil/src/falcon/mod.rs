@@ -157,7 +157,9 @@ impl EmulatedFalcon {
             self.chip.from_board(reply_ns, &answer.bytes, baud);
             if answer.started.is_some() {
                 self.image = answer.started;
-                self.firmware = Some(Firmware::new(self.grip.counts(), self.raw_offset));
+                let mut firmware = Firmware::new(self.grip.counts(), self.raw_offset);
+                firmware.set_homed([self.loader.fault() == Some(LoaderFault::StartsHomed); 3]);
+                self.firmware = Some(firmware);
             }
             return;
         };
@@ -246,6 +248,13 @@ impl EmulatedFalcon {
     pub fn lose_homing(&mut self) {
         if let Some(firmware) = &mut self.firmware {
             firmware.lose_homing(self.raw_offset);
+        }
+    }
+
+    /// Sets which axes report that they are homed, and leaves their counts.
+    pub const fn set_homed(&mut self, homed: [bool; 3]) {
+        if let Some(firmware) = &mut self.firmware {
+            firmware.set_homed(homed);
         }
     }
 

@@ -1,9 +1,9 @@
 //! Observes a run from the fault on, tick by tick.
 
 use super::ended::Ended;
-use super::fault_kind::FaultKind;
 use super::outcome::{Run, STALE_US};
 use super::reference::{ForcePair, ReferenceController};
+use crate::fault::FaultKind;
 use crate::force_record::ForceRecord;
 use crate::session::{self, Bench};
 use crate::tick::TICK_US;

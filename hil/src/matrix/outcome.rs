@@ -1,7 +1,7 @@
 //! The outcome of a run, and the limits that it must keep.
 
 use super::ended::Ended;
-use super::fault_kind::FaultKind;
+use crate::fault::FaultKind;
 use crate::tick::TICK_US;
 use std::time::Duration;
 

@@ -1,9 +1,8 @@
 //! The runs as a Markdown table and as comma-separated values.
 
-use super::ended::Ended;
-use super::fault_kind::FaultKind;
 use super::outcome::Run;
-use core::fmt::{self, Write};
+use crate::fault::FaultKind;
+use core::fmt;
 
 /// One row: all runs of one fault on one rig.
 struct Row<'a> {
@@ -35,19 +34,9 @@ impl Row<'_> {
 
     /// The outcomes and their counts.
     fn ends(&self) -> String {
-        let mut ends: Vec<(String, usize)> = Vec::new();
+        let mut ends: Vec<(&str, usize)> = Vec::new();
         for run in &self.runs {
-            let name = match run.ended {
-                Ended::Recovered => "recovered".into(),
-                Ended::Latched(fault) => fault.name().into(),
-                Ended::Lost => "loop ended".into(),
-                Ended::Refused => "not opened".into(),
-                Ended::Opened => "opened".into(),
-                Ended::Guard => "guard".into(),
-                Ended::Host => "host".into(),
-                Ended::Watchdog => "device's watchdog".into(),
-                Ended::TimedOut(what) => what.into(),
-            };
+            let name = run.ended.name();
             match ends.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, count)) => *count += 1,
                 None => ends.push((name, 1)),
@@ -83,7 +72,7 @@ impl fmt::Display for Table<'_> {
                 f,
                 "| {} | {} | {} | {} | {} | {} | {} | {:.2} | {} | {:.2} | {} | {} | {} |",
                 row.rig,
-                row.fault.name(),
+                row.fault,
                 row.runs.len(),
                 row.max_ms(|run| run.degraded_us),
                 row.max_ms(|run| run.detected_us),
@@ -101,40 +90,46 @@ impl fmt::Display for Table<'_> {
     }
 }
 
-/// The runs one by one, as comma-separated values.
-#[must_use]
-pub fn csv(runs: &[Run]) -> String {
-    let mut text = String::from(
-        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,zero_after_fault_us,largest_n,step_n,over_limit_us,resumed,error_before_n,error_after_n,injected_to_device,injected_to_host,steepest_n_per_s,violation\n",
-    );
-    // Names contain commas.
-    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+/// The columns of a run and their values.
+fn columns(run: &Run) -> [(&'static str, String); 18] {
     let number = |us: Option<u64>| us.map_or_else(String::new, |us| us.to_string());
     let newtons = |force: Option<f32>| force.map_or_else(String::new, |force| force.to_string());
-    for run in runs {
-        // Writing to a String cannot fail.
-        let _ = writeln!(
-            text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
-            run.rig,
-            quoted(run.fault.name()),
-            run.seed,
-            quoted(&format!("{:?}", run.ended)),
-            number(run.degraded_us),
-            number(run.detected_us),
-            number(run.zero_us),
-            number(run.zero_after_fault_us),
-            run.largest_n,
-            run.step_n,
-            run.over_limit_us,
-            run.resumed,
-            newtons(run.error_before_n),
-            newtons(run.error_after_n),
-            number(run.injected.map(|[to_device, _]| to_device)),
-            number(run.injected.map(|[_, to_host]| to_host)),
-            run.steepest_n_per_s,
-            quoted(run.violation().unwrap_or(""))
-        );
+    [
+        ("rig", run.rig.into()),
+        ("fault", run.fault.to_string()),
+        ("seed", run.seed.to_string()),
+        ("ended", format!("{:?}", run.ended)),
+        ("degraded_us", number(run.degraded_us)),
+        ("detected_us", number(run.detected_us)),
+        ("zero_us", number(run.zero_us)),
+        ("zero_after_fault_us", number(run.zero_after_fault_us)),
+        ("largest_n", run.largest_n.to_string()),
+        ("step_n", run.step_n.to_string()),
+        ("over_limit_us", run.over_limit_us.to_string()),
+        ("resumed", run.resumed.to_string()),
+        ("error_before_n", newtons(run.error_before_n)),
+        ("error_after_n", newtons(run.error_after_n)),
+        ("injected_to_device", number(run.injected.map(|[to_device, _]| to_device))),
+        ("injected_to_host", number(run.injected.map(|[_, to_host]| to_host))),
+        ("steepest_n_per_s", run.steepest_n_per_s.to_string()),
+        ("violation", run.violation().unwrap_or("").into()),
+    ]
+}
+
+/// The runs one by one, as comma-separated values.
+///
+/// # Panics
+///
+/// Never: memory takes every record, and all have the same length.
+#[must_use]
+pub fn csv(runs: &[Run]) -> String {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for (index, run) in runs.iter().enumerate() {
+        let columns = columns(run);
+        if index == 0 {
+            writer.write_record(columns.each_ref().map(|(name, _)| *name)).expect("memory");
+        }
+        writer.write_record(columns.map(|(_, value)| value)).expect("memory");
     }
-    text
+    String::from_utf8(writer.into_inner().expect("memory")).expect("text")
 }

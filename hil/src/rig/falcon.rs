@@ -2,10 +2,10 @@
 //! in the exchange, or in threads of its own as on USB. With threads a tick ends when they have finished
 //! their work.
 
-use super::{Cut, HardwareFault, OpenError, Rig, Traits};
+use super::{OpenError, Rig, Traits};
 use crate::falcon::memory::Link;
 use crate::falcon::{EmulatedFalcon, FalconConfig, FaultyFtdi, LoaderOptions, MemoryFtdi, synthetic_image};
-use crate::fault::{FaultCounts, Faults};
+use crate::fault::{FaultCounts, FaultKind, Faults};
 use crate::force_record::ForceRecord;
 use crate::mechanism::Waypoint;
 use palpate_core::{Sample, Vec3};
@@ -118,6 +118,13 @@ impl FalconRig {
         let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
         self.link = Some(Arc::clone(&link));
         Ok(link)
+    }
+
+    fn unplug(&self) {
+        match &self.link {
+            Some(link) => link.unplug(),
+            None => self.device.unplug(),
+        }
     }
 
     /// Starts the clock of a new driver. After the first driver the device has to be homed again, which the
@@ -267,18 +274,6 @@ impl Rig for FalconRig {
         last_received_us.map(|us| us.saturating_sub(self.opened_us))
     }
 
-    fn unplug(&mut self, cut: Cut) {
-        if cut == Cut::MidFrame {
-            let mut falcon = self.device.falcon();
-            let until_us = falcon.now_us() + MID_FRAME_US;
-            falcon.advance(until_us);
-        }
-        match &self.link {
-            Some(link) => link.unplug(),
-            None => self.device.unplug(),
-        }
-    }
-
     fn replug(&mut self) {
         self.device.replug();
     }
@@ -289,15 +284,24 @@ impl Rig for FalconRig {
         Ok(())
     }
 
-    fn inject(&mut self, fault: HardwareFault) -> bool {
-        let mut falcon = self.device.falcon();
+    fn inject(&mut self, fault: FaultKind) -> bool {
         match fault {
-            HardwareFault::EncoderJump { axis, by_m } => {
-                falcon.jump_encoder(axis, (by_m * COUNTS_PER_M).round() as i32);
+            FaultKind::UnplugMidFrame => {
+                let mut falcon = self.device.falcon();
+                let until_us = falcon.now_us() + MID_FRAME_US;
+                falcon.advance(until_us);
+                drop(falcon);
+                self.unplug();
             }
-            HardwareFault::HomingLost => falcon.lose_homing(),
-            HardwareFault::PowerCycle => falcon.power_cycle(),
+            FaultKind::Replug => self.unplug(),
+            FaultKind::HomingLost => self.device.falcon().lose_homing(),
+            FaultKind::PowerCycle => self.device.falcon().power_cycle(),
+            _ => return false,
         }
         true
+    }
+
+    fn jump_encoder(&mut self, axis: usize, by_m: f32) {
+        self.device.falcon().jump_encoder(axis, (by_m * COUNTS_PER_M).round() as i32);
     }
 }

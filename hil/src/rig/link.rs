@@ -1,7 +1,7 @@
 //! The device link on a serial line.
 
 use super::serial::{SerialDevice, SerialRig, WAKE_TIMEOUT, Wire, held_in_the_middle};
-use super::{HardwareFault, OpenError, Traits};
+use super::{OpenError, Traits};
 use crate::link::{COUNTS_PER_TURN, EmulatedLink};
 use crate::mechanism::Handle;
 use crate::transport::Transport;
@@ -85,12 +85,16 @@ impl SerialDevice for EmulatedLink {
         Self::press(self, buttons);
     }
 
-    fn inject(&mut self, fault: HardwareFault) -> bool {
-        match fault {
-            HardwareFault::EncoderJump { axis, by_m } => self.jump(axis, by_m),
-            HardwareFault::HomingLost => self.lose_homing(),
-            HardwareFault::PowerCycle => self.power_cycle(),
-        }
+    fn jump(&mut self, axis: usize, by_m: f32) {
+        Self::jump(self, axis, by_m);
+    }
+
+    fn power_cycle(&mut self) {
+        Self::power_cycle(self);
+    }
+
+    fn lose_homing(&mut self) -> bool {
+        Self::lose_homing(self);
         true
     }
 

@@ -20,7 +20,7 @@ pub use falcon::FalconRig;
 pub use link::on_gantry;
 pub use serial::{SerialDevice, SerialRig, Wire};
 
-use crate::fault::{FaultCounts, Faults};
+use crate::fault::{FaultCounts, FaultKind, Faults};
 use crate::force_record::ForceRecord;
 use crate::link::EmulatedLink;
 use crate::mechanism::Waypoint;
@@ -61,31 +61,6 @@ pub struct Traits {
     pub numbered_replies: bool,
     /// It has a watchdog of its own.
     pub has_watchdog: bool,
-}
-
-/// A fault of the device itself.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum HardwareFault {
-    /// One encoder miscounts: the position is offset from now on.
-    EncoderJump {
-        /// Index of the axis or motor.
-        axis: usize,
-        /// Approximate offset at the handle, m.
-        by_m: f32,
-    },
-    /// It loses its homing.
-    HomingLost,
-    /// It loses its power and restarts; the cable stays in.
-    PowerCycle,
-}
-
-/// Time of the unplugging relative to the traffic.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cut {
-    /// Between two requests.
-    Between,
-    /// During a request.
-    MidFrame,
 }
 
 /// Why a driver could not be opened.
@@ -161,9 +136,6 @@ pub trait Rig {
         None
     }
 
-    /// Pulls the cable.
-    fn unplug(&mut self, cut: Cut);
-
     /// Plugs the cable in again.
     fn replug(&mut self);
 
@@ -172,8 +144,12 @@ pub trait Rig {
         Err("a guard has its own path to this device".into())
     }
 
-    /// Injects a fault of the device. Returns false if the device does not support it.
-    fn inject(&mut self, fault: HardwareFault) -> bool;
+    /// Injects a fault of the cable or the device: [`FaultKind::Replug`] and [`FaultKind::UnplugMidFrame`] pull
+    /// the cable, until [`Rig::replug`]. Returns false if the device does not support it or the fault is another.
+    fn inject(&mut self, fault: FaultKind) -> bool;
+
+    /// Lets the encoder of an axis or motor miscount from now on, by about `by_m` at the handle.
+    fn jump_encoder(&mut self, axis: usize, by_m: f32);
 }
 
 /// A kind of rig, which is created with a seed for its faults.

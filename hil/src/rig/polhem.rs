@@ -1,7 +1,7 @@
 //! The Polhem on a serial line.
 
 use super::serial::{SerialDevice, WAKE_TIMEOUT, held_in_the_middle};
-use super::{HardwareFault, OpenError, Traits};
+use super::{OpenError, Traits};
 use crate::mechanism::Handle;
 use crate::polhem::EmulatedPolhem;
 use crate::transport::Transport;
@@ -77,19 +77,20 @@ impl SerialDevice for EmulatedPolhem {
         self.set_info(i16::from(buttons));
     }
 
-    fn inject(&mut self, fault: HardwareFault) -> bool {
-        match fault {
-            HardwareFault::EncoderJump { axis, by_m } => {
-                let mut jump_m = vec3::ZERO;
-                if let Some(along) = jump_m.get_mut(axis) {
-                    *along = by_m;
-                }
-                self.jump(jump_m);
-            }
-            HardwareFault::PowerCycle => self.power_cycle(),
-            // It has no homing.
-            HardwareFault::HomingLost => return false,
+    fn jump(&mut self, axis: usize, by_m: f32) {
+        let mut jump_m = vec3::ZERO;
+        if let Some(along) = jump_m.get_mut(axis) {
+            *along = by_m;
         }
-        true
+        Self::jump(self, jump_m);
+    }
+
+    fn power_cycle(&mut self) {
+        Self::power_cycle(self);
+    }
+
+    /// It has no homing.
+    fn lose_homing(&mut self) -> bool {
+        false
     }
 }

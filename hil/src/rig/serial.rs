@@ -1,7 +1,7 @@
 //! A device on a serial line, in memory or over a pseudo terminal: all parts but the device itself.
 
-use super::{Cut, HardwareFault, OpenError, Rig, Traits};
-use crate::fault::{FaultCounts, Faults};
+use super::{OpenError, Rig, Traits};
+use crate::fault::{FaultCounts, FaultKind, Faults};
 use crate::faulty::Faulty;
 use crate::force_record::ForceRecord;
 use crate::mechanism::{Handle, Waypoint};
@@ -63,8 +63,14 @@ pub trait SerialDevice: Send + 'static {
     /// Presses these buttons.
     fn press(&mut self, buttons: u8);
 
-    /// Injects a fault. Returns false if the device does not support it.
-    fn inject(&mut self, fault: HardwareFault) -> bool;
+    /// Lets the encoder of an axis miscount by about `by_m` at the handle.
+    fn jump(&mut self, axis: usize, by_m: f32);
+
+    /// Loses its power for a moment.
+    fn power_cycle(&mut self);
+
+    /// Loses its homing. Returns false if it has none.
+    fn lose_homing(&mut self) -> bool;
 
     /// Whether its own watchdog has latched; always false without one.
     fn has_latched(&self) -> bool {
@@ -207,6 +213,21 @@ impl<E: SerialDevice> SerialRig<E> {
             std::thread::yield_now();
         }
     }
+
+    fn unplug(&mut self, is_mid_frame: bool) {
+        self.plugged.store(false, Ordering::Relaxed);
+        self.cable_in = false;
+        let mut far = self.far();
+        let (now_us, mut request) = (far.now_us, [0; 256]);
+        if let (Some(mut line), true) = (far.line.take(), is_mid_frame) {
+            let count = line.receive(now_us, &mut request).unwrap_or(0);
+            // Half of the request arrives.
+            let half = request.get(..count / 2).unwrap_or_default();
+            let _ = far.device.poll(now_us, &mut FixedInput(half));
+        }
+        drop(far);
+        self.driver_end = None;
+    }
 }
 
 impl<E: SerialDevice> Rig for SerialRig<E> {
@@ -322,21 +343,6 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         last_received_us.map(|us| us.saturating_sub(self.opened_us))
     }
 
-    fn unplug(&mut self, cut: Cut) {
-        self.plugged.store(false, Ordering::Relaxed);
-        self.cable_in = false;
-        let mut far = self.far();
-        let (now_us, mut request) = (far.now_us, [0; 256]);
-        if let (Some(mut line), Cut::MidFrame) = (far.line.take(), cut) {
-            let count = line.receive(now_us, &mut request).unwrap_or(0);
-            // Half of the request arrives.
-            let half = request.get(..count / 2).unwrap_or_default();
-            let _ = far.device.poll(now_us, &mut FixedInput(half));
-        }
-        drop(far);
-        self.driver_end = None;
-    }
-
     fn replug(&mut self) {
         self.cable_in = true;
     }
@@ -346,7 +352,17 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         Ok(io::Write::write_all(port, message)?)
     }
 
-    fn inject(&mut self, fault: HardwareFault) -> bool {
-        self.far().device.inject(fault)
+    fn inject(&mut self, fault: FaultKind) -> bool {
+        match fault {
+            FaultKind::UnplugMidFrame | FaultKind::Replug => self.unplug(fault == FaultKind::UnplugMidFrame),
+            FaultKind::HomingLost => return self.far().device.lose_homing(),
+            FaultKind::PowerCycle => self.far().device.power_cycle(),
+            _ => return false,
+        }
+        true
+    }
+
+    fn jump_encoder(&mut self, axis: usize, by_m: f32) {
+        self.far().device.jump(axis, by_m);
     }
 }

@@ -93,7 +93,7 @@ impl Hand {
     /// A hand at rest.
     #[must_use]
     pub fn new(config: HandConfig, position_m: Vec3) -> Self {
-        let mut random = SplitMix(config.seed);
+        let mut random = SplitMix::new(config.seed);
         let tremor = core::array::from_fn(|_| {
             core::array::from_fn(|_| Sine {
                 rad_per_s: core::f32::consts::TAU * (8.0 + 3.0 * random.unit()),

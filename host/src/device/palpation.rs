@@ -95,7 +95,7 @@ impl RandomPalpation {
             buttons: 0,
         };
         Self {
-            random: SplitMix(config.seed),
+            random: SplitMix::new(config.seed),
             motions: Box::new([still; MAX_MOTIONS]),
             planned: 1,
             current: 0,

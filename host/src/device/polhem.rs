@@ -14,8 +14,8 @@
 
 use super::buttons::ButtonDebouncer;
 use super::fence::{Fence, GuardPath, Wire};
+use super::in_flight::{InFlight, Unnumbered};
 use super::nonblocking_port::Port;
-use super::pending::Pending;
 use super::position_check::{PositionCheck, Verdict};
 use super::profile::DEFAULT_CAP_N_M;
 use super::serial::{MAX_READS, from_serial, open, read_waiting};
@@ -68,7 +68,7 @@ pub struct Polhem {
     config: PolhemConfig,
     /// Bytes of an incomplete line.
     line: LineBuffer,
-    pending: Pending,
+    pending: Unnumbered,
     motion: PositionCheck,
     buttons: ButtonDebouncer,
     /// Whether its reference is lost.
@@ -109,7 +109,7 @@ impl Polhem {
             port,
             config,
             line: LineBuffer::default(),
-            pending: Pending::default(),
+            pending: Unnumbered::default(),
             motion: PositionCheck::with_reach(REACH_M),
             buttons: ButtonDebouncer::default(),
             has_lost_reference: false,

@@ -228,17 +228,30 @@ fn range(values: impl Iterator<Item = f32>) -> (f32, f32) {
     values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }
 
-/// SplitMix64 (Steele, Lea and Flood 2014): a seeded generator with the same numbers on every machine.
+/// Element `index` of the sequence SplitMix64 (Steele, Lea and Flood 2014): the same numbers on every machine.
+#[must_use]
+pub const fn split_mix(seed: u64, index: u64) -> u64 {
+    let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// The sequence from a seed.
 #[derive(Debug, Clone)]
-pub(super) struct SplitMix(pub(super) u64);
+pub(super) struct SplitMix {
+    seed: u64,
+    index: u64,
+}
 
 impl SplitMix {
-    pub(super) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+    pub(super) const fn new(seed: u64) -> Self {
+        Self { seed, index: 0 }
+    }
+
+    pub(super) const fn next(&mut self) -> u64 {
+        self.index += 1;
+        split_mix(self.seed, self.index - 1)
     }
 
     /// Uniform in [0, 1).

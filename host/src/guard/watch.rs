@@ -59,13 +59,11 @@ impl Watch {
     #[must_use]
     pub(super) fn pause_until_check_ns(&self, now_ns: u64, beat_ns: Option<u64>) -> u64 {
         let regular_ns = self.limit_ns / CHECKS_PER_LIMIT;
-        let silence_ns = beat_ns.map_or(regular_ns, |beat_ns| {
-            (beat_ns + self.limit_ns).checked_sub(now_ns).unwrap_or(if self.is_refused {
-                RETRY_NS
-            } else {
-                regular_ns
-            })
-        });
+        let silence_ns = match beat_ns.map(|beat_ns| beat_ns + self.limit_ns) {
+            Some(due_ns) if now_ns < due_ns => due_ns - now_ns,
+            Some(_) if self.is_refused => RETRY_NS,
+            _ => regular_ns,
+        };
         regular_ns.min(silence_ns)
     }
 }

@@ -300,13 +300,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     for (path, organ) in paths.iter().zip(&organs) {
         check_certificate(path, organ, method, args)?;
     }
+    let record = outputs.record.as_ref().map(|file| touch::Record { file, blob_blake3: &blob_blake3 });
+    let profile = profile(args)?;
     if organs.iter().all(|organ| organ.spaces.iter().all(|space| space.displacement().is_none())) {
         eprintln!(
             "palpate: no displacements in the blob ([needs] visual = false): the forces are correct, the picture shows the body at rest"
         );
     }
-    let record = outputs.record.as_ref().map(|file| touch::Record { file, blob_blake3: &blob_blake3 });
-    let profile = profile(args)?;
     let stop = stop_flag()?;
     let control = args.control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
     let (handle, mut tool) = match args.device {

@@ -1,13 +1,14 @@
 //! Kills and stops host processes and their guards in the guest while they render a force, on a real bus.
 
-use crate::Outcome;
 use crate::line::Line;
+use crate::{Outcome, json};
 use nix::sys::signal::Signal;
 use nix::unistd::Pid;
 use palpate_core::Vec3;
-use palpate_hil::bench::{BenchCommand, Report};
+use palpate_hil::bench::{BenchCommand, BenchRun, Report};
+use palpate_hil::fault::FaultKind;
 use palpate_hil::hosts::{self, Host, happens_within, is_running};
-use palpate_hil::matrix::FaultKind;
+use palpate_hil::matrix::Ended;
 use palpate_host::device::falcon::{Falcon, FalconConfig, Image, UsbFtdi};
 use palpate_host::guard::guard_stdin;
 use std::process::Command;
@@ -53,22 +54,17 @@ pub(crate) fn killed_hosts(line: &str) -> Outcome<()> {
     let all = FaultKind::PROCESSES;
     let mut failed = 0;
     for fault in all {
-        let name = fault.name();
         match killed_host(&mut line, fault) {
             Ok(Report { largest_n, step_n, zero_ms, .. }) => {
-                let zero_ms = zero_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.1}"));
-                let by = if matches!(fault, FaultKind::HostKilled | FaultKind::HostPaused) {
-                    "guard"
-                } else {
-                    "host"
-                };
-                println!(
-                    "host fault={name} end={by} largest_n={largest_n:.2} step_n={step_n:.2} zero_ms={zero_ms} PASS"
-                );
+                let is_host = matches!(fault, FaultKind::HostKilled | FaultKind::HostPaused);
+                let ended = if is_host { Ended::Guard } else { Ended::Host };
+                let fault = Some(fault);
+                let run = BenchRun { fault, ended, largest_n, step_n, zero_ms, ..BenchRun::default() };
+                println!("host PASS {}", json(&run));
             }
             Err(reason) => {
                 failed += 1;
-                println!("host fault={name} FAIL {reason}");
+                println!("host FAIL {fault} {reason}");
             }
         }
     }
@@ -102,7 +98,7 @@ fn killed_host(line: &mut Line, fault: FaultKind) -> Outcome<Report> {
         match held(line) {
             Ok(held) => break held,
             // No fault was injected yet: a failure here is due to the machine unless it repeats.
-            Err(reason) if tried < MAX_TRIES => println!("host fault={} try {tried}: {reason}", fault.name()),
+            Err(reason) if tried < MAX_TRIES => println!("again {fault}, try {tried}: {reason}"),
             Err(reason) => return Err(reason),
         }
         tried += 1;

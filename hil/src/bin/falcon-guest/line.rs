@@ -1,8 +1,7 @@
 //! The serial line to the bench: one line out, one line back.
 
 use crate::Outcome;
-use core::fmt::Display;
-use palpate_hil::bench::{BenchCommand, Report};
+use palpate_hil::bench::{BenchCommand, Reply, Report, Request};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 
@@ -16,9 +15,11 @@ impl Line {
         opened.map(Self).map_err(|error| format!("{path}: {error}"))
     }
 
-    pub(crate) fn request(&mut self, command: impl Display) -> Outcome<String> {
+    pub(crate) fn request(&mut self, request: &Request) -> Outcome<Reply> {
         let failed = |error: std::io::Error| format!("the line to the bench: {error}");
-        self.0.write_all(format!("{command}\n").as_bytes()).map_err(failed)?;
+        let mut line = serde_json::to_vec(request).map_err(|error| error.to_string())?;
+        line.push(b'\n');
+        self.0.write_all(&line).map_err(failed)?;
         // Each request has one reply line, so nothing follows its end.
         let (mut answer, mut some) = (Vec::new(), [0; 4096]);
         while answer.last() != Some(&b'\n') {
@@ -27,16 +28,21 @@ impl Line {
                 count => answer.extend(&some[..count]),
             }
         }
-        Ok(String::from_utf8_lossy(&answer).trim().into())
+        serde_json::from_slice(&answer)
+            .map_err(|_| format!("the bench sends a malformed reply: `{}`", String::from_utf8_lossy(&answer)))
     }
 
     pub(crate) fn command(&mut self, command: BenchCommand) -> Outcome<()> {
-        let answer = self.request(command)?;
-        if answer == "ok" { Ok(()) } else { Err(format!("the bench answers `{answer}` to `{command}`")) }
+        match self.request(&Request::Bench(command))? {
+            Reply::Ok => Ok(()),
+            other => Err(format!("the bench answers {other:?} to {command:?}")),
+        }
     }
 
     pub(crate) fn report(&mut self) -> Outcome<Report> {
-        let answer = self.request(BenchCommand::Report)?;
-        answer.parse().map_err(|_| format!("the bench sends a malformed report: `{answer}`"))
+        match self.request(&Request::Bench(BenchCommand::Report))? {
+            Reply::Report(report) => Ok(report),
+            other => Err(format!("the bench answers {other:?} to a report request")),
+        }
     }
 }

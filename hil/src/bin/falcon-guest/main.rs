@@ -16,11 +16,12 @@ mod wait_for_reply;
 
 use line::Line;
 use palpate_core::{Aligned, Organ};
-use palpate_hil::bench::{BenchCommand, BenchFault};
+use palpate_hil::bench::{BenchCommand, BenchRun};
 use palpate_hil::contract::CHECKS;
+use palpate_hil::fault::FaultKind;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError};
-use runs::{Bench, Run};
+use runs::Bench;
 use std::ops::RangeInclusive;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
@@ -38,7 +39,7 @@ fn main() -> ExitCode {
     let passed = match words[..] {
         ["no-usb"] => no_usb(),
         ["faults"] => {
-            println!("{}", BenchFault::ALL.len());
+            println!("{}", FaultKind::BENCH.len());
             Ok(())
         }
         ["run", line, first, last, exchanges] => match (first.parse(), last.parse(), exchanges.parse()) {
@@ -60,6 +61,11 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// A run for the log.
+fn json(run: &BenchRun) -> String {
+    serde_json::to_string(run).expect("plain data")
 }
 
 /// Checks the error message on a machine without USB.
@@ -106,12 +112,12 @@ fn run(line: &str, seeds: RangeInclusive<u64>, exchanges: u64) -> Outcome<()> {
     for seed in seeds {
         match bench.run(seed, exchanges) {
             Ok(run) => {
-                println!("run seed={seed} {run} PASS");
+                println!("run PASS {}", json(&run));
                 runs.push(run);
             }
             Err(reason) => {
                 failed += 1;
-                println!("run seed={seed} FAIL {reason}");
+                println!("run FAIL seed={seed} {reason}");
             }
         }
     }
@@ -121,7 +127,7 @@ fn run(line: &str, seeds: RangeInclusive<u64>, exchanges: u64) -> Outcome<()> {
     let clean = runs.iter().find(|run| run.fault.is_none());
     let (done, lost, closing) = clean.map_or((0, 0, 0), |run| (run.exchanges, run.lost, run.lost_closing));
     let all: u64 = runs.iter().map(|run| run.exchanges).sum();
-    let rate_hz = clean.map_or(0.0, Run::rate_hz);
+    let rate_hz = clean.map_or(0.0, BenchRun::rate_hz);
     println!(
         "summary {} runs={} failed={failed} exchanges={all} clean_exchanges={done} clean_lost={lost} \
          clean_lost_closing={closing} rate_hz={rate_hz:.0} largest_n={largest_n:.2} unhomed_n={unhomed_n:.2} \

@@ -4,11 +4,11 @@
 use crate::line::Line;
 use crate::timeout_ftdi::{Reader, TimeoutFtdi};
 use palpate_core::{Sample, Vec3};
-use palpate_hil::bench::{RigReply, RigRequest};
-use palpate_hil::fault::{FaultCounts, Faults};
+use palpate_hil::bench::{Reply, Request, RigReply, RigRequest};
+use palpate_hil::fault::{FaultCounts, FaultKind, Faults};
 use palpate_hil::force_record::ForceRecord;
 use palpate_hil::mechanism::Waypoint;
-use palpate_hil::rig::{Cut, FalconRig, HardwareFault, OpenError, Rig, RigKind, Traits};
+use palpate_hil::rig::{FalconRig, OpenError, Rig, RigKind, Traits};
 use palpate_host::device::DeviceWrapper;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, Mode, UsbFtdi};
@@ -46,8 +46,11 @@ pub(crate) fn kind(line: Line) -> RigKind {
 /// If the bench does not answer. The calling check then fails.
 fn request(request: RigRequest) -> RigReply {
     let mut line = LINE.get().expect("set").lock().unwrap_or_else(PoisonError::into_inner);
-    let answer = line.request(&request).unwrap_or_else(|error| panic!("{request}: {error}"));
-    answer.parse().unwrap_or_else(|_| panic!("the bench answers `{answer}` to `{request}`"))
+    let request = Request::Rig(request);
+    match line.request(&request) {
+        Ok(Reply::Rig(reply)) => reply,
+        other => panic!("the bench answers {other:?} to {request:?}"),
+    }
 }
 
 /// The driver. After it is dropped nothing reads from the chip.
@@ -183,7 +186,7 @@ impl Rig for RemoteRig {
     }
 
     fn reset_record(&mut self) {
-        request(RigRequest::ResetRecord);
+        request(RigRequest::ResetForceRecord);
     }
 
     fn position_m(&self) -> Vec3 {
@@ -199,7 +202,7 @@ impl Rig for RemoteRig {
     }
 
     fn press(&mut self, buttons: u8) {
-        request(RigRequest::Press(buttons));
+        request(RigRequest::PressButtons(buttons));
     }
 
     fn set_faults(&mut self, to_device: Faults, to_host: Faults) {
@@ -213,22 +216,24 @@ impl Rig for RemoteRig {
         }
     }
 
-    fn unplug(&mut self, cut: Cut) {
-        request(RigRequest::Unplug(cut));
-        // The guest's kernel needs time to detect it. Exchanges are counted from there.
-        let until = Instant::now() + TIMEOUT;
-        while self.reads() && Instant::now() < until {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
     fn replug(&mut self) {
         request(RigRequest::Replug);
     }
 
-    fn inject(&mut self, fault: HardwareFault) -> bool {
+    fn inject(&mut self, fault: FaultKind) -> bool {
+        request(RigRequest::InjectFault(fault));
+        if matches!(fault, FaultKind::UnplugMidFrame | FaultKind::Replug) {
+            // The guest's kernel needs time to detect it. Exchanges are counted from there.
+            let until = Instant::now() + TIMEOUT;
+            while self.reads() && Instant::now() < until {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
         // A Falcon supports every fault.
-        request(RigRequest::Inject(fault));
         true
+    }
+
+    fn jump_encoder(&mut self, axis: usize, by_m: f32) {
+        request(RigRequest::JumpEncoder { axis, by_m });
     }
 }

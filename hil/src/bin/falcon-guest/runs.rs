@@ -8,13 +8,14 @@ use crate::line::Line;
 use crate::timeout_ftdi::TimeoutFtdi;
 use crate::wait_for_reply::{ExchangeCounts, SHORT_TIMEOUT, WaitForReply};
 use core::fmt;
-use palpate_core::{Config, Controller, Fault, LimitConfig, Method, Organ, Phase, vec3};
-use palpate_hil::bench::{BenchCommand, BenchFault, Report};
+use palpate_core::{Config, Controller, LimitConfig, Method, Organ, Phase, vec3};
+use palpate_hil::bench::{BenchCommand, BenchRun, Report};
+use palpate_hil::fault::FaultKind;
 use palpate_host::device::DeviceState;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, UsbFtdi};
 use palpate_host::device::workspace::Workspace;
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
-use palpate_host::{Device, DeviceError, DeviceErrorKind};
+use palpate_host::{Device, DeviceError};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -38,119 +39,15 @@ const LIFT_TICKS: u64 = 250;
 /// Surface of the organ on the axis into it, device frame.
 const SURFACE_M: [f32; 3] = [0.0, 0.0, 0.115];
 
-/// End of the fault.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum End {
-    /// No fault, or the loop recovered.
-    Active,
-    /// The controller latched it.
-    Latched(Fault),
-    /// The device is lost.
-    Lost(DeviceErrorKind),
-}
-
-impl fmt::Display for End {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Active => f.write_str("active"),
-            Self::Latched(fault) => write!(f, "latched:{}", fault.name()),
-            Self::Lost(kind) => write!(f, "lost:{kind:?}"),
-        }
-    }
-}
-
 /// The driver as the loop uses it.
 type Opened = WaitForReply<Falcon<TimeoutFtdi>>;
 
-/// Result of a run.
-#[derive(Debug, Clone)]
-pub(crate) struct Run {
-    pub fault: Option<BenchFault>,
-    pub end: End,
-    /// Exchanges with and without a sample. A run without a fault counts only those in touch.
-    pub exchanges: u64,
-    pub lost: u64,
-    /// Exchanges without a sample while the device was disarmed and closed. A zero command is sent at once
-    /// and may cost the reply to an earlier request.
-    pub lost_closing: u64,
-    pub mean_us: u64,
-    pub longest_us: u64,
-    pub injected: u64,
-    pub touch_n: f32,
-    pub largest_n: f32,
-    pub step_n: f32,
-    pub unhomed_n: f32,
-    /// Ticks from the first one without a sample to a zero command.
-    pub zero_ticks: u64,
-    pub zero_ms: Option<f32>,
-    pub again_n: f32,
-    pub ready: Duration,
-    pub loads: u32,
-    pub seconds: f32,
-}
-
-impl Run {
-    const NOTHING: Self = Self {
-        fault: None,
-        end: End::Active,
-        exchanges: 0,
-        lost: 0,
-        lost_closing: 0,
-        mean_us: 0,
-        longest_us: 0,
-        injected: 0,
-        touch_n: 0.0,
-        largest_n: 0.0,
-        step_n: 0.0,
-        unhomed_n: 0.0,
-        zero_ticks: 0,
-        zero_ms: None,
-        again_n: 0.0,
-        ready: Duration::ZERO,
-        loads: 0,
-        seconds: 0.0,
-    };
-
-    /// Copies the counts of the exchanges.
-    fn count(&mut self, counts: &ExchangeCounts) {
-        self.exchanges = counts.answered.load(Ordering::Relaxed);
-        self.lost = counts.lost.load(Ordering::Relaxed);
-        self.mean_us = counts.total_us.load(Ordering::Relaxed) / self.exchanges.max(1);
-        self.longest_us = counts.longest_us.load(Ordering::Relaxed);
-    }
-
-    /// Exchanges per second.
-    pub(crate) fn rate_hz(&self) -> f64 {
-        1e6 / self.mean_us.max(1) as f64
-    }
-}
-
-impl fmt::Display for Run {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { fault, end, exchanges, lost, lost_closing, mean_us, longest_us, injected, ready, .. } =
-            self;
-        let fault = fault.map_or("none", BenchFault::name);
-        write!(
-            f,
-            "fault={fault} end={end} injected={injected} ready_ms={} loads={} ",
-            ready.as_millis(),
-            self.loads
-        )?;
-        write!(
-            f,
-            "exchanges={exchanges} lost={lost} lost_closing={lost_closing} mean_us={mean_us} longest_us={longest_us} "
-        )?;
-        write!(
-            f,
-            "touch_n={:.2} largest_n={:.2} step_n={:.2} unhomed_n={:.2} ",
-            self.touch_n, self.largest_n, self.step_n, self.unhomed_n
-        )?;
-        match self.zero_ms {
-            Some(zero_ms) => write!(f, "zero_ms={zero_ms:.0} ")?,
-            None => f.write_str("zero_ms=- ")?,
-        }
-        write!(f, "zero_ticks={} again_n={:.2} seconds={:.1}", self.zero_ticks, self.again_n, self.seconds)
-    }
+/// Copies the counts of the exchanges.
+fn count(run: &mut BenchRun, counts: &ExchangeCounts) {
+    run.exchanges = counts.answered.load(Ordering::Relaxed);
+    run.lost = counts.lost.load(Ordering::Relaxed);
+    run.mean_us = counts.total_us.load(Ordering::Relaxed) / run.exchanges.max(1);
+    run.longest_us = counts.longest_us.load(Ordering::Relaxed);
 }
 
 fn check(is: bool, what: impl FnOnce() -> String) -> Outcome<()> {
@@ -335,20 +232,24 @@ impl<'o> Bench<'o> {
     }
 
     /// One complete run.
-    pub(crate) fn run(&mut self, seed: u64, exchanges: u64) -> Outcome<Run> {
-        let fault = BenchFault::of(seed);
-        self.log(format_args!("seed {seed}, fault {}", fault.map_or("none", BenchFault::name)));
+    pub(crate) fn run(&mut self, seed: u64, exchanges: u64) -> Outcome<BenchRun> {
+        let fault = FaultKind::of_seed(seed);
+        self.log(format_args!(
+            "seed {seed}, fault {}",
+            fault.map_or("none".into(), |fault| fault.to_string())
+        ));
         self.command(BenchCommand::Plug { seed })?;
         let plugged = Instant::now();
         self.unhomed_force_allowed = false;
         let falcon = self.open(if fault.is_some() { SHORT_TIMEOUT } else { LONG_WRITE_TIMEOUT })?;
-        let mut run = Run { fault, ready: plugged.elapsed(), ..Run::NOTHING };
+        let mut run =
+            BenchRun { seed, fault, ready_ms: plugged.elapsed().as_millis() as u64, ..BenchRun::default() };
         let loads = self.line.report()?.loads;
         // On a busy machine a late echo makes the driver send the firmware again. A wrong echo always does.
-        let min_loads = if fault == Some(BenchFault::WrongEcho) { 2 } else { 1 };
+        let min_loads = if fault == Some(FaultKind::WrongEcho) { 2 } else { 1 };
         check(loads >= min_loads, || format!("{loads} firmware loads, expected at least {min_loads}"))?;
         run.loads = loads;
-        self.log(format_args!("open after {} ms, firmware sent {loads} times", run.ready.as_millis()));
+        self.log(format_args!("open after {} ms, firmware sent {loads} times", run.ready_ms));
 
         let counts = Arc::new(ExchangeCounts::default());
         let mut device = WaitForReply { device: falcon, counts: Arc::clone(&counts) };
@@ -367,14 +268,14 @@ impl<'o> Bench<'o> {
         match fault {
             None => {
                 self.touch_repeatedly(&mut session, &counts, exchanges)?;
-                run.count(&counts);
+                count(&mut run, &counts);
                 check(run.lost == 0, || format!("{} exchanges lost", run.lost))?;
                 self.finish(session, &controls, &mut run)?;
                 run.lost_closing = counts.lost.load(Ordering::Relaxed) - run.lost;
             }
             Some(fault) => {
                 self.run_fault(session, &controls, fault, &mut run, &counts)?;
-                run.count(&counts);
+                count(&mut run, &counts);
             }
         }
         run.seconds = plugged.elapsed().as_secs_f32();
@@ -417,7 +318,7 @@ impl<'o> Bench<'o> {
         &mut self,
         mut session: Session<'_, '_, D>,
         controls: &Controls,
-        run: &mut Run,
+        run: &mut BenchRun,
     ) -> Outcome<()> {
         controls.disarm();
         session.ticks(5)?;

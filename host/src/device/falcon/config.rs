@@ -95,3 +95,23 @@ impl From<DeviceError> for FalconError {
         Self::Device(error)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::DeviceErrorKind;
+
+    #[test]
+    fn errors_are_one_line_and_name_the_fix() {
+        let disconnected = DeviceError::new(DeviceErrorKind::Disconnected);
+        for error in [
+            FalconError::Device(disconnected),
+            FalconError::NeedsFirmware,
+            FalconError::HomedBefore,
+            FalconError::Usb(UsbError::NotFound),
+        ] {
+            let text = error.to_string();
+            assert!(!text.contains('\n') && text.contains("; "), "{text}");
+        }
+    }
+}

@@ -26,7 +26,7 @@ use super::request_writer::{RequestWriter, WRITE_TIMEOUT, write_whole};
 use super::usb::UsbFtdi;
 use crate::device::buttons::ButtonDebouncer;
 use crate::device::fence::{Fence, GuardPath};
-use crate::device::pending::Pending;
+use crate::device::in_flight::{InFlight, Unnumbered};
 use crate::device::position_check::{PositionCheck, Verdict};
 use crate::device::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, wait_homed};
 use core::fmt;
@@ -80,7 +80,7 @@ pub struct Falcon<F: Ftdi + 'static> {
     request_writer: RequestWriter,
     /// Replies processed so far.
     seen: ReplyCounts,
-    pending: Pending,
+    pending: Unnumbered,
     kinematics: Kinematics,
     homing: Homing,
     motion: PositionCheck,
@@ -142,7 +142,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
             config,
             motor: config.motor(),
             seen: ReplyCounts::default(),
-            pending: Pending::default(),
+            pending: Unnumbered::default(),
             kinematics: Kinematics::default(),
             homing: Homing::Unknown,
             // The board loses its firmware when it restarts, so its counters cannot restart unnoticed: no
@@ -362,7 +362,7 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         std::thread::sleep(SETTLE_TIME);
         self.receive(0)?;
         self.motion.reset();
-        self.pending = Pending::default();
+        self.pending = Unnumbered::default();
         Ok(self.homing == Homing::Homed)
     }
 
@@ -382,6 +382,3 @@ impl<F: Ftdi + 'static> Drop for Falcon<F> {
         self.stop();
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -177,63 +177,6 @@ fn echo(ftdi: &impl Ftdi, bytes: &[u8]) -> Result<Vec<u8>, LoadError> {
 mod tests {
     use super::*;
     use crate::device::DeviceErrorKind;
-    use crate::device::falcon::fake::Fake;
-
-    #[test]
-    fn running_firmware_is_detected_without_force() {
-        let chip = Fake::running();
-        set_normal(&chip).expect("a link");
-        assert!(probe(&chip).expect("a link").is_some());
-        let request = chip.last();
-        assert_eq!((request.motors, request.homing), ([0; 3], false));
-        let silent = Fake::silent();
-        set_normal(&silent).expect("a link");
-        assert_eq!(probe(&silent), Ok(None));
-    }
-
-    #[test]
-    fn an_image_is_loaded_byte_for_byte_and_answers() {
-        let (chip, image) = (Fake::silent(), Image::synthetic(500));
-        chip.with(|script| script.ignored_calls = 3);
-        assert!(load(&chip, &image).is_ok());
-        chip.with(|script| {
-            assert_eq!(script.image[1..], *image.bytes());
-            assert_eq!(script.loads, 1);
-            let settings =
-                [(0, 1), (0, 2), (9, 16), (3, 0x4138), (4, 8), (2, 0), (1, 0x200), (1, 0x100), (1, 0x101)];
-            assert_eq!(script.settings[..9], settings);
-            assert_eq!(script.settings[9..11], [(1, 0x100), (3, 0x15)]);
-            let normal = [(9, 1), (2, 0), (4, 8), (3, 0x2), (6, 0x013E), (0, 1), (0, 2)];
-            assert_eq!(script.settings[11..], normal);
-        });
-    }
-
-    #[test]
-    fn a_wrong_echo_restarts_the_load() {
-        let (chip, image) = (Fake::silent(), Image::synthetic(200));
-        chip.with(|script| script.wrong_echoes = (3, 130));
-        load(&chip, &image).expect("loaded in the fourth attempt");
-        assert_eq!(chip.with(|script| script.loads), 4);
-    }
-
-    #[test]
-    fn a_permanently_wrong_echo_is_an_error_with_its_position() {
-        let (chip, image) = (Fake::silent(), Image::synthetic(200));
-        chip.with(|script| script.wrong_echoes = (1000, 130));
-        assert_eq!(load(&chip, &image), Err(LoadError::Echo { at: Some(130) }));
-        assert_eq!(chip.with(|script| script.loads), MAX_LOADS);
-    }
-
-    #[test]
-    fn a_missing_loader_and_an_unplugged_cable_are_distinguished() {
-        let (chip, image) = (Fake::silent(), Image::synthetic(2));
-        chip.with(|script| script.ignored_calls = 1000);
-        assert_eq!(load(&chip, &image), Err(LoadError::NoLoader));
-        assert_eq!(chip.with(|script| script.ignored_calls), 1000 - MAX_CALLS);
-        chip.with(|script| script.unplugged = true);
-        let disconnected = DeviceError::new(DeviceErrorKind::Disconnected);
-        assert_eq!(load(&chip, &image), Err(LoadError::Device(disconnected)));
-    }
 
     #[test]
     fn errors_are_one_line_and_name_the_fix() {

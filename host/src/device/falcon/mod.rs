@@ -19,9 +19,6 @@ mod reply_reader;
 mod request_writer;
 pub mod usb;
 
-#[cfg(test)]
-mod fake;
-
 pub use config::{FalconConfig, FalconError};
 pub use driver::Falcon;
 pub use firmware::{FirmwareError, Image};

@@ -17,7 +17,6 @@
 
 mod counter;
 mod opening;
-mod requests;
 mod slew;
 mod stopping;
 
@@ -25,6 +24,7 @@ pub use opening::LinkError;
 
 use super::capstan::Capstan;
 use super::fence::{Fence, GuardPath};
+use super::in_flight::{InFlight, Numbered, REPLY_TIMEOUT_US};
 use super::nonblocking_port::Port;
 use super::profile::Profile;
 use super::serial::{MAX_READS, read_waiting};
@@ -36,7 +36,6 @@ use counter::Counter;
 use palpate_core::{Sample, Vec3, clamp_force, vec3};
 use palpate_link::message::{ENABLED, HOMED, HOMING, REFUSED};
 use palpate_link::{DeviceFault, DeviceInfo as LinkInfo, DeviceMessage, FrameReader, HostMessage, VERSION};
-use requests::{REPLY_TIMEOUT_US, Requests};
 use slew::SlewLimiter;
 use std::time::Duration;
 use stopping::write;
@@ -128,7 +127,7 @@ pub struct Link {
     opening_session: bool,
     nonce: u32,
     hello_sent_us: Option<u64>,
-    requests: Requests,
+    requests: Numbered,
     homing: Homing,
     enabled: bool,
     latched: Option<LinkFault>,

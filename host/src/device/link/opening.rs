@@ -1,9 +1,9 @@
 //! Opens a session, before the loop; may block.
 
-use super::requests::Requests;
 use super::stopping::write;
 use super::{Counter, Homing, Link, LinkConfig, SlewLimiter};
 use crate::device::fence::Fence;
+use crate::device::in_flight::Numbered;
 use crate::device::nonblocking_port::Port;
 use crate::device::serial::{from_serial, open};
 use crate::device::{DeviceError, DeviceErrorKind, wait_homed};
@@ -111,7 +111,7 @@ impl Link {
             opening_session: false,
             nonce,
             hello_sent_us: None,
-            requests: Requests::default(),
+            requests: Numbered::default(),
             homing: Homing::Unknown,
             enabled: false,
             latched: None,

@@ -1,11 +1,13 @@
 //! A fault during a touch: checks its outcome, that nothing resumes without a reset, and that a reset
 //! restores the force.
 
-use super::{Bench, End, LIFT_TICKS, Opened, Run, Session, TIMEOUT, check};
+use super::{Bench, LIFT_TICKS, Opened, Session, TIMEOUT, check};
 use crate::Outcome;
 use crate::wait_for_reply::{ExchangeCounts, SHORT_TIMEOUT, WaitForReply};
 use palpate_core::{Fault, Phase, vec3};
-use palpate_hil::bench::{BenchCommand, BenchFault, HOMING_STEP};
+use palpate_hil::bench::{BenchCommand, BenchRun, HOMING_STEP};
+use palpate_hil::fault::FaultKind;
+use palpate_hil::matrix::Ended;
 use palpate_host::DeviceErrorKind;
 use palpate_host::device::DeviceState;
 use palpate_host::rt::{Controls, VirtualClock};
@@ -56,23 +58,23 @@ impl Bench<'_> {
         &mut self,
         mut session: Session<'_, '_, Opened>,
         controls: &Controls,
-        fault: BenchFault,
-        run: &mut Run,
+        fault: FaultKind,
+        run: &mut BenchRun,
         counts: &Arc<ExchangeCounts>,
     ) -> Outcome<()> {
         let loads = self.line.report()?.loads;
         // A wrong echo happened during the load and costs no reply now.
-        counts.injected.store(fault != BenchFault::WrongEcho, Ordering::Relaxed);
+        counts.injected.store(fault != FaultKind::WrongEcho, Ordering::Relaxed);
         self.command(BenchCommand::Inject)?;
         // The request in flight when homing is lost carries a force.
-        self.unhomed_force_allowed = fault == BenchFault::HomingLost;
+        self.unhomed_force_allowed = fault == FaultKind::HomingLost;
         self.step_until_end(&mut session, run, counts)?;
         check(run.zero_ticks <= ZERO_TICKS, || {
             format!("a force {} ticks after the last sample", run.zero_ticks)
         })?;
-        check(as_expected(fault, run.end), || format!("{} ended as {}", fault.name(), run.end))?;
-        self.log(format_args!("{}: {}", fault.name(), run.end));
-        let is_lost = matches!(run.end, End::Lost(_));
+        check(fault.allows_on_bench(run.ended), || format!("{fault} ended as {}", run.ended.name()))?;
+        self.log(format_args!("{fault}: {}", run.ended.name()));
+        let is_lost = run.ended == Ended::Lost;
         // Dropping a lost device sends zero if the link still works.
         let mut session = if is_lost {
             drop(session);
@@ -83,15 +85,15 @@ impl Bench<'_> {
         let mut report = self.check_limits()?;
         run.injected = report.injected;
         (run.largest_n, run.step_n) = (report.largest_n, report.step_n);
-        check(fault == BenchFault::WrongEcho || report.injected > 0, || "no fault was injected".into())?;
+        check(fault == FaultKind::WrongEcho || report.injected > 0, || "no fault was injected".into())?;
         if is_lost && !fault.keeps_power() {
             report = self.check_zero("after the loss of the device")?;
-        } else if run.end != End::Active && !is_lost {
+        } else if run.ended != Ended::Recovered && !is_lost {
             report = self.check_zero("after a latched fault")?;
         }
         self.command(BenchCommand::ClearFaults)?;
 
-        if let (Some(latched), true) = (&mut session, run.end != End::Active) {
+        if let (Some(latched), true) = (&mut session, run.ended != Ended::Recovered) {
             let state = self.state_after_latch(latched, fault)?;
             self.stays_latched(latched, controls, state)?;
             if matches!(state, DeviceAfterLatch::Doubted | DeviceAfterLatch::Silent) {
@@ -119,7 +121,7 @@ impl Bench<'_> {
             }
         };
         // A fault from which the loop recovered has no time to zero.
-        run.zero_ms = report.zero_ms.filter(|_| run.end != End::Active);
+        run.zero_ms = report.zero_ms.filter(|_| run.ended != Ended::Recovered);
         counts.injected.store(false, Ordering::Relaxed);
         self.command(BenchCommand::Lift)?;
         session.ticks(LIFT_TICKS)?;
@@ -131,15 +133,17 @@ impl Bench<'_> {
     fn step_until_end(
         &self,
         session: &mut Session<'_, '_, Opened>,
-        run: &mut Run,
+        run: &mut BenchRun,
         counts: &ExchangeCounts,
     ) -> Outcome<()> {
         let mut since = None;
-        run.end = End::Active;
+        run.ended = Ended::Recovered;
         for tick in 0..FAULT_TICKS {
             match session.step() {
                 Err(error) => {
-                    run.end = End::Lost(error.kind());
+                    run.ended = Ended::Lost;
+                    let is_disconnected = error.kind() == DeviceErrorKind::Disconnected;
+                    check(is_disconnected, || format!("lost by {error}, not by the cable"))?;
                     return check(counts.disconnected.load(Ordering::Relaxed), || {
                         "lost, but the state is not disconnected".into()
                     });
@@ -153,7 +157,7 @@ impl Bench<'_> {
                         run.zero_ticks = run.zero_ticks.max(age);
                     }
                     if let Phase::SafeZero(fault) = record.phase {
-                        run.end = End::Latched(fault);
+                        run.ended = Ended::Latched(fault);
                         return session.ticks(AFTER_TICKS).map(drop);
                     }
                 }
@@ -166,21 +170,21 @@ impl Bench<'_> {
     fn state_after_latch(
         &mut self,
         session: &mut Session<'_, '_, Opened>,
-        fault: BenchFault,
+        fault: FaultKind,
     ) -> Outcome<DeviceAfterLatch> {
         let device = session.ticks(AFTER_TICKS)?.last().map_or(DeviceState::Disconnected, |it| it.device);
         let state = DeviceAfterLatch::of(device, self.line.report()?.homed);
         let is_allowed = match fault {
-            BenchFault::HomingLost => state == DeviceAfterLatch::Unhomed,
-            BenchFault::EncoderJump => state == DeviceAfterLatch::Doubted,
-            BenchFault::PowerCycle => state == DeviceAfterLatch::Silent,
+            FaultKind::HomingLost => state == DeviceAfterLatch::Unhomed,
+            FaultKind::EncoderJump => state == DeviceAfterLatch::Doubted,
+            FaultKind::PowerCycle => state == DeviceAfterLatch::Silent,
             // Three corrupted positions in a row look like an encoder jump.
-            BenchFault::CorruptReply | BenchFault::RandomMix => {
+            FaultKind::CorruptReply | FaultKind::RandomMix => {
                 matches!(state, DeviceAfterLatch::Sound | DeviceAfterLatch::Doubted)
             }
             _ => state == DeviceAfterLatch::Sound,
         };
-        check(is_allowed, || format!("{} led to {state:?}", fault.name())).map(|()| state)
+        check(is_allowed, || format!("{fault} led to {state:?}")).map(|()| state)
     }
 
     /// Checks that a latched fault stays, and that the device gives no force before the fault is corrected.
@@ -277,32 +281,5 @@ impl Bench<'_> {
         self.check_no_force("without arming after homing")?;
         self.log("homed again");
         Ok(())
-    }
-}
-
-/// Whether a fault may end like this.
-fn as_expected(fault: BenchFault, end: End) -> bool {
-    match fault {
-        BenchFault::WrongEcho | BenchFault::DropRequest | BenchFault::DropReply => end == End::Active,
-        BenchFault::UnplugMidFrame | BenchFault::Replug | BenchFault::UnplugPower => {
-            end == End::Lost(DeviceErrorKind::Disconnected)
-        }
-        BenchFault::Silence | BenchFault::PowerCycle => end == End::Latched(Fault::Stale),
-        BenchFault::HomingLost | BenchFault::EncoderJump => end == End::Latched(Fault::NotReady),
-        // The flipped bit may be the homing flag of an axis.
-        BenchFault::CorruptReply | BenchFault::RandomMix => {
-            matches!(end, End::Active | End::Latched(Fault::Stale | Fault::NotReady))
-        }
-        // The timing decides whether too many replies in a row are lost. The driver clears a halted pipe.
-        BenchFault::Noise
-        | BenchFault::Delay
-        | BenchFault::Stall
-        | BenchFault::Duplicate
-        | BenchFault::Truncate
-        | BenchFault::Reorder
-        | BenchFault::StallIn
-        | BenchFault::StallOut => {
-            matches!(end, End::Active | End::Latched(Fault::Stale))
-        }
     }
 }

@@ -1,11 +1,8 @@
 //! Assigns replies to requests on a link with sequence numbers.
 
+use super::{CAPACITY, InFlight};
 use palpate_link::is_newer;
 
-/// Time without a reply after which the next request is sent, us.
-pub(super) const REPLY_TIMEOUT_US: u64 = 2_000;
-/// Number of requests kept: at one per 2 ms the oldest is three times as old as the stale limit of 10 ms.
-const CAPACITY: usize = 16;
 /// Largest initial number. A number is newer than the 0 of a device in a new session if it is ahead by less
 /// than 2^31.
 const MAX_INITIAL_NUMBER: u32 = 1 << 30;
@@ -13,7 +10,7 @@ const MAX_INITIAL_NUMBER: u32 = 1 << 30;
 /// The requests of a session. A reply names the newest request that the device had received, so a late reply
 /// has its true age.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Requests {
+pub(in crate::device) struct Numbered {
     /// Number and send time of the last requests, indexed by number.
     sent: [(u32, u64); CAPACITY],
     newest: u32,
@@ -22,16 +19,16 @@ pub(super) struct Requests {
     last_reply_us: Option<u64>,
 }
 
-impl Requests {
+impl Numbered {
     /// An empty list for a new session. The numbers continue, so that a late reply of the old session matches
     /// no request. They restart before a device that starts at 0 would take them for old ones.
-    pub(super) fn next_session(&self) -> Self {
+    pub(in crate::device) fn next_session(&self) -> Self {
         let newest = if self.newest < MAX_INITIAL_NUMBER { self.newest } else { 0 };
         Self { newest, answered: newest, ..Self::default() }
     }
 
     /// Assigns the number of a request that is sent now.
-    pub(super) fn number(&mut self, now_us: u64) -> u32 {
+    pub(in crate::device) fn number(&mut self, now_us: u64) -> u32 {
         self.newest = self.newest.wrapping_add(1);
         self.sent[self.newest as usize % CAPACITY] = (self.newest, now_us);
         self.newest
@@ -39,7 +36,7 @@ impl Requests {
 
     /// Processes a reply and returns the send time of its request. `None` for a request that was answered,
     /// superseded, dropped or never sent.
-    pub(super) fn answered(&mut self, now_us: u64, seq_echo: u32) -> Option<u64> {
+    pub(in crate::device) fn answered(&mut self, now_us: u64, seq_echo: u32) -> Option<u64> {
         let sent_us = self.sent_us(seq_echo).filter(|_| is_newer(seq_echo, self.answered))?;
         self.answered = seq_echo;
         self.last_reply_us = Some(now_us);
@@ -47,25 +44,21 @@ impl Requests {
     }
 
     /// Send time of a request of this session, if it is still in the list.
-    pub(super) fn sent_us(&self, number: u32) -> Option<u64> {
+    pub(in crate::device) fn sent_us(&self, number: u32) -> Option<u64> {
         let (stored, sent_us) = self.sent[number as usize % CAPACITY];
         (stored == number).then_some(sent_us)
     }
 
-    /// Whether the newest request has timed out.
-    pub(super) fn is_overdue(&self, now_us: u64) -> bool {
-        let (_, sent_us) = self.sent[self.newest as usize % CAPACITY];
-        self.answered != self.newest && now_us.saturating_sub(sent_us) >= REPLY_TIMEOUT_US
-    }
-
-    /// Whether the next request may be sent: the newest was answered or has timed out.
-    pub(super) fn may_send(&self, now_us: u64) -> bool {
-        self.answered == self.newest || self.is_overdue(now_us)
-    }
-
     /// Time since the last reply, us.
-    pub(super) fn silent_us(&mut self, now_us: u64) -> u64 {
+    pub(in crate::device) fn silent_us(&mut self, now_us: u64) -> u64 {
         now_us.saturating_sub(*self.last_reply_us.get_or_insert(now_us))
+    }
+}
+
+impl InFlight for Numbered {
+    fn newest_open_us(&self) -> Option<u64> {
+        let (_, sent_us) = self.sent[self.newest as usize % CAPACITY];
+        (self.answered != self.newest).then_some(sent_us)
     }
 }
 
@@ -75,7 +68,7 @@ mod tests {
 
     #[test]
     fn a_reply_has_the_time_of_its_request_and_counts_once() {
-        let mut requests = Requests::default();
+        let mut requests = Numbered::default();
         assert!(requests.may_send(0) && requests.answered(0, 0).is_none(), "0 is not a request");
         assert_eq!(requests.number(0), 1);
         assert!(!requests.may_send(1_000) && requests.may_send(2_000) && requests.is_overdue(2_000));
@@ -92,7 +85,7 @@ mod tests {
     /// A State message does not contain its session.
     #[test]
     fn a_reply_of_an_old_session_is_ignored() {
-        let mut requests = Requests::default();
+        let mut requests = Numbered::default();
         requests.number(0);
         requests.number(2_000);
         let mut requests = requests.next_session();
@@ -102,13 +95,13 @@ mod tests {
             assert_eq!(requests.answered(4_000, old), None, "{old}");
         }
         assert_eq!(requests.answered(4_000, 3), Some(3_000));
-        let last = Requests { newest: MAX_INITIAL_NUMBER, ..Requests::default() };
+        let last = Numbered { newest: MAX_INITIAL_NUMBER, ..Numbered::default() };
         assert_eq!(last.next_session().number(0), 1, "newer than 0");
     }
 
     #[test]
     fn numbers_wrap_round_and_old_requests_are_dropped() {
-        let mut requests = Requests { newest: u32::MAX - 1, answered: u32::MAX - 1, ..Requests::default() };
+        let mut requests = Numbered { newest: u32::MAX - 1, answered: u32::MAX - 1, ..Numbered::default() };
         assert_eq!((requests.number(1), requests.number(2)), (u32::MAX, 0));
         assert_eq!((requests.answered(3, u32::MAX), requests.answered(3, 0)), (Some(1), Some(2)));
         for i in 0..20 {

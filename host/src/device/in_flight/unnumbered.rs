@@ -1,7 +1,7 @@
 //! Assigns replies to requests on a link whose packets have no sequence numbers.
 
-/// Time without a reply after which the next request is sent, us.
-const REPLY_TIMEOUT_US: u64 = 2_000;
+use super::{CAPACITY, InFlight};
+
 /// Silence after which open requests count as lost, us. It is longer than the pause between two requests, so
 /// that a link with constant delay is not mistaken for one with loss.
 const SILENCE_US: u64 = 3_000;
@@ -24,9 +24,6 @@ const REPEAT_PERIOD_US: u64 = 6_000;
 /// Time without silence after which an acknowledged zero is sent again, us. It is longer than the largest
 /// delay that the pause allows for.
 const RECHECK_US: u64 = 200_000;
-/// Capacity for requests without a reply. At one request per 2 ms the oldest is three times as old as the
-/// stale limit of 10 ms.
-pub(super) const MAX_PENDING: usize = 16;
 
 /// Send times of the requests without a reply, oldest first.
 ///
@@ -35,8 +32,8 @@ pub(super) const MAX_PENDING: usize = 16;
 /// younger. When a reply leaves other requests open, sending pauses until the other replies arrive or a
 /// silence shows that they are lost.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Pending {
-    sent_us: [u64; MAX_PENDING],
+pub(in crate::device) struct Unnumbered {
+    sent_us: [u64; CAPACITY],
     len: usize,
     /// Number of older requests dropped for lack of room. The next replies belong to them and are too old to
     /// use.
@@ -60,9 +57,9 @@ pub(super) struct Pending {
     acknowledged_us: Option<u64>,
 }
 
-impl Pending {
-    pub(super) fn sent(&mut self, now_us: u64, is_zero: bool) {
-        if self.len == MAX_PENDING {
+impl Unnumbered {
+    pub(in crate::device) fn sent(&mut self, now_us: u64, is_zero: bool) {
+        if self.len == CAPACITY {
             let oldest_us = self.take_oldest();
             if self.dropped == 0 {
                 self.dropped_us = oldest_us.unwrap_or(now_us);
@@ -84,7 +81,7 @@ impl Pending {
 
     /// Removes the request that was sent before the `newer` last ones: it was never transmitted and has no
     /// reply.
-    pub(super) fn not_transmitted(&mut self, newer: u64) {
+    pub(in crate::device) fn not_transmitted(&mut self, newer: u64) {
         let place = usize::try_from(newer).ok().and_then(|newer| self.len.checked_sub(newer)?.checked_sub(1));
         if let Some(open) = place.and_then(|place| self.sent_us.get_mut(place..self.len)) {
             open.rotate_left(1);
@@ -94,7 +91,7 @@ impl Pending {
 
     /// Assigns a reply, or the remains of one, to the oldest request and returns its send time. `None` if
     /// that is unknown or not usable.
-    pub(super) fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
+    pub(in crate::device) fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
         // The exact age of a dropped request is unknown; this is an upper bound.
         let first_us = if self.dropped > 0 { self.dropped_us } else { self.sent_us[0] };
         let age_us = now_us.saturating_sub(first_us);
@@ -139,7 +136,7 @@ impl Pending {
 
     /// Ends the pause after silence; true if it just ended. A pause with repeated zeros ends only after one
     /// is acknowledged: otherwise the replies under way would be assigned to newer requests.
-    pub(super) fn ends_pause(&mut self, now_us: u64) -> bool {
+    pub(in crate::device) fn ends_pause(&mut self, now_us: u64) -> bool {
         let silence_us = SILENCE_US.max(self.late_us);
         let is_silent =
             self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= silence_us);
@@ -150,21 +147,15 @@ impl Pending {
         ends
     }
 
-    /// Whether the newest request has timed out.
-    pub(super) fn is_overdue(&self, now_us: u64) -> bool {
-        let newest_us = self.len.checked_sub(1).map(|last| self.sent_us[last]);
-        newest_us.is_some_and(|sent_us| now_us.saturating_sub(sent_us) >= REPLY_TIMEOUT_US)
-    }
-
     /// Pauses sending until there is silence.
-    pub(super) const fn pause(&mut self, now_us: u64) {
+    pub(in crate::device) const fn pause(&mut self, now_us: u64) {
         self.pause_from(now_us);
         self.late_us = 0;
     }
 
     /// Whether to repeat a zero: in a lasting pause until a reply acknowledges one, and again if no silence
     /// follows.
-    pub(super) fn may_repeat_zero(&mut self, now_us: u64) -> bool {
+    pub(in crate::device) fn may_repeat_zero(&mut self, now_us: u64) -> bool {
         let since = |us: u64| now_us.saturating_sub(us);
         if self.pausing_since_us.is_none()
             || since(self.paused_us) < REPEAT_PERIOD_US
@@ -176,10 +167,15 @@ impl Pending {
         (self.repeated, self.acknowledged_us) = (true, None);
         true
     }
+}
 
-    /// Whether the next request may be sent: none is open, or the open ones have timed out.
-    pub(super) fn may_send(&self, now_us: u64) -> bool {
-        self.pausing_since_us.is_none() && (self.len == 0 || self.is_overdue(now_us))
+impl InFlight for Unnumbered {
+    fn newest_open_us(&self) -> Option<u64> {
+        self.len.checked_sub(1).map(|last| self.sent_us[last])
+    }
+
+    fn is_pausing(&self) -> bool {
+        self.pausing_since_us.is_some()
     }
 }
 
@@ -189,7 +185,7 @@ mod tests {
 
     #[test]
     fn a_reply_has_the_time_of_its_request() {
-        let mut pending = Pending::default();
+        let mut pending = Unnumbered::default();
         assert!(pending.may_send(0));
         pending.sent(0, true);
         assert!(!pending.may_send(1_000), "one request at a time");
@@ -200,7 +196,7 @@ mod tests {
     /// The late reply is assigned to the request that timed out, and the next reply to the next request.
     #[test]
     fn a_late_reply_is_not_assigned_to_a_newer_request() {
-        let mut pending = Pending::default();
+        let mut pending = Unnumbered::default();
         pending.sent(0, true);
         assert!(pending.is_overdue(2_000) && pending.may_send(2_000));
         pending.sent(2_000, true);
@@ -215,7 +211,7 @@ mod tests {
     #[test]
     fn a_request_that_was_not_transmitted_is_removed() {
         let sent = |times: &[u64]| {
-            let mut pending = Pending::default();
+            let mut pending = Unnumbered::default();
             times.iter().for_each(|us| pending.sent(*us, true));
             pending
         };
@@ -239,7 +235,7 @@ mod tests {
 
     #[test]
     fn after_silence_open_requests_count_as_lost() {
-        let mut pending = Pending::default();
+        let mut pending = Unnumbered::default();
         pending.sent(0, true);
         pending.sent(2_000, true);
         assert_eq!(pending.answered(3_000, false), Some(0));
@@ -254,7 +250,7 @@ mod tests {
     /// next after 44 ms.
     #[test]
     fn a_link_with_a_new_delay_in_both_directions_is_not_taken_for_silent() {
-        let mut pending = Pending::default();
+        let mut pending = Unnumbered::default();
         pending.sent(0, true);
         for tick in 1..12 {
             pending.sent(2_000 * tick, true);
@@ -270,7 +266,7 @@ mod tests {
         );
 
         // By 36 ms: the first requests are dropped from the list by then.
-        let mut pending = Pending::default();
+        let mut pending = Unnumbered::default();
         for tick in 0..18 {
             pending.sent(2_000 * tick, true);
         }
@@ -283,7 +279,7 @@ mod tests {
     #[test]
     fn duplicated_replies_of_a_late_link_do_not_look_younger() {
         for late_ms in 1..45_u64 {
-            let (mut pending, mut last) = (Pending::default(), None);
+            let (mut pending, mut last) = (Unnumbered::default(), None);
             // Send time, and arrival times of both replies.
             let mut under_way = std::collections::VecDeque::new();
             for ms in 0..600_u64 {
@@ -314,7 +310,7 @@ mod tests {
     /// acknowledged. Then silence can follow.
     #[test]
     fn a_zero_is_repeated_until_it_is_acknowledged() {
-        let mut pending = Pending::default();
+        let mut pending = Unnumbered::default();
         pending.sent(0, false);
         pending.sent(2_000, true);
         pending.answered(2_500, true);
@@ -343,7 +339,7 @@ mod tests {
     #[test]
     fn repeated_zeros_do_not_make_a_reply_look_younger() {
         for lost_ms in 1..80 {
-            let mut pending = Pending::default();
+            let mut pending = Unnumbered::default();
             // Send time, and arrival time of the reply.
             let mut under_way = std::collections::VecDeque::new();
             for ms in 0..600_u64 {
@@ -369,12 +365,12 @@ mod tests {
     /// The delay exceeds the capacity of the list: no reply is assigned to a request sent long after its own.
     #[test]
     fn replies_to_dropped_requests_are_not_assigned_to_others() {
-        let mut pending = Pending::default();
+        let mut pending = Unnumbered::default();
         for i in 0..100 {
             pending.sent(i, true);
         }
         for reply in 0..100 {
-            let kept = (reply >= 100 - MAX_PENDING as u64).then_some(reply);
+            let kept = (reply >= 100 - CAPACITY as u64).then_some(reply);
             assert_eq!(pending.answered(200 + reply, false), kept);
             assert_eq!(pending.may_send(200 + reply), reply == 99, "{reply}");
         }

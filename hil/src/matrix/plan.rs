@@ -1,125 +1,9 @@
-//! The kinds of fault, and their parameters in one run.
+//! The parameters of a fault in one run, drawn from its seed.
 
-use super::ended::Ended;
-use crate::fault::{Faults, REORDER_TIMEOUT_US};
-use crate::rig::{HardwareFault, RigKind};
-use palpate_core::Fault;
-
-/// Kind of fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum FaultKind {
-    /// Frames are lost, 1 to 40 ms.
-    Drop,
-    /// No frame passes in either direction for 60 ms.
-    Silence,
-    /// Frames are delayed by 2 to 40 ms, for up to 60 ms.
-    Delay,
-    /// Frames are duplicated, 1 to 40 ms.
-    Duplicate,
-    /// Frames are truncated, 1 to 40 ms.
-    Truncate,
-    /// One bit of each reply is flipped, 1 to 10 ms.
-    CorruptReply,
-    /// One bit of each request is flipped, 1 to 10 ms.
-    CorruptRequest,
-    /// Frames are reordered, 1 to 40 ms.
-    Reorder,
-    /// The link holds all frames for 3 to 60 ms, then releases them at once.
-    Stall,
-    /// The link refuses requests with an error to the driver, 1 to 60 ms.
-    Refuse,
-    /// Random bytes before each frame or periodically, 1 to 40 ms.
-    Noise,
-    /// One fault to the device and another to the host, 1 to 60 ms; in half of the runs two others follow.
-    Mixed,
-    /// The cable is pulled during a request and plugged in again.
-    UnplugMidFrame,
-    /// The cable is pulled between two requests and plugged in again.
-    Replug,
-    /// An encoder miscounts by 0.5 to 40 mm at the handle.
-    EncoderJump,
-    /// The device loses its homing.
-    HomingLost,
-    /// The device loses its power for a moment; in half of the runs it is silent for up to 150 ms.
-    PowerCycle,
-    /// The boot loader echoes a wrong byte, stops, or does not start the firmware.
-    WrongEcho,
-    /// A USB transfer is stalled.
-    TransferStall,
-    /// The cable is pulled, and the device loses its power.
-    UnplugPower,
-    /// A random mix of faults on the UART.
-    RandomMix,
-    /// The host process is killed.
-    HostKilled,
-    /// The host process is stopped and resumed later.
-    HostPaused,
-    /// The guard process is killed.
-    GuardKilled,
-    /// The guard process is stopped and resumed later.
-    GuardPaused,
-}
+use crate::fault::{FaultKind, Faults, REORDER_TIMEOUT_US};
+use crate::rig::RigKind;
 
 impl FaultKind {
-    /// The kinds that need processes: each loses one of host and guard.
-    pub const PROCESSES: [Self; 4] =
-        [Self::HostKilled, Self::HostPaused, Self::GuardKilled, Self::GuardPaused];
-
-    /// All kinds that run in lockstep. The others need USB ([`crate::bench`]) or processes
-    /// ([`crate::hosts`]).
-    pub const ALL: [Self; 18] = [
-        Self::Drop,
-        Self::Silence,
-        Self::Delay,
-        Self::Duplicate,
-        Self::Truncate,
-        Self::CorruptReply,
-        Self::CorruptRequest,
-        Self::Reorder,
-        Self::Stall,
-        Self::Refuse,
-        Self::Noise,
-        Self::Mixed,
-        Self::UnplugMidFrame,
-        Self::Replug,
-        Self::EncoderJump,
-        Self::HomingLost,
-        Self::PowerCycle,
-        Self::WrongEcho,
-    ];
-
-    /// Name in tables.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Drop => "drop",
-            Self::Silence => "silence",
-            Self::Delay => "delay",
-            Self::Duplicate => "duplicate",
-            Self::Truncate => "truncate",
-            Self::CorruptReply => "corrupt reply",
-            Self::CorruptRequest => "corrupt request",
-            Self::Reorder => "reorder",
-            Self::Stall => "stall",
-            Self::Refuse => "refused",
-            Self::Noise => "noise",
-            Self::Mixed => "mixed",
-            Self::UnplugMidFrame => "unplug mid-frame",
-            Self::Replug => "unplug, replug",
-            Self::EncoderJump => "encoder jump",
-            Self::HomingLost => "homing lost",
-            Self::PowerCycle => "power cycle",
-            Self::WrongEcho => "wrong firmware echo",
-            Self::TransferStall => "transfer stalled",
-            Self::UnplugPower => "unplug, power too",
-            Self::RandomMix => "random mix",
-            Self::HostKilled => "host-killed",
-            Self::HostPaused => "host-paused",
-            Self::GuardKilled => "guard-killed",
-            Self::GuardPaused => "guard-paused",
-        }
-    }
-
     /// The faults of each direction and their durations in the run of a seed, for display.
     #[must_use]
     pub fn plan_for_display(self, seed: u64) -> impl core::fmt::Debug {
@@ -128,10 +12,10 @@ impl FaultKind {
 
     /// Whether it applies to a rig: loss of homing and power only to a device that homes, a boot loader only
     /// to the Falcon.
-    pub(super) fn applies_to(self, kind: RigKind) -> bool {
+    #[must_use]
+    pub fn applies_to(self, kind: RigKind) -> bool {
         match self {
-            Self::HomingLost => (kind.make)(0).inject(HardwareFault::HomingLost),
-            Self::PowerCycle => (kind.make)(0).inject(HardwareFault::PowerCycle),
+            Self::HomingLost | Self::PowerCycle => (kind.make)(0).inject(self),
             Self::WrongEcho => kind.name == "falcon-memory",
             // A serial line accepts all writes or blocks.
             Self::Refuse => kind.name.starts_with("falcon"),
@@ -142,37 +26,6 @@ impl FaultKind {
     /// Whether the device has lost its homing afterwards.
     pub(super) const fn loses_homing(self) -> bool {
         matches!(self, Self::HomingLost | Self::PowerCycle | Self::EncoderJump)
-    }
-
-    /// Whether this outcome is allowed. A latch with another reason is a different fault.
-    pub(super) const fn allows(self, ended: Ended) -> bool {
-        let is_stale = matches!(ended, Ended::Latched(Fault::Stale));
-        let is_recovered = matches!(ended, Ended::Recovered);
-        let is_not_ready = matches!(ended, Ended::Latched(Fault::NotReady));
-        match self {
-            Self::Duplicate | Self::Reorder => is_recovered,
-            Self::Silence => is_stale,
-            // A corrupted homing flag may report that the device is not homed.
-            Self::CorruptReply | Self::Mixed => is_recovered || is_stale || is_not_ready,
-            Self::EncoderJump => {
-                is_recovered || is_not_ready || matches!(ended, Ended::Latched(Fault::Watchdog))
-            }
-            Self::HomingLost => is_not_ready,
-            Self::PowerCycle => is_stale || is_not_ready,
-            Self::UnplugMidFrame | Self::Replug | Self::UnplugPower => matches!(ended, Ended::Lost),
-            Self::WrongEcho => matches!(ended, Ended::Opened | Ended::Refused),
-            Self::HostKilled | Self::HostPaused => matches!(ended, Ended::Guard | Ended::Watchdog),
-            Self::GuardKilled | Self::GuardPaused => matches!(ended, Ended::Host),
-            Self::Drop
-            | Self::Delay
-            | Self::Truncate
-            | Self::CorruptRequest
-            | Self::Stall
-            | Self::Refuse
-            | Self::Noise
-            | Self::TransferStall
-            | Self::RandomMix => is_recovered || is_stale,
-        }
     }
 }
 
