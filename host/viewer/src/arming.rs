@@ -81,6 +81,7 @@ mod tests {
         for picture in 0..1_000 {
             assert!(!chord.update(picture % 30 != 29, FRAME, &homed()), "{picture}");
         }
+        assert!(!chord.update(false, FRAME, &homed()) && chord.remaining().is_none());
         assert!(!chord.update(true, FRAME, &homed()));
         assert_eq!(chord.remaining(), Some(HOLD));
         assert!(!chord.update(true, FRAME, &homed()));

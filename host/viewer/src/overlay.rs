@@ -142,7 +142,7 @@ impl Overlay {
             y += 21.0 * scale;
             let style = TextStyle::new(9.5 * scale, colour);
             self.text(image, value, right, y, Align::Right, style);
-            self.text(image, name, right - 150.0 * scale, y, Align::Left, label);
+            self.text(image, name, right - 175.0 * scale, y, Align::Left, label);
         }
     }
 
