@@ -1,57 +1,40 @@
 //! The emulated chip for a driver in another process: its transfers over a socket, one at a time.
 //!
-//! A message is a [`Call`] or an [`Answer`] in postcard, preceded by its length, u16 little-endian.
+//! A request is a letter and a body: `c` with request u8 and value u16; `w` with bytes; `r` with capacity u16
+//! and timeout in us u32; `z` with bytes that a guard writes, which has no reply. Any other reply is a letter, `k` for done, `t` for timeout and `g` for disconnected, and a
+//! body: the bytes read, or the number of bytes written. Each body is preceded by its length, u16. All
+//! numbers are little-endian.
 
 use super::memory::MemoryFtdi;
 use palpate_host::device::falcon::Ftdi;
 use palpate_host::device::fence::{GuardPath, Wire};
 use palpate_host::{DeviceError, DeviceErrorKind};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// A transfer that the driver requests.
-#[derive(Debug, Serialize, Deserialize)]
-enum Call {
-    Control {
-        request: u8,
-        value: u16,
-    },
-    Write(Vec<u8>),
-    /// From a guard; it has no answer.
-    GuardWrite(Vec<u8>),
-    Read {
-        room: u16,
-        timeout_us: u32,
-    },
-}
+const CONTROL: u8 = b'c';
+const WRITE: u8 = b'w';
+const GUARD_WRITE: u8 = b'z';
+const READ: u8 = b'r';
+const DONE: u8 = b'k';
+const TIMED_OUT: u8 = b't';
+const DISCONNECTED: u8 = b'g';
 
-/// The result of a transfer.
-#[derive(Debug, Serialize, Deserialize)]
-enum Answer {
-    Done,
-    Written(u16),
-    Read(Vec<u8>),
-    TimedOut,
-    Disconnected,
-}
-
-fn send(stream: &mut impl Write, message: &impl Serialize) -> io::Result<()> {
-    let body = postcard::to_allocvec(message).map_err(io::Error::other)?;
+fn send(stream: &mut impl Write, letter: u8, body: &[u8]) -> io::Result<()> {
     let len = u16::try_from(body.len()).map_err(io::Error::other)?;
-    stream.write_all(&[&len.to_le_bytes()[..], &body].concat())
+    stream.write_all(&[&[letter], &len.to_le_bytes()[..], body].concat())
 }
 
-fn receive<T: DeserializeOwned>(stream: &mut UnixStream) -> io::Result<T> {
-    let mut len = [0; 2];
-    stream.read_exact(&mut len)?;
-    let mut body = vec![0; usize::from(u16::from_le_bytes(len))];
+fn receive(stream: &mut UnixStream) -> io::Result<(u8, Vec<u8>)> {
+    let mut head = [0; 3];
+    stream.read_exact(&mut head)?;
+    let [letter, low, high] = head;
+    let mut body = vec![0; usize::from(u16::from_le_bytes([low, high]))];
     stream.read_exact(&mut body)?;
-    postcard::from_bytes(&body).map_err(io::Error::other)
+    Ok((letter, body))
 }
 
 /// An abstract socket name, which leaves no file behind.
@@ -70,28 +53,34 @@ pub fn listen(name: &str) -> io::Result<UnixListener> {
 pub fn serve(mut stream: UnixStream, chip: &MemoryFtdi) -> io::Result<()> {
     stream.set_nonblocking(false)?;
     loop {
-        let answer = match receive(&mut stream)? {
-            Call::GuardWrite(bytes) => {
-                // A packet always fits.
-                let _ = chip.write(&bytes, Duration::ZERO);
-                continue;
+        let (letter, body) = receive(&mut stream)?;
+        if letter == GUARD_WRITE {
+            // A packet always fits.
+            let _ = chip.write(&body, Duration::ZERO);
+            continue;
+        }
+        let answer = match (letter, &body[..]) {
+            (CONTROL, [request, low, high]) => {
+                chip.control(*request, u16::from_le_bytes([*low, *high])).map(|()| Vec::new())
             }
-            Call::Control { request, value } => chip.control(request, value).map(|()| Answer::Done),
-            Call::Write(bytes) => {
-                chip.write(&bytes, Duration::ZERO).map(|count| Answer::Written(count as u16))
+            (WRITE, bytes) => {
+                chip.write(bytes, Duration::ZERO).map(|count| (count as u16).to_le_bytes().into())
             }
-            Call::Read { room, timeout_us } => {
-                let mut buffer = vec![0; room.into()];
-                chip.read(&mut buffer, Duration::from_micros(timeout_us.into())).map(|count| {
+            (READ, [low, high, us @ ..]) => {
+                let us = <[u8; 4]>::try_from(us).map_err(io::Error::other)?;
+                let mut buffer = vec![0; u16::from_le_bytes([*low, *high]).into()];
+                chip.read(&mut buffer, Duration::from_micros(u32::from_le_bytes(us).into())).map(|count| {
                     buffer.truncate(count);
-                    Answer::Read(buffer)
+                    buffer
                 })
             }
+            _ => return Err(io::ErrorKind::InvalidData.into()),
         };
-        let failed = |error: DeviceError| {
-            if error.kind().is_transient() { Answer::TimedOut } else { Answer::Disconnected }
-        };
-        send(&mut stream, &answer.unwrap_or_else(failed))?;
+        match answer {
+            Ok(body) => send(&mut stream, DONE, &body)?,
+            Err(error) if error.kind().is_transient() => send(&mut stream, TIMED_OUT, &[])?,
+            Err(_) => send(&mut stream, DISCONNECTED, &[])?,
+        }
     }
 }
 
@@ -105,39 +94,36 @@ impl SocketFtdi {
         UnixStream::connect_addr(&address(name)?).map(|stream| Self(Mutex::new(stream)))
     }
 
-    fn request(&self, call: &Call) -> Result<Answer, DeviceError> {
+    fn request(&self, letter: u8, body: &[u8]) -> Result<Vec<u8>, DeviceError> {
         let mut stream = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        match send(&mut *stream, call).and_then(|()| receive(&mut stream)) {
-            Ok(Answer::TimedOut) => Err(DeviceError::new(DeviceErrorKind::Timeout)),
-            Ok(Answer::Disconnected) | Err(_) => Err(DeviceError::new(DeviceErrorKind::Disconnected)),
-            Ok(answer) => Ok(answer),
+        let answer = send(&mut *stream, letter, body).and_then(|()| receive(&mut stream));
+        match answer {
+            Ok((DONE, body)) => Ok(body),
+            Ok((TIMED_OUT, _)) => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+            _ => Err(DeviceError::new(DeviceErrorKind::Disconnected)),
         }
     }
 }
 
 impl Ftdi for SocketFtdi {
     fn control(&self, request: u8, value: u16) -> Result<(), DeviceError> {
-        self.request(&Call::Control { request, value }).map(drop)
+        let [low, high] = value.to_le_bytes();
+        self.request(CONTROL, &[request, low, high]).map(drop)
     }
 
     /// Does not wait for room, because a packet always fits.
     fn write(&self, bytes: &[u8], _timeout: Duration) -> Result<usize, DeviceError> {
-        match self.request(&Call::Write(bytes.to_vec()))? {
-            Answer::Written(count) => Ok(count.into()),
-            _ => Err(DeviceError::new(DeviceErrorKind::Disconnected)),
-        }
+        let count = self.request(WRITE, bytes)?;
+        Ok(usize::from(u16::from_le_bytes(count.try_into().unwrap_or_default())))
     }
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
-        let room = u16::try_from(buffer.len()).unwrap_or(u16::MAX);
-        let timeout_us = u32::try_from(timeout.as_micros()).unwrap_or(u32::MAX);
-        match self.request(&Call::Read { room, timeout_us })? {
-            Answer::Read(bytes) if bytes.len() <= buffer.len() => {
-                buffer[..bytes.len()].copy_from_slice(&bytes);
-                Ok(bytes.len())
-            }
-            _ => Err(DeviceError::new(DeviceErrorKind::Disconnected)),
-        }
+        let room = u16::try_from(buffer.len()).unwrap_or(u16::MAX).to_le_bytes();
+        let us = u32::try_from(timeout.as_micros()).unwrap_or(u32::MAX).to_le_bytes();
+        let bytes = self.request(READ, &[&room[..], &us].concat())?;
+        let room = buffer.get_mut(..bytes.len()).ok_or(DeviceError::new(DeviceErrorKind::Io))?;
+        room.copy_from_slice(&bytes);
+        Ok(bytes.len())
     }
 
     fn guard_path(&self) -> io::Result<Option<GuardPath>> {
@@ -147,8 +133,7 @@ impl Ftdi for SocketFtdi {
 
     fn guard_message(&self, packet: &[u8]) -> Vec<u8> {
         let mut message = Vec::new();
-        send(&mut message, &Call::GuardWrite(packet.to_vec()))
-            .expect("a packet is short, and memory accepts it");
+        send(&mut message, GUARD_WRITE, packet).expect("a packet is short, and memory accepts it");
         message
     }
 }
