@@ -8,13 +8,15 @@ use crate::line::Line;
 use crate::timeout_ftdi::TimeoutFtdi;
 use crate::wait_for_reply::{ExchangeCounts, SHORT_TIMEOUT, WaitForReply};
 use core::fmt;
-use palpate_core::{Config, Controller, LimitConfig, Method, Organ, Phase, vec3};
+use palpate_core::{Controller, Method, Organ, Phase, vec3};
 use palpate_hil::bench::{BenchCommand, BenchRun, Report};
 use palpate_hil::fault::FaultKind;
 use palpate_host::device::DeviceState;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, UsbFtdi};
+use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::settings::controller_config;
 use palpate_host::{Device, DeviceError};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -177,8 +179,10 @@ impl<'o> Bench<'o> {
         clock: &'l VirtualClock,
         controls: &'l Controls,
     ) -> Session<'l, 'o, D> {
-        let limits = LimitConfig { max_force_n: MAX_FORCE_N, ..LimitConfig::default() };
-        let config = Config { limits, ..Config::new(Method::Hybrid) };
+        let falcon = Profile::bundled("falcon").expect("bundled");
+        let workspace = self.config().workspace;
+        let profile = Profile { max_force_n: MAX_FORCE_N, workspace, ..falcon };
+        let config = controller_config(&[self.organ], Method::Hybrid, &device.info(), Some(&profile));
         let controller = Controller::new(self.organ, config).expect("the golden blob contains the method");
         let (producer, records) = rtrb::RingBuffer::new(64);
         let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
