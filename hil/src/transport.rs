@@ -36,7 +36,10 @@ pub struct PtyTransport {
 impl PtyTransport {
     /// A new pseudo terminal: the device's end, and the driver's port.
     pub fn pair() -> io::Result<(Self, TTYPort)> {
-        let (mut device, driver) = TTYPort::pair()?;
+        let (device, driver) = TTYPort::pair()?;
+        // Copies are closed in a new process. The originals are not: a host that another test starts would keep
+        // the line up after this end is dropped.
+        let (mut device, driver) = (device.try_clone_native()?, driver.try_clone_native()?);
         device.set_timeout(Duration::ZERO)?;
         Ok((Self { port: device, buffered: Vec::new() }, driver))
     }
