@@ -3,7 +3,7 @@
 
 use crate::device::DeviceInfo;
 use crate::device::profile::{Buttons, Profile};
-use palpate_core::{Config, Method, Organ};
+use palpate_core::{Config, Method, Organ, clamp_force};
 
 /// Margin of the workspace round the organ, m.
 const WORKSPACE_MARGIN_M: f32 = 0.3;
@@ -44,7 +44,9 @@ pub fn controller_config<const N: usize>(
         passivity.force_delay_us = profile.force_delay_us;
         let count_m = scale * profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
         passivity.position_step_m = passivity.position_step_m.max(count_m);
-        config.gravity_compensation_n = profile.gravity_compensation_n();
+        // The organ keeps half of the force limit, which a scene may lower.
+        let (weight_n, _) = clamp_force(profile.gravity_compensation_n(), 0.5 * limits.max_force_n);
+        config.gravity_compensation_n = weight_n;
         contact.release_height_m = contact.release_height_m.max(HYSTERESIS_COUNTS * count_m);
         contact.grasp_button = profile.buttons.grasp;
     }

@@ -207,7 +207,7 @@ fn the_device_is_zeroed_when_the_session_is_gone() {
     bench.tick();
     let (summary, last, _) = bench.end();
     assert!(summary.abandoned && summary.silences == 0, "{summary:?}");
-    assert_eq!(last, ZERO);
+    assert_eq!(last, ZERO.repeat(5), "one can be lost on the line");
 }
 
 #[test]

@@ -52,6 +52,8 @@ pub enum DeviceErrorKind {
     Unsupported,
     /// The device has latched a fault: it renders no force before [`Device::reset`].
     Faulted(DeviceFault),
+    /// Requests are no longer written, a zero included. The guard writes past the driver.
+    Stalled,
     /// The guard of the device has ended: nothing would zero the force if this process were lost.
     GuardLost,
     /// Any other error of the operating system.
@@ -62,7 +64,7 @@ impl DeviceErrorKind {
     /// Whether the error is transient: the next exchange may succeed.
     #[must_use]
     pub const fn is_transient(self) -> bool {
-        matches!(self, Self::Timeout | Self::BadFrame | Self::Faulted(_))
+        matches!(self, Self::Timeout | Self::BadFrame | Self::Stalled | Self::Faulted(_))
     }
 
     const fn text(self) -> &'static str {
@@ -78,6 +80,7 @@ impl DeviceErrorKind {
             Self::Faulted(DeviceFault::Overspeed) => "the device has latched `overspeed`",
             Self::Faulted(DeviceFault::HomeLost) => "the device has latched `home-lost`",
             Self::Faulted(DeviceFault::Hardware) => "the device has latched `hardware`",
+            Self::Stalled => "requests are no longer written",
             Self::GuardLost => "the guard process has ended",
             Self::Io => "input/output error",
         }

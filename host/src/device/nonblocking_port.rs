@@ -22,8 +22,8 @@ pub trait Port: SerialPort {
     }
 }
 
-/// The port, and its descriptor for writing. The port is opened once, and stays locked (TIOCEXCL and flock) until
-/// the last duplicate of the descriptor is closed.
+/// The port, and its descriptor for writing. The port is opened once, and stays locked (flock) until the last
+/// duplicate of the descriptor is closed.
 #[derive(Debug)]
 pub struct NonBlockingPort {
     port: TTYPort,

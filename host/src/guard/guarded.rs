@@ -20,6 +20,8 @@ pub struct Guarded<D: Device> {
     limit_ns: u64,
     /// Whether the loop has been told that the fence is closed.
     is_reported: bool,
+    /// Whether the driver can no longer write: the loop then stops to beat, so that the guard writes.
+    is_stalled: bool,
     device: D,
 }
 
@@ -51,7 +53,7 @@ impl<D: Device> Guarded<D> {
 
     fn new(guard: Guard, fence: Fence, options: GuardOptions, device: D) -> Self {
         let limit_ns = u64::from(options.limit_ms) * 1_000_000;
-        Self { guard, fence, limit_ns, is_reported: false, device }
+        Self { guard, fence, limit_ns, is_reported: false, is_stalled: false, device }
     }
 
     /// Status of the guard.
@@ -70,7 +72,9 @@ impl<D: Device> Guarded<D> {
 impl<D: Device> Device for Guarded<D> {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let now_ns = sys::monotonic_ns();
-        self.fence.page().beat_loop(now_ns);
+        if !self.is_stalled {
+            self.fence.page().beat_loop(now_ns);
+        }
         if self.guard.has_ended() {
             // The caller stops the device; nothing would zero it if this process were lost now.
             self.fence.page().close();
@@ -80,7 +84,9 @@ impl<D: Device> Device for Guarded<D> {
             self.fence.page().close();
         }
         let hand_force_n = if self.fence.is_closed() { vec3::ZERO } else { hand_force_n };
-        self.device.exchange(now_us, hand_force_n)
+        let exchanged = self.device.exchange(now_us, hand_force_n);
+        self.is_stalled = exchanged.is_err_and(|error| error.kind() == DeviceErrorKind::Stalled);
+        exchanged
     }
 
     fn stop(&mut self) {

@@ -4,7 +4,8 @@ use super::setup::{Ready, Setup};
 use super::watch::{Action, Watch};
 use crate::device::fence::{GuardPath, Page};
 use crate::sys::{self, Policy, RtRequest};
-use nix::sys::signal::SigSet;
+use nix::sys::prctl;
+use nix::sys::signal::{SigSet, Signal};
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
@@ -14,6 +15,8 @@ use std::time::Duration;
 const SETUP_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time for which the last zero is retried while the line does not accept it.
 const FINAL_ZERO_TIMEOUT_NS: u64 = 10_000_000_000;
+/// Number of times that the force of a session that died is zeroed: a zero can be lost on the line.
+const FINAL_ZEROS: u32 = 5;
 /// Pause between two attempts.
 const RETRY: Duration = Duration::from_millis(1);
 
@@ -34,6 +37,10 @@ pub fn guard_stdin() -> io::Result<GuardSummary> {
     // A signal to the session's group ends the session; then this process must zero the force. The kernel hangs
     // up a stopped process that its parent's death orphans (and resumes it).
     SigSet::all().thread_block()?;
+    // Where the kernel does not, because a parent of the session adopts this process, the session's death does.
+    prctl::set_pdeathsig(Signal::SIGCONT)?;
+    // A name of its own: what ends every `palpate` must not end the guard too.
+    prctl::set_name(c"haptic-guard")?;
     guard(UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?))
 }
 
@@ -91,7 +98,7 @@ impl Server {
                         self.page.close();
                         self.summary.silences += 1;
                     }
-                    let is_refused = self.path.send_zero(&self.page).is_err_and(|error| is_transient(&error));
+                    let is_refused = self.path.send_zero(&self.page).is_err_and(|error| !is_gone(&error));
                     self.watch.note_zero(now_ns, is_refused);
                 }
             }
@@ -117,19 +124,27 @@ impl Server {
         !self.socket.read(&mut [0; 64]).is_ok_and(|count| count > 0)
     }
 
-    /// The last zero, retried while the line does not accept it.
+    /// The last zeros, each retried while the line does not accept it.
     fn zero_finally(&mut self) {
         let give_up_ns = sys::monotonic_ns() + FINAL_ZERO_TIMEOUT_NS;
-        while self.path.send_zero(&self.page).is_err_and(|error| is_transient(&error))
-            && sys::monotonic_ns() < give_up_ns
-        {
+        let mut left = if self.summary.abandoned { FINAL_ZEROS } else { 1 };
+        while left > 0 && sys::monotonic_ns() < give_up_ns {
             self.page.beat_guard(sys::monotonic_ns());
-            std::thread::sleep(RETRY);
+            match self.path.send_zero(&self.page) {
+                Ok(()) => left -= 1,
+                Err(error) if is_gone(&error) => return,
+                Err(_) => {}
+            }
+            if left > 0 {
+                std::thread::sleep(RETRY);
+            }
         }
     }
 }
 
-/// Whether the next attempt may succeed.
-fn is_transient(error: &io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::TimedOut)
+/// Whether the device or its cable is gone, so that no attempt can succeed.
+fn is_gone(error: &io::Error) -> bool {
+    use nix::errno::Errno;
+    let gone = [Errno::ENODEV, Errno::ENXIO, Errno::EIO, Errno::EBADF, Errno::ESHUTDOWN, Errno::EPIPE];
+    error.raw_os_error().is_some_and(|code| gone.contains(&Errno::from_raw(code)))
 }

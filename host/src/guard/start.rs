@@ -93,7 +93,7 @@ impl Guard {
         path: &GuardPath,
     ) -> io::Result<Self> {
         let (ours, theirs) = UnixStream::pair()?;
-        command.stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).process_group(0);
+        command.arg0("haptic-guard").stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).process_group(0);
         let child = command.spawn()?;
         // The command holds the other end; only the guard may hold it.
         drop(command);

@@ -20,7 +20,7 @@ use palpate_core::{Controller, Fault, Limits, Phase, Sample, State, Vec3, vec3};
 /// The buttons while they are unknown: none counts as pressed before it was seen released.
 const ALL_HELD: u32 = u32::MAX;
 /// Ticks without a sample after which the buttons are unknown. A late reply takes two or three.
-const MAX_SILENT_TICKS: u32 = 10;
+const MAX_SILENT_TICKS: u64 = 10;
 
 /// Destinations of the records. Both are wait-free.
 #[derive(Debug)]
@@ -98,7 +98,7 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits
     /// Buttons of the last sample, or [`ALL_HELD`].
     buttons: u32,
     /// Ticks without a sample since the last one.
-    silent_ticks: u32,
+    last_sample_tick: u64,
     latency: LatencyRecorder,
     ticks: u64,
     skipped_periods: u64,
@@ -181,7 +181,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             recording: None,
             sent_force_n: vec3::ZERO,
             buttons: ALL_HELD,
-            silent_ticks: 0,
+            last_sample_tick: 0,
             latency: LatencyRecorder::new(),
             ticks: 0,
             skipped_periods: 0,
@@ -224,16 +224,12 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
 
     /// Whether this sample shows a press of the button that arms. A button that is held at the start, or that
     /// went down in a gap of samples, must first be released.
-    fn button_is_pressed(&mut self, sample: Option<&Sample>) -> bool {
-        let Some(sample) = sample else {
-            self.silent_ticks = self.silent_ticks.saturating_add(1);
-            if self.silent_ticks > MAX_SILENT_TICKS {
-                self.buttons = ALL_HELD;
-            }
-            return false;
-        };
-        self.silent_ticks = 0;
-        sample.buttons & !core::mem::replace(&mut self.buttons, sample.buttons) & self.config.arm_button != 0
+    fn button_is_pressed(&mut self, index: u64, sample: Option<&Sample>) -> bool {
+        let Some(sample) = sample else { return false };
+        let gap = index.saturating_sub(core::mem::replace(&mut self.last_sample_tick, index));
+        let before = if gap > MAX_SILENT_TICKS { ALL_HELD } else { self.buttons };
+        self.buttons = sample.buttons;
+        sample.buttons & !before & self.config.arm_button != 0
     }
 
     /// Runs for a number of periods or until the flag is set, then stops the device.
@@ -284,6 +280,9 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             self.state.trip(Fault::NotReady);
         }
         let was_zeroed = self.device.0.was_zeroed();
+        if was_zeroed {
+            self.buttons = ALL_HELD;
+        }
         let applied = self.controls.apply(&mut self.state, ready, was_zeroed);
         // While disarmed the device's zero latch is cleared without a reset by the user: no force returns
         // before arming.
@@ -292,7 +291,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         }
         self.change_model();
         // Any request of the same tick, for example to disarm, overrides a press of the button.
-        if self.button_is_pressed(sample.as_ref()) && ready && applied == Applied::default() {
+        if self.button_is_pressed(index, sample.as_ref()) && ready && applied == Applied::default() {
             self.state.arm();
         }
         let Model { controller, interpolator, .. } = &self.models[self.model];

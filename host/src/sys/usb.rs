@@ -49,7 +49,8 @@ pub fn write_bulk(fd: BorrowedFd<'_>, endpoint: u8, bytes: &[u8], timeout: Durat
             let mut endpoint = c_uint::from(endpoint);
             // SAFETY: the kernel reads one unsigned integer, which outlives the call.
             unsafe { ioctl::clear_halt(fd.as_raw_fd(), &mut endpoint) }?;
-            once()
+            // Halted again: not gone, so the caller may repeat it.
+            once().map_err(|errno| if errno == Errno::EPIPE { Errno::ETIMEDOUT } else { errno })
         }
         done => done,
     }?;

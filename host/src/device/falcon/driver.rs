@@ -277,12 +277,23 @@ impl<F: Ftdi + 'static> Falcon<F> {
             }
         }
         let position_m = self.config.workspace.to_model_m(device_m);
-        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.update(u32::from(reply.buttons)) }))
+        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.update(now_us, u32::from(reply.buttons)) }))
+    }
+
+    /// Writes a zero past the thread, which may hang or have panicked.
+    fn write_zero(&self) {
+        let zero = Request { lights: self.lights(false), ..Request::default() };
+        for _ in 0..STOP_ATTEMPTS {
+            match write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT) {
+                Err(error) if error.kind().is_transient() => std::thread::sleep(STOP_PAUSE),
+                Ok(()) | Err(_) => return,
+            }
+        }
     }
 
     fn exchange_packets(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let (reply, damaged) = self.receive(now_us)?;
-        let unsent = self.request_writer.failure();
+        let unsent = self.request_writer.failure(now_us);
         if let Some(error) = unsent.filter(|error| !error.kind().is_transient()) {
             return Err(error);
         }
@@ -309,7 +320,9 @@ impl<F: Ftdi + 'static> Falcon<F> {
         }
         match sample? {
             None if damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),
-            None if overdue || unsent.is_some() => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+            None if overdue || unsent.is_some() => {
+                Err(unsent.unwrap_or(DeviceError::new(DeviceErrorKind::Timeout)))
+            }
             sample => Ok(sample),
         }
     }
@@ -328,13 +341,7 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         // hang or have panicked.
         let _ = self.send([0; 3]);
         self.request_writer.flush(STOP_TIMEOUT);
-        let zero = Request { lights: self.lights(false), ..Request::default() };
-        for _ in 0..STOP_ATTEMPTS {
-            match write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT) {
-                Err(error) if error.kind().is_transient() => std::thread::sleep(STOP_PAUSE),
-                Ok(()) | Err(_) => return,
-            }
-        }
+        self.write_zero();
     }
 
     fn info(&self) -> DeviceInfo {
@@ -380,5 +387,10 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
 impl<F: Ftdi + 'static> Drop for Falcon<F> {
     fn drop(&mut self) {
         self.stop();
+        if !matches!(self.request_writer, RequestWriter::Direct) {
+            // The thread may have been in the middle of an older request: zero again after its end.
+            self.request_writer = RequestWriter::Direct;
+            self.write_zero();
+        }
     }
 }

@@ -25,6 +25,8 @@ use std::time::Instant;
 pub(super) const WRITE_TIMEOUT: Duration = Duration::from_millis(2);
 /// Timeout of a write within an exchange, for an emulator in memory: well below a tick.
 const TICK_TIMEOUT: Duration = Duration::from_micros(200);
+/// Time without progress after which the thread hangs, us: every attempt ends within 3 ms.
+const STALL_US: u64 = 10_000;
 /// Period at which an idle thread checks for its end.
 const IDLE: Duration = Duration::from_millis(100);
 /// Pause between two attempts to write a zero.
@@ -87,6 +89,9 @@ pub(super) struct Threaded {
     failures: u64,
     /// Number of the newest begun request that is already processed.
     begun: u64,
+    /// What the thread had done or failed to do, and when that last changed.
+    progress: (u64, u64),
+    progress_us: u64,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -131,6 +136,8 @@ impl RequestWriter {
             outcome,
             failures: 0,
             begun: 0,
+            progress: (0, 0),
+            progress_us: 0,
             stop,
             thread: Some(thread),
         }))
@@ -166,12 +173,27 @@ impl RequestWriter {
             .map(move |bit| number - begun + bit)
     }
 
-    /// The thread's error since the last call.
-    pub(super) fn failure(&mut self) -> Option<DeviceError> {
-        let Self::Threaded(Threaded { outcome, failures, .. }) = self else { return None };
-        let Outcome { failures: failed, lost, .. } = *outcome.read();
-        let before = core::mem::replace(failures, failed);
-        lost.or_else(|| (failed > before).then(|| DeviceError::new(DeviceErrorKind::Timeout)))
+    /// The thread's error since the last call. A thread that has ended is a lost device: the caller then
+    /// writes past it. One that hangs in a transfer is [`DeviceErrorKind::Stalled`].
+    pub(super) fn failure(&mut self, now_us: u64) -> Option<DeviceError> {
+        let Self::Threaded(threaded) = self else { return None };
+        let outcome = *threaded.outcome.read();
+        if outcome.lost.is_some() {
+            return outcome.lost;
+        }
+        if threaded.thread.as_ref().is_none_or(JoinHandle::is_finished) {
+            return Some(DeviceError::new(DeviceErrorKind::Disconnected));
+        }
+        let failed = outcome.failures > core::mem::replace(&mut threaded.failures, outcome.failures);
+        let progress = (outcome.done, outcome.failures);
+        let moves = core::mem::replace(&mut threaded.progress, progress) != progress;
+        if moves || outcome.done >= threaded.number {
+            threaded.progress_us = now_us;
+        }
+        if now_us.saturating_sub(threaded.progress_us) >= STALL_US {
+            return Some(DeviceError::new(DeviceErrorKind::Stalled));
+        }
+        failed.then(|| DeviceError::new(DeviceErrorKind::Timeout))
     }
 
     /// Waits until the thread is done with the newest request, or for the timeout.
