@@ -38,6 +38,18 @@ fn resident_kb() -> Option<u64> {
 
 #[test]
 fn half_an_hour_without_drift_or_memory_growth() {
+    let this = std::env::current_exe().expect("a test has a file");
+    let alone = ["--ignored", "--exact", "soak::memory_of_this_process", "--nocapture"];
+    let output = std::process::Command::new(this).args(alone).output().expect("it starts");
+    let text = [output.stdout, output.stderr].concat();
+    let text = String::from_utf8_lossy(&text);
+    print!("{text}");
+    assert!(output.status.success() && text.contains("1 passed"), "{text}");
+}
+
+#[test]
+#[ignore = "the memory of other tests would be counted; the test above starts it alone"]
+fn memory_of_this_process() {
     let shape = synthetic::Shape { stiffness_n_m: 400.0, patch: 40, ..synthetic::Shape::default() };
     let blob = synthetic::organ(&shape);
     let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");

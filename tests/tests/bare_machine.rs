@@ -17,13 +17,15 @@ const ANYWHERE: [(&str, &str); 3] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 10] = [
+const HERE: [(&str, &str, &str); 12] = [
     ("tools/build.rs", "rustc", "the compiler that cargo names in RUSTC"),
     ("host/src/sys/process.rs", "\"cat\"", "coreutils, essential"),
     ("tools/src/cmd/bench/fem.rs", "\"/usr/bin/python3\"", "the peer of `bench fem`, which no test asks for"),
     ("tests/tests/read_blob.rs", "PYTHON", "ignored tests, run by tests/peers/numpy"),
     ("tests/tests/stored_fit.rs", "this", "the test itself"),
     ("host/tests/no_allocation.rs", "this", "the test itself"),
+    ("host/tests/soak.rs", "this", "the test itself"),
+    ("tools/tests/guard.rs", "program", "a copy of palpate"),
     ("hil/src/hosts/process.rs", "program", "palpate-hil, and /bin/false of coreutils, essential"),
     ("hil/src/bin/falcon-guest/killed_hosts.rs", "program", "the running program"),
     ("tools/tests/command_line.rs", "\"bash\"", "essential"),
