@@ -64,15 +64,17 @@ fn an_exchange_does_not_wait_for_a_blocked_write() {
         std::thread::sleep(Duration::from_micros(500));
     }
     let before = chip.count();
-    let mut timeouts = 0;
+    let (mut timeouts, mut stalls) = (0, 0);
     for n in 0..40_u8 {
         // As in the stale-sample policy: the last force, then none.
         let force_n = if n < 4 { [0.0, 0.0, 2.0 + f32::from(n)] } else { [0.0; 3] };
         let exchanged = tick(&mut falcon, force_n);
         timeouts += u32::from(exchanged.is_err_and(|error| error.kind().is_transient()));
+        stalls += u32::from(exchanged.is_err_and(|error| error.kind() == DeviceErrorKind::Stalled));
         assert_eq!(chip.with(|script| script.stalled), 1, "tick {n} waited for the write");
     }
     assert!(timeouts > 15, "{timeouts}: the loop receives timeout errors");
+    assert!(stalls > 10, "{stalls}: after 10 ms the guard must write past the thread");
     chip.make_room();
     wait(|| chip.last().motors == [0; 3]);
     // The blocked one and the newest.

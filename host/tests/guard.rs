@@ -188,6 +188,23 @@ fn silence_is_zeroed_once_per_limit_until_a_reset() {
     assert!(summary.silences >= 1, "{summary:?}");
 }
 
+/// A thread of the driver that hangs or has died: the loop runs on, and its zeros reach nobody.
+#[test]
+fn a_driver_that_can_no_longer_write_is_zeroed_past_it() {
+    let mut bench = Bench::new(50);
+    assert_eq!(bench.tick(), FORCE_N);
+    lock(&bench.script).fails = Some(DeviceErrorKind::Stalled);
+    let mut bytes = Vec::new();
+    wait("a zero while the loop runs", || {
+        let _ = bench.device.exchange(0, vec3::ZERO);
+        bytes.extend(bench.written());
+        !bytes.is_empty()
+    });
+    assert_eq!(bytes, ZERO);
+    assert!(bench.device.was_zeroed(), "the loop latches");
+    bench.end();
+}
+
 /// Before the loop and after its end there is nothing to watch.
 #[test]
 fn a_pause_without_a_loop_is_no_silence() {
