@@ -15,7 +15,7 @@ pub struct WindowEvents {
     pub quit: bool,
     /// Space.
     pub screenshot: bool,
-    /// Whether Shift and A are held ([`ArmingChord`](super::arming::ArmingChord)).
+    /// Whether Shift and A are held (the chord that arms).
     pub arming_chord: bool,
     /// D.
     pub disarm: bool,
