@@ -368,16 +368,8 @@ mod tests {
                 seconds: Some(20.0),
                 headless: true,
                 rate_hz: Some(50.0),
-                pictures: &pictures,
                 record: Some(Record { file: &record, blob_blake3: &blob_blake3 }),
-                friction: None,
-                change_every: None,
-                profile: None,
-                timing: Timing { fifo: 0, ..Timing::default() },
-                gif: None,
-                mouse: None,
-                has_motors: false,
-                control: None,
+                ..no_pictures(&pictures)
             };
             let mut ticks = 0;
             let device = || Ok(SimulatedHand::new(&organ, SimulatedConfig::default()));

@@ -6,6 +6,7 @@ mod documents;
 mod extremes;
 mod guard;
 mod outputs;
+mod paper;
 mod plan;
 mod progress;
 mod recording;
