@@ -39,9 +39,6 @@ pub(crate) struct Script {
     pub stalled: u32,
     /// Number of coming writes that fail.
     pub failing_writes: u32,
-    /// Transfers with a reply that were returned to the driver, and that it has processed: it reads again.
-    pub returned: u32,
-    pub processed: u32,
 }
 
 /// The chip.
@@ -202,6 +199,7 @@ impl Board {
 }
 
 /// Waits for an event in real time.
+#[track_caller]
 pub(crate) fn wait(done: impl Fn() -> bool) {
     let started = Instant::now();
     while !done() {
@@ -239,7 +237,6 @@ impl Ftdi for Board {
     }
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
-        self.with(|script| script.processed = script.returned);
         if let Some(bytes) = self.with(|script| script.ready.pop_front()) {
             buffer[..bytes.len()].copy_from_slice(&bytes);
             return Ok(bytes.len());
@@ -248,8 +245,6 @@ impl Ftdi for Board {
             self.receive();
             return Err(DeviceError::new(DeviceErrorKind::Timeout));
         }
-        let count = self.chip.read(buffer, timeout)?;
-        self.with(|script| script.returned += u32::from(count > 2));
-        Ok(count)
+        self.chip.read(buffer, timeout)
     }
 }

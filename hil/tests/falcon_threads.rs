@@ -115,18 +115,30 @@ fn a_request_replaced_before_its_write_does_not_block_later_ones() {
     let chip = Board::in_real_time();
     let mut falcon = threaded(&chip);
     chip.with(|script| script.stalls = true);
-    // While the first is being written, the second, overdue, waits in the slot; the third replaces it.
-    for now_us in [1_000, 3_000, 5_000] {
+    // Homing may have left a request whose reply is on its way.
+    let mut now_us = 0;
+    while chip.with(|script| script.stalled) == 0 {
+        now_us += 2_000;
         let _ = falcon.exchange(now_us, [0.0, 0.0, 2.0]);
-        wait(|| chip.with(|script| script.stalled) == 1);
+        std::thread::sleep(Duration::from_micros(500));
+    }
+    // While that one is being written, the second, overdue, waits in the slot; the third replaces it.
+    let third_us = now_us + 6_000;
+    for now_us in [third_us - 3_000, third_us] {
+        let _ = falcon.exchange(now_us, [0.0, 0.0, 2.0]);
     }
     let before = chip.count();
-    let replies = chip.with(|script| script.processed);
     chip.make_room();
     wait(|| chip.count() == before + 2);
-    wait(|| chip.with(|script| script.processed) == replies + 2);
-    let sample = falcon.exchange(6_000, [0.0, 0.0, 2.0]).expect("a link");
-    assert_eq!(sample.map(|sample| sample.t_us), Some(5_000), "the reply to the third");
+    // The clock stands still: no request is overdue, so an exchange without a reply sends none.
+    let started = Instant::now();
+    while !falcon
+        .exchange(third_us + 1_000, [0.0, 0.0, 2.0])
+        .is_ok_and(|sample| sample.is_some_and(|sample| sample.t_us == third_us))
+    {
+        assert!(started.elapsed() < STALL, "no reply to the third");
+        std::thread::sleep(Duration::from_micros(500));
+    }
     // No request is open: the exchange has sent the next one without a pause.
     wait(|| chip.count() == before + 3);
 }
