@@ -52,6 +52,27 @@ fn no_fault_violates_a_limit() {
     assert!(again > 30, "{again}");
 }
 
+/// Both directions of a mixed fault act on each rig, and the loop recovers from some.
+#[test]
+#[ignore = "40 runs on each rig in memory; tests/long runs it"]
+fn each_rig_recovers_from_some_mixed_faults() {
+    let blob = session::golden_organ();
+    let organ = Organ::read(blob.bytes()).expect("golden");
+    for kind in rig::all().into_iter().filter(|kind| kind.in_memory) {
+        let runs: Vec<Run> = (0..40)
+            .map(|seed| {
+                let run = matrix::run(kind, FaultKind::Mixed, seed, &organ).expect("the rig opens");
+                assert_eq!(run.violation(), None, "{run:?}");
+                run
+            })
+            .collect();
+        let both = runs.iter().filter(|run| run.injected.is_some_and(|ways| ways.iter().all(|n| *n > 0)));
+        let recovered = runs.iter().filter(|run| run.ended == Ended::Recovered).count();
+        println!("{}: {} of 40 in both directions, {recovered} recovered", kind.name, both.clone().count());
+        assert!(both.count() > 10 && recovered > 0, "{}", kind.name);
+    }
+}
+
 /// A loader that echoes a wrong byte in every load is refused; one that recovers is opened.
 #[test]
 fn a_faulty_loader_is_refused_or_loaded_again() {
