@@ -13,6 +13,7 @@ mod nodes;
 mod place;
 pub(crate) mod reach;
 mod resolve;
+mod tool;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,18 +22,21 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
 use crate::fem::body::{Body, Model, Region};
-use crate::fem::boundary::{Constraints, Handle};
+use crate::fem::boundary::{Constraints, Contact, Handle};
 use crate::fem::element::Order;
 use crate::fem::material::Material;
+use crate::fem::pad::{Fingertip, Pad, PadProfile};
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
-use crate::mesh::{MeshFault, Refined, TetMesh};
+use crate::mesh::{MeshFault, Refined, SkinPoint, Surface, TetMesh};
+use crate::num::vector::unit;
 use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered};
 use file::SceneFile;
 pub use file::SolverOptions;
 use place::Place;
 pub use reach::Unreachable;
+pub use tool::Tool;
 
 /// The grids of the paper: number of points, and number of cells along the radius.
 pub(crate) const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
@@ -57,6 +61,8 @@ pub struct ResolvedScene {
     pub materials: Vec<MaterialRegion>,
     /// Fixed nodes, ascending, unique, not empty.
     pub fixed: Vec<u32>,
+    /// What touches the body.
+    pub tool: Tool,
     /// Active nodes in the order of the scene; free surface nodes with unique names.
     pub active: Vec<ActiveNode>,
     /// Numbers of nodes of the scene's groups that are excluded because the tool cannot reach them.
@@ -80,9 +86,9 @@ pub struct ResolvedScene {
 }
 
 impl SolverOptions {
-    /// The equilibrium problem of an active node's grasp on this body.
-    pub fn problem(self, body: Arc<Body>, active: &ActiveNode) -> Problem {
-        let mut problem = Problem::with(body, Some(active.handle()), self.constraints);
+    /// The equilibrium problem of a contact with this body.
+    pub fn problem(self, body: Arc<Body>, contact: Contact) -> Problem {
+        let mut problem = Problem::with(body, Some(contact), self.constraints);
         problem.newton.reject_inverted = self.reject_inverted;
         problem
     }
@@ -99,15 +105,18 @@ pub struct MaterialRegion {
     pub tets: Option<Vec<u32>>,
 }
 
-/// An active node: a node that a tool can touch.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+/// An active node: a place of the skin that the tool can touch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ActiveNode {
     /// Unique name within the scene.
     pub name: String,
-    /// Index of the mesh node.
+    /// Index of the mesh node; for a contact point the nearest corner of its triangle.
     pub node: u32,
     /// Nodes that move with the active node as a rigid patch, including itself; empty for a single node.
     pub patch: Vec<u32>,
+    /// The contact point of a tool with a size; `None` for a point tool, which holds the node.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<SkinPoint>,
 }
 
 impl Scene {
@@ -170,9 +179,42 @@ impl Scene {
 }
 
 impl ActiveNode {
-    /// The prescribed nodes of the tool.
-    pub fn handle(&self) -> Handle {
-        Handle::patch(self.node, &self.patch)
+    /// Contact of the tool on this body.
+    ///
+    /// # Panics
+    ///
+    /// If the pad touches nothing of the body; resolving a scene refuses such a contact point.
+    pub fn on(&self, tool: &Tool, body: &Body) -> Contact {
+        match (tool, &self.contact) {
+            (Tool::Fingertip(tip), Some(at)) => {
+                let centre_m = at.interpolate(|node| body.nodes_m[node as usize]);
+                Pad::new(body, *tip, centre_m).expect("the scene was checked").into()
+            }
+            _ => Handle::patch(self.node, &self.patch).into(),
+        }
+    }
+
+    /// Position on the undeformed mesh, m.
+    pub fn place_m(&self, mesh: &TetMesh) -> [f64; 3] {
+        self.interpolate(|node| mesh.nodes_m[node as usize])
+    }
+
+    /// Position on the body at rest, m.
+    pub fn rest_position_m(&self, body: &Body) -> [f64; 3] {
+        self.interpolate(|node| body.rest_position_m(node))
+    }
+
+    /// Outward unit normal of the surface there; `None` off the surface.
+    pub fn normal(&self, surface: &Surface) -> Option<[f64; 3]> {
+        let nodes = self.contact.map_or([self.node; 3], |at| at.triangle);
+        nodes.iter().all(|&node| surface.contains(node)).then(|| {
+            let sum = self.interpolate(|node| surface.normal(node).unwrap_or_default());
+            if self.contact.is_some() { unit(sum) } else { sum }
+        })
+    }
+
+    fn interpolate(&self, field: impl Fn(u32) -> [f64; 3]) -> [f64; 3] {
+        self.contact.map_or_else(|| field(self.node), |at| at.interpolate(&field))
     }
 }
 
@@ -196,10 +238,15 @@ impl ResolvedScene {
     pub fn body(&self) -> Result<Body, BodyError> {
         let body = Body::new(&self.mesh, &self.model()).map_err(BodyError::Degenerate)?;
         for active in &self.active {
-            body.check_pressures(Some(&active.handle()))
+            body.check_pressures(active.on(&self.tool, &body).handle())
                 .map_err(|fault| BodyError::Pressure(active.name.clone(), fault))?;
         }
         solve_body_force(body).map_err(BodyError::NoRest)
+    }
+
+    /// The equilibrium problem of an active node's contact with the body of this scene.
+    pub fn problem(&self, body: &Arc<Body>, active: &ActiveNode) -> Problem {
+        self.solver.problem(body.clone(), active.on(&self.tool, body))
     }
 
     /// The same scene on a mesh with eight times as many tets ([`Refined`]). Active nodes are the same;
@@ -214,6 +261,11 @@ impl ResolvedScene {
         }
         for region in &mut scene.materials {
             region.tets = region.tets.as_deref().map(Refined::tets);
+        }
+        let skin = Surface::of(&finer.mesh);
+        for active in &mut scene.active {
+            let place_m = active.place_m(&self.mesh);
+            active.contact = active.contact.and_then(|_| skin.nearest(&finer.mesh, place_m));
         }
         scene.mesh = finer.mesh;
         scene
@@ -253,6 +305,10 @@ impl ResolvedScene {
             digest.text(&active.name);
             digest.indices(&[active.node]);
             digest.indices(&active.patch);
+            if let Some(at) = active.contact {
+                digest.indices(&at.triangle);
+                digest.numbers(&at.weights);
+            }
         }
         match self.grid {
             Some(Sampling::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m })) => {
@@ -274,8 +330,8 @@ impl ResolvedScene {
         digest.finish()
     }
 
-    /// BLAKE3 hash of the body alone: mesh, order, materials, fixed nodes, body force. Two scenes with the
-    /// same model hash have the same force at the same displacement of the same node.
+    /// BLAKE3 hash of body and tool: mesh, order, materials, fixed nodes, body force, fingertip. Two scenes with
+    /// the same model hash have the same force at the same displacement of the same node.
     pub fn model_hash(&self) -> blake3::Hash {
         let mut digest = Digest::new("palpate model v2");
         digest.bytes(&self.mesh.content_hash());
@@ -305,6 +361,13 @@ impl ResolvedScene {
             Constraints::Elimination => "elimination",
             Constraints::Multipliers => "multipliers",
         });
+        if let Some(Fingertip { radius_m, stiffness_pa_m, profile }) = self.tool.fingertip() {
+            digest.text(match profile {
+                PadProfile::Quartic => "quartic",
+                PadProfile::Hertz => "hertz",
+            });
+            digest.numbers(&[*radius_m, *stiffness_pa_m]);
+        }
         digest.finish()
     }
 }

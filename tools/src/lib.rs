@@ -23,6 +23,7 @@ mod interrupt;
 mod memory;
 mod motors_off;
 mod output;
+mod points;
 mod progress;
 mod resident;
 mod summary;

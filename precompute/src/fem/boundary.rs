@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::fem::body::{ABSENT, Body};
 use crate::fem::element::{EDGES, Order};
 use crate::fem::ordering::nested_dissection;
+use crate::fem::pad::Pad;
 
 /// Method that imposes prescribed displacements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -65,7 +66,46 @@ impl Handle {
     }
 }
 
-/// Prescribed motion of a handle relative to the body's rest state.
+/// What the tool does to the body; its control is the displacement of the tool from rest.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Contact {
+    /// It prescribes the displacement of nodes.
+    Held(Handle),
+    /// It presses an elastic pad on the skin.
+    Pad(Pad),
+}
+
+impl From<Handle> for Contact {
+    fn from(handle: Handle) -> Self {
+        Self::Held(handle)
+    }
+}
+
+impl From<Pad> for Contact {
+    fn from(pad: Pad) -> Self {
+        Self::Pad(pad)
+    }
+}
+
+impl Contact {
+    /// The prescribed nodes, if there are any.
+    pub fn handle(&self) -> Option<&Handle> {
+        match self {
+            Self::Held(handle) => Some(handle),
+            Self::Pad(_) => None,
+        }
+    }
+
+    /// The pad, if it is one.
+    pub fn pad(&self) -> Option<&Pad> {
+        match self {
+            Self::Held(_) => None,
+            Self::Pad(pad) => Some(pad),
+        }
+    }
+}
+
+/// Prescribed motion of a tool relative to the body's rest state.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose {
     /// Displacement of the centre, m.

@@ -9,14 +9,16 @@ pub(crate) mod element;
 pub(crate) mod kinematics;
 pub mod material;
 mod ordering;
+pub(crate) mod pad;
 pub(crate) mod pressure;
 pub(crate) mod solvability;
 pub(crate) mod solve;
 
 pub use assembly::volume_ratios;
 pub use body::{Body, Model, Region};
-pub use boundary::{Constraints, Handle, Pose};
+pub use boundary::{Constraints, Contact, Handle, Pose};
 pub use element::Order;
+pub use pad::{Fingertip, Pad, PadProfile};
 pub use pressure::PressurePair;
 pub use solvability::PressureFault;
 pub use solve::{

@@ -10,7 +10,7 @@ use crate::error::count;
 use crate::num::vector::{cross, difference, dot, norm};
 
 /// The four faces of a tet of positive volume, counter-clockwise seen from outside.
-pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+pub(crate) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// Boundary of a tetrahedral mesh.
 ///

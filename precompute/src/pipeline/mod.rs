@@ -105,7 +105,7 @@ impl Analysis {
     /// The equilibrium problem with this active node, or its patch, prescribed.
     #[must_use]
     pub fn problem(&self, active: &ActiveNode) -> Arc<Problem> {
-        Arc::new(self.scene.solver.problem(self.body.clone(), active))
+        Arc::new(self.scene.problem(&self.body, active))
     }
 
     /// The positions that the scene requests.
@@ -166,7 +166,7 @@ impl Analysis {
             *x = std::array::from_fn(|axis| x[axis] + moved[axis]);
         }
         let surface = Surface::of(&mesh);
-        self.scene.active.iter().map(|active| surface.normal(active.node).unwrap_or_default()).collect()
+        self.scene.active.iter().map(|active| active.normal(&surface).unwrap_or_default()).collect()
     }
 
     fn active_nodes(&self) -> Vec<(String, u32)> {
@@ -176,7 +176,9 @@ impl Analysis {
     /// The data that workers need to solve this scene.
     pub fn context(&self) -> Result<Arc<WorkerContext>, PipelineError> {
         let (body, solver, nodes) = (self.body.clone(), self.scene.solver, self.scene.active.clone());
-        let problem = move |active: usize| Arc::new(solver.problem(body.clone(), &nodes[active]));
+        let tool = self.scene.tool;
+        let problem =
+            move |active: usize| Arc::new(solver.problem(body.clone(), nodes[active].on(&tool, &body)));
         Ok(Arc::new(WorkerContext::new(problem, self.sampling()?, self.scene.max_force_n)))
     }
 

@@ -80,7 +80,7 @@ pub(super) fn beside(
     let solver = SolverOptions { pressure: model.pair, ..scene.solver };
     let other = ResolvedScene { order: model.order, solver, ..scene.clone() };
     let body = Arc::new(other.body().ok()?);
-    let problem = Arc::new(solver.problem(body, &scene.active[active]));
+    let problem = Arc::new(other.problem(&body, &scene.active[active]));
     let (seconds, trace, size) = rest_of(&problem)?;
     Some(ComparedModel {
         model,

@@ -11,6 +11,7 @@ use toml::Spanned;
 use super::material::MaterialTable;
 use super::place::{Located, Place};
 use crate::error::InputError;
+use crate::fem::PadProfile;
 use crate::fem::boundary::Constraints;
 use crate::fem::pressure::PressurePair;
 
@@ -27,6 +28,7 @@ pub(super) struct SceneFile {
     pub(super) device: Option<Spanned<DeviceTable>>,
     pub(super) body_force: Option<Spanned<BodyForceTable>>,
     pub(super) solver: Option<Spanned<SolverOptions>>,
+    pub(super) tool: Option<Spanned<ToolTable>>,
     #[serde(default)]
     pub(super) needs: NeedsTable,
 }
@@ -66,11 +68,22 @@ pub(super) struct ActiveTable {
     pub(super) node: Option<Spanned<i64>>,
     /// In metres, for any unit of the mesh file.
     pub(super) nearest: Option<Spanned<[f64; 3]>>,
+    /// In metres; projected onto the skin, for a tool with a size.
+    pub(super) point: Option<Spanned<[f64; 3]>>,
     pub(super) group: Option<Spanned<String>>,
     /// Nodes that move with the node as a rigid body.
     pub(super) patch: Option<Spanned<Vec<Spanned<i64>>>>,
     /// Distance within which all surface nodes belong to the patch.
     pub(super) patch_radius_m: Option<Spanned<f64>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ToolTable {
+    pub(super) shape: Spanned<String>,
+    pub(super) radius_m: Option<Spanned<f64>>,
+    pub(super) stiffness_pa_m: Option<Spanned<f64>>,
+    pub(super) profile: Option<PadProfile>,
 }
 
 #[derive(Debug, serde::Deserialize)]

@@ -9,8 +9,9 @@ use super::file::{ActiveTable, BoxTable, FixedTable, tables};
 use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
 use super::resolve::Lookup;
-use super::{ActiveNode, Scene, Unreachable};
+use super::{ActiveNode, Scene, Tool, Unreachable};
 use crate::error::{InputError, count};
+use crate::mesh::surface;
 use crate::num::vector::distance;
 use crate::spec::{Workspace, is_within};
 
@@ -119,6 +120,7 @@ impl Lookup<'_> {
     pub(super) fn all_active(
         &mut self,
         scene: &Scene,
+        tool: &Tool,
         fixed: &[u32],
         workspace: Option<&Workspace>,
     ) -> Result<(Vec<ActiveNode>, Unreachable), InputError> {
@@ -128,17 +130,27 @@ impl Lookup<'_> {
             return Err(self.place.error(scene.file.active.span(), what, "add an [[active]] table"));
         }
         let (mut all, mut unreachable): (Vec<ActiveNode>, _) = (Vec::new(), Unreachable::default());
+        let (pieces, mut edges_m) = (surface::pieces(self.mesh), Vec::new());
         for table in &tables {
             let name = self.name(table)?;
+            self.check_keys(table.table, name.get_ref(), tool)?;
             let mut found = self.active(table, name.get_ref(), fixed)?;
             self.keep_reachable(table, &mut found, workspace, &mut unreachable)?;
+            if let Tool::Fingertip(tip) = tool {
+                for active in &mut found {
+                    active.contact.get_or_insert_with(|| self.contact_at(active.node));
+                    edges_m.push(self.check_pad(table.span.clone(), tip, active, fixed, &pieces)?);
+                }
+            }
             for active in found {
                 check_name(self.place, name.span(), &active.name, SPACE_NAME_LEN)?;
                 if all.iter().any(|other| other.name == active.name) {
                     let what = format!("two active nodes are named \"{}\"", active.name);
                     return Err(self.place.error(name.span(), what, "give each its own name"));
                 }
-                if let Some(other) = all.iter().find(|other| other.node == active.node) {
+                let is_same =
+                    |other: &&ActiveNode| other.node == active.node && other.contact == active.contact;
+                if let Some(other) = all.iter().find(is_same) {
                     let (a, b, node) = (&other.name, &active.name, active.node);
                     self.warnings.push(format!(
                         "active nodes \"{a}\" and \"{b}\" are both node {node}: it is solved twice"
@@ -146,6 +158,9 @@ impl Lookup<'_> {
                 }
                 all.push(active);
             }
+        }
+        if let Tool::Fingertip(tip) = tool {
+            self.warn_of_coarse_skin(tip, &edges_m);
         }
         let limit = Limits::PC.spaces;
         if all.len() > limit {
@@ -221,17 +236,24 @@ impl Lookup<'_> {
             let what = "a patch rotates about one node, not about a `group`";
             return Err(self.place.error(group.span(), what, "give `node` or `nearest` with the patch"));
         }
-        let (span, node) = match (&at.table.node, &at.table.nearest, &at.table.group) {
-            (Some(index), None, None) => (index.span(), self.node(index)?),
-            (None, Some(point), None) => (point.span(), self.nearest(point)?),
-            (None, None, Some(group)) => return self.of_group(group, name, fixed),
-            (None, None, None) => {
+        let ActiveTable { node, nearest, point, group, .. } = at.table;
+        let (span, node) = match (node, nearest, point, group) {
+            (Some(index), None, None, None) => (index.span(), self.node(index)?),
+            (None, Some(point), None, None) => (point.span(), self.nearest(point)?),
+            (None, None, Some(point), None) => {
+                let contact = self.contact_point(name, point)?;
+                let (node, patch) = (contact.nearest_node(), Vec::new());
+                return Ok(vec![ActiveNode { name: name.into(), node, patch, contact: Some(contact) }]);
+            }
+            (None, None, None, Some(group)) => return self.of_group(group, name, fixed),
+            (None, None, None, None) => {
                 let what = format!("active node \"{name}\" has no position");
-                return Err(self.place.error(at.span.clone(), what, "give `node`, `nearest` or `group`"));
+                let fix = "give `node`, `nearest`, `point` or `group`";
+                return Err(self.place.error(at.span.clone(), what, fix));
             }
             _ => {
                 let what = format!("active node \"{name}\" has several positions");
-                let fix = "keep one of `node`, `nearest` and `group`";
+                let fix = "keep one of `node`, `nearest`, `point` and `group`";
                 return Err(self.place.error(at.span.clone(), what, fix));
             }
         };
@@ -253,7 +275,8 @@ impl Lookup<'_> {
             _ => self.group(groups, "nodes", group)?,
         };
         let is_free = |node: &u32| self.skin.contains(*node) && fixed.binary_search(node).is_err();
-        let active = |node| ActiveNode { name: format!("{name}-{node}"), node, patch: Vec::new() };
+        let active =
+            |node| ActiveNode { name: format!("{name}-{node}"), node, patch: Vec::new(), contact: None };
         let active: Vec<ActiveNode> = members.iter().copied().filter(is_free).map(active).collect();
         if active.is_empty() {
             let what = format!("group \"{}\" has no free surface node", group.get_ref());
@@ -272,7 +295,9 @@ impl Lookup<'_> {
         fixed: &[u32],
     ) -> Result<ActiveNode, InputError> {
         let (span, mut patch) = match (&table.patch, &table.patch_radius_m) {
-            (None, None) => return Ok(ActiveNode { name: name.into(), node, patch: Vec::new() }),
+            (None, None) => {
+                return Ok(ActiveNode { name: name.into(), node, patch: Vec::new(), contact: None });
+            }
             (Some(patch), Some(_)) => {
                 let what = "both `patch` and `patch_radius_m` are given";
                 return Err(self.place.error(patch.span(), what, "keep one of the two"));
@@ -294,7 +319,7 @@ impl Lookup<'_> {
         for &member in &patch {
             self.touchable(span.clone(), member, name, fixed)?;
         }
-        Ok(ActiveNode { name: name.into(), node, patch })
+        Ok(ActiveNode { name: name.into(), node, patch, contact: None })
     }
 
     /// The surface node nearest to a point in metres; of equally near nodes, the one with the lowest index.

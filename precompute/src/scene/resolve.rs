@@ -8,7 +8,7 @@ use toml::Spanned;
 
 use super::file::{BodyForceTable, Contact, NeedsTable, tables};
 use super::place::{Place, check_name, finite, positive};
-use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, SolverOptions, device, material, reach};
+use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, SolverOptions, device, material, reach, tool};
 use crate::error::{InputError, count, nearest_word};
 use crate::fem::pressure::PressurePair;
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
@@ -33,7 +33,8 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
     let grid_table = file.grid.as_ref().map(Spanned::get_ref);
     let workspace = grid_table.map_or(Ok(None), |table| reach::workspace(place, table))?;
-    let (active, unreachable) = lookup.all_active(scene, &fixed, workspace.as_ref())?;
+    let tool = tool::tool(place, &mesh, file.tool.as_ref())?;
+    let (active, unreachable) = lookup.all_active(scene, &tool, &fixed, workspace.as_ref())?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
     let only_push = file.needs.contact == Contact::Push;
     let grid =
@@ -62,6 +63,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         order,
         materials,
         fixed,
+        tool,
         active,
         unreachable,
         grid,
@@ -242,7 +244,8 @@ impl Lookup<'_> {
         active: &[ActiveNode],
     ) -> Result<(), InputError> {
         for a in active {
-            let held = |n: u32| n == a.node || a.patch.contains(&n) || fixed.binary_search(&n).is_ok();
+            let is_held = |n: u32| a.contact.is_none() && (n == a.node || a.patch.contains(&n));
+            let held = |n: u32| is_held(n) || fixed.binary_search(&n).is_ok();
             // A mid-edge node is free unless both ends of its edge are prescribed, so at least one vertex
             // must be free.
             if (0..self.mesh.nodes_m.len() as u32).all(held) {

@@ -66,7 +66,7 @@ fn pressing_into_the_organ_ends_with_a_reason_or_flags() {
             let mut scene = scene.clone();
             scene.materials[0].material = material.clone();
             let body = body(&scene.mesh, &scene.model());
-            let mut solver = Solver::new(problem(&body, active.handle()));
+            let mut solver = Solver::new(problem(&body, Handle::node(active.node)));
             solver.newton.reject_inverted = true;
             let path_result = walk(&mut solver, inward, 2e-3, 50).expect("the organ is fixed");
             let tried = format!("{}, into {}, 100 mm, inverted refused", material.name(), active.name);

@@ -1,6 +1,7 @@
 //! Pulls of 60 mm on the bundled organ: every law, both active nodes.
 
 use nalgebra::Vector3;
+use palpate_precompute::fem::Handle;
 use palpate_precompute::fem::Solver;
 use palpate_precompute::mesh::Surface;
 
@@ -21,7 +22,7 @@ fn every_law_converges_over_a_pull_of_60_mm() {
             let mut scene = scene.clone();
             scene.materials[0].material = law.clone();
             let body = body(&scene.mesh, &scene.model());
-            let mut solver = Solver::new(problem(&body, active.handle()));
+            let mut solver = Solver::new(problem(&body, Handle::node(active.node)));
             let name = format!("{}, {}", law.name(), active.name);
             let pulled = walk(&mut solver, outward, STEP_M, STEPS).expect("the organ is fixed");
             let work = pulled.work_j / pulled.last.jet().energy_j - 1.0;

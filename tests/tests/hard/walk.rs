@@ -74,7 +74,7 @@ pub(crate) fn body(mesh: &TetMesh, model: &Model) -> Arc<Body> {
 
 /// Problem of a prescribed node set, by elimination.
 pub(crate) fn problem(body: &Arc<Body>, handle: Handle) -> Arc<Problem> {
-    Arc::new(Problem::with(body.clone(), Some(handle), Constraints::Elimination))
+    Arc::new(Problem::with(body.clone(), Some(handle.into()), Constraints::Elimination))
 }
 
 /// The bundled organ.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use palpate_precompute::fem::material::Material;
 use palpate_precompute::fem::{
-    Body, Configuration, Constraints, Handle, Model, Order, PressurePair, Problem, Region, Solver,
-    solve_body_force,
+    Body, Configuration, Constraints, Contact, Fingertip, Handle, Model, Order, Pad, PadProfile,
+    PressurePair, Problem, Region, Solver, solve_body_force,
 };
 use palpate_precompute::num::THIRD_INDICES;
 use palpate_tests::{beam, livers, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
@@ -15,7 +15,7 @@ use palpate_tests::{beam, livers, mooney_rivlin, nearest_node, nodes_where, st_v
 struct Case {
     name: String,
     body: Arc<Body>,
-    handle: Handle,
+    contact: Contact,
     constraints: Constraints,
 }
 
@@ -27,7 +27,16 @@ fn case(name: &str, change: impl FnOnce(&mut Model)) -> Case {
     let body = solve_body_force(Body::new(&mesh, &model).expect("every element has volume"))
         .expect("the rest state converges");
     let handle = Handle::node(nearest_node(&mesh, [0.06, 0.02, 0.04]));
-    Case { name: name.into(), body: Arc::new(body), handle, constraints: Constraints::Elimination }
+    let (body, contact) = (Arc::new(body), handle.into());
+    Case { name: name.into(), body, contact, constraints: Constraints::Elimination }
+}
+
+/// The same body under a fingertip on a face of the skin.
+fn under_a_pad(case: &Case, profile: PadProfile) -> Case {
+    let tip = Fingertip { radius_m: 0.025, stiffness_pa_m: 1e6, profile };
+    let pad = Pad::new(&case.body, tip, [0.055, 0.017, 0.04]).expect("the point is on the skin");
+    let name = format!("{}, pad", case.name);
+    Case { name, body: case.body.clone(), contact: pad.into(), constraints: case.constraints }
 }
 
 /// Every law, every field pair, and every boundary condition and load of the beam.
@@ -52,20 +61,27 @@ fn cases() -> Vec<Case> {
         m.region_of_tet = (0..96).map(|tet| u16::from(tet >= 60)).collect();
     }));
     all.push(case("mooney-rivlin under gravity", |m| m.body_force_n_m3 = [0.0, 0.0, -1.0e4]));
-    let mut patch = case("rigid patch", |_| {});
-    let mesh = beam();
-    let tip = nodes_where(&mesh, |x| x[2] > 0.039 && (x[0] - 0.06).abs() < 0.01);
-    patch.handle = Handle::patch(patch.handle.centre, &tip);
-    assert!(patch.handle.nodes.len() >= 3);
-    all.push(patch);
     let mut multipliers = case("multipliers", |_| {});
     multipliers.constraints = Constraints::Multipliers;
     all.push(multipliers);
+    let pads: Vec<Case> = all
+        .iter()
+        .zip([PadProfile::Quartic, PadProfile::Hertz].into_iter().cycle())
+        .map(|(case, profile)| under_a_pad(case, profile))
+        .collect();
+    all.extend(pads);
+    let mut patch = case("rigid patch", |_| {});
+    let mesh = beam();
+    let tip = nodes_where(&mesh, |x| x[2] > 0.039 && (x[0] - 0.06).abs() < 0.01);
+    let patch_of = Handle::patch(nearest_node(&mesh, [0.06, 0.02, 0.04]), &tip);
+    assert!(patch_of.nodes.len() >= 3);
+    patch.contact = patch_of.into();
+    all.push(patch);
     all
 }
 
 fn solver(case: &Case) -> Solver {
-    let problem = Problem::with(case.body.clone(), Some(case.handle.clone()), case.constraints);
+    let problem = Problem::with(case.body.clone(), Some(case.contact.clone()), case.constraints);
     Solver::new(Arc::new(problem))
 }
 

@@ -1,6 +1,6 @@
-//! `palpate path`: the reaction along a straight loading path, solved step by step.
+//! `palpate path`: the reaction along a loading path, solved step by step.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use clap::Args as ClapArgs;
@@ -10,32 +10,39 @@ use palpate_precompute::num::norm;
 use crate::analysis;
 use crate::displacements::Displacements;
 use crate::failure::Failure;
-use crate::files::{Files, Replace};
+use crate::files::{Files, Replace, STANDARD};
 use crate::interrupt::stop_flag;
 use crate::output::{self, Csv};
+use crate::points::read_points;
 use crate::progress::WorkProgress;
 
-/// Solve the reaction force along a straight loading path.
+/// Solve the reaction force along a loading path.
 ///
-/// The active node moves from rest along DIRECTION in equal steps. Each step starts from the last one with
-/// the tangent predictor. Every converged step is a row of the CSV file. A failed path keeps its rows, adds
-/// one with status `failed` and exits with code 1. An interrupted path does the same without that row.
+/// The tool moves from rest along DIRECTION in equal steps, or through the displacements of a table. Each step
+/// starts from the last one with the tangent predictor. Every converged step is a row of the CSV file. A failed
+/// path keeps its rows, adds one with status `failed` and exits with code 1. An interrupted path does the same
+/// without that row.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
     scene: PathBuf,
-    /// Active node to move; the scene's first if not given
+    /// Active node or contact point to move; the scene's first if not given
     #[arg(long, value_name = "NAME")]
     active: Option<String>,
     /// Direction; its length does not matter
-    #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true)]
-    direction: [f64; 3],
+    #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true, requires = "steps")]
+    #[arg(required_unless_present = "controls")]
+    direction: Option<[f64; 3]>,
     /// Length of a step, mm
     #[arg(long, value_name = "MM", default_value_t = 1.0, allow_negative_numbers = true)]
     step_mm: f64,
-    /// Number of steps
+    /// Number of steps along the direction
     #[arg(long, value_name = "N")]
-    steps: u32,
+    steps: Option<u32>,
+    /// Displacements from rest instead of a direction: a table with the columns x_m,y_m,z_m, or - for standard
+    /// input
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["direction", "steps", "step_mm"])]
+    controls: Option<PathBuf>,
     /// CSV file to write; standard output if not given, or -
     #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
@@ -87,13 +94,34 @@ const HEADER: &str = "step,dx_m,dy_m,dz_m,fx_n,fy_n,fz_n,energy_j,newton_iterati
 /// Additional columns of --details.
 const DETAILS: &str = "reason,unstable_modes,switched,tx_n_m,ty_n_m,tz_n_m";
 
+/// The displacements of the tool from rest, m.
+fn controls(args: &Args) -> Result<Vec<[f64; 3]>, Failure> {
+    let controls = match (&args.controls, args.direction) {
+        (Some(file), _) => read_points(file, "--controls")?,
+        (None, direction) => {
+            if !(args.step_mm > 0.0 && args.step_mm.is_finite()) {
+                return Err(Failure::input("--step-mm must be a positive number"));
+            }
+            let direction = direction.unwrap_or_default();
+            let at = |step: u32| direction.map(|x| x * (f64::from(step) * args.step_mm * 1e-3));
+            (1..=args.steps.unwrap_or(0)).map(at).collect()
+        }
+    };
+    if controls.is_empty() {
+        let what = if args.controls.is_some() { "--controls: no row" } else { "--steps must be at least 1" };
+        return Err(Failure::input(what));
+    }
+    Ok(controls)
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    if !(args.step_mm > 0.0 && args.step_mm.is_finite()) {
-        return Err(Failure::input("--step-mm must be a positive number"));
-    }
+    let controls_m = controls(args)?;
     let mut files = Files::new(args.replace);
     files.read_scene(&args.scene)?;
+    if let Some(table) = args.controls.as_ref().filter(|table| **table != Path::new(STANDARD)) {
+        files.read(table);
+    }
     let csv = files.table("--csv", args.csv.as_deref())?;
     let mut displacements = Displacements::new(args.displacements.as_deref(), &mut files)?;
     let stop = stop_flag()?;
@@ -105,9 +133,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             active.name
         )));
     }
-    if args.steps == 0 {
-        return Err(Failure::input("--steps must be at least 1"));
-    }
     let mut solver = Solver::new(bench.problem(active));
     let mut here = solver.rest().map_err(|failure| {
         Failure::input(format!("{}: the body cannot be solved at rest: {failure}", args.scene.display()))
@@ -117,20 +142,20 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut last = None;
     let mut ended = displacements.add(0, 0.0, &bench.body, &here);
     let mut progress = WorkProgress::new(&bench.scene.name, "steps");
-    for step in 1..=args.steps {
-        progress.steps("loading path", step as usize - 1, args.steps as usize);
+    let steps = controls_m.len();
+    for (step, &target) in (1..).zip(&controls_m) {
+        progress.steps("loading path", step as usize - 1, steps);
         if ended.is_ok() && stop.load(Ordering::Relaxed) {
             ended = Err(Failure::work(format!(
-                "interrupted before step {step} of {}; the rows so far are kept",
-                args.steps
+                "interrupted before step {step} of {steps}; the rows so far are kept"
             )));
         }
         if ended.is_err() {
             break;
         }
-        let length_mm = f64::from(step) * args.step_mm;
-        let target = args.direction.map(|x| x * (length_mm * 1e-3));
-        let share = f64::from(step) / f64::from(args.steps);
+        // Of a straight path the exact length; otherwise that of the displacement.
+        let length_mm = args.direction.map_or_else(|| 1e3 * norm(target), |_| f64::from(step) * args.step_mm);
+        let share = f64::from(step) / steps as f64;
         let pose =
             Pose { displacement_m: target, rotation_rad: args.turn.unwrap_or_default().map(|x| x * share) };
         match solver.advance_to(&here.seed, &pose) {
@@ -149,8 +174,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             Err(failure) => {
                 push_failure(&mut table, step, target, &failure, args.details)?;
                 ended = Err(Failure::work(format!(
-                    "step {step} of {}: {failure}; the rows so far are kept",
-                    args.steps
+                    "step {step} of {steps}: {failure}; the rows so far are kept"
                 )));
             }
         }
@@ -163,9 +187,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         .and_then(|()| displacements.finish());
     if let (Some((step, length_mm, force_n)), Some(file), true) = (last, csv.as_ref(), written.is_ok()) {
         output::line(format!(
-            "{}: {step} of {} steps, {length_mm} mm, |h| {force_n:.3} N",
-            file.path().display(),
-            args.steps
+            "{}: {step} of {steps} steps, {length_mm} mm, |h| {force_n:.3} N",
+            file.path().display()
         ))?;
     }
     ended.and(written)

@@ -1,7 +1,5 @@
 //! `palpate query`: evaluates a blob at given displacements, as the real-time loop does.
 
-use std::fs::File;
-use std::io::{BufReader, ErrorKind, IsTerminal, Read, stdin};
 use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
@@ -11,6 +9,7 @@ use super::pack::method;
 use crate::failure::Failure;
 use crate::files::{Files, Replace, STANDARD};
 use crate::output::Csv;
+use crate::points::read_points;
 use crate::{blob, output};
 
 /// Evaluate the force of a blob at given displacements.
@@ -91,7 +90,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             args.blob.display()
         )));
     }
-    let points = read_points(&args.points)?;
+    let points = read_points(&args.points, "--points")?;
     let (table, extrapolated) = answers(args, &organ, space, method, &points)?;
     output::table(csv.as_ref(), &table)?;
     if let Some(file) = &csv {
@@ -141,51 +140,4 @@ fn answers(
         }
     }
     Ok((table.finish()?, extrapolated))
-}
-
-/// Reads the points of a file, or of standard input.
-fn read_points(path: &Path) -> Result<Vec<[f64; 3]>, Failure> {
-    if path == Path::new(STANDARD) {
-        if stdin().is_terminal() {
-            return Err(Failure::input(
-                "no points: give --points FILE.csv, or pipe a table with the header x_m,y_m,z_m into standard input",
-            ));
-        }
-        return parse_points("standard input", stdin().lock());
-    }
-    let file = File::open(path).map_err(|error| Failure::file(path, &error))?;
-    if file.metadata().is_ok_and(|there| there.is_dir()) {
-        return Err(Failure::file(path, &ErrorKind::IsADirectory.into()));
-    }
-    parse_points(&path.display().to_string(), BufReader::new(file))
-}
-
-/// Reads the points of a table that messages call `name`.
-fn parse_points(name: &str, source: impl Read) -> Result<Vec<[f64; 3]>, Failure> {
-    let at = |line: u64, what: String| {
-        Failure::input(format!("{name}:{line}: {what}; the header is x_m,y_m,z_m, one point a line"))
-    };
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(source);
-    let header = reader.headers().map_err(|error| at(1, error.to_string()))?;
-    let column = |name: &str| header.iter().position(|h| h == name);
-    let (Some(x), Some(y), Some(z)) = (column("x_m"), column("y_m"), column("z_m")) else {
-        return Err(at(1, "columns x_m, y_m and z_m are required".into()));
-    };
-    let mut points = Vec::new();
-    for (row, record) in reader.records().enumerate() {
-        let line = row as u64 + 2;
-        let record = record.map_err(|error| match error.kind() {
-            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-                at(line, format!("{len} values for {expected_len} columns"))
-            }
-            _ => at(line, error.to_string()),
-        })?;
-        let number = |column: usize| -> Result<f64, Failure> {
-            let text = record.get(column).unwrap_or("");
-            let finite = text.parse().ok().filter(|number: &f64| number.is_finite());
-            finite.ok_or_else(|| at(line, format!("`{text}` is not a finite number")))
-        };
-        points.push([number(x)?, number(y)?, number(z)?]);
-    }
-    Ok(points)
 }

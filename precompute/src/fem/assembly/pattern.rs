@@ -109,6 +109,17 @@ impl Pattern {
         }
     }
 
+    /// Place in the values of the entry of two equations that share an element; one past the end if one of them
+    /// does not exist.
+    pub(crate) fn place_or_nowhere(&self, one: u32, other: u32) -> usize {
+        let (row, column) = (one.max(other) as usize, one.min(other) as usize);
+        if row >= self.unknowns() {
+            return self.entries();
+        }
+        let (start, end) = (self.column_starts[column], self.column_starts[column + 1]);
+        start + self.rows[start..end].binary_search(&row).expect("the equations share an element")
+    }
+
     /// Number of equations.
     pub(crate) fn unknowns(&self) -> usize {
         self.column_starts.len() - 1

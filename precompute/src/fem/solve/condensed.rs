@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::factor::SENSITIVITY_ACCURACY;
 use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::fem::assembly::third_derivatives;
-use crate::fem::boundary::Pose;
+use crate::fem::boundary::{Contact, Pose};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::inner;
 
@@ -18,7 +18,8 @@ impl Solver {
             let moved = pose.displacement_of(&arm);
             std::array::from_fn(|axis| body.rest_state[3 * node as usize + axis] + moved[axis])
         };
-        let Some(handle) = &self.problem.handle else { return };
+        self.control_m = pose.displacement_m;
+        let Some(handle) = self.problem.contact.as_ref().and_then(Contact::handle) else { return };
         let held = &self.problem.dofs.multipliers;
         if held.is_empty() {
             for &node in &handle.nodes {
@@ -74,7 +75,7 @@ impl Solver {
         if self.newton.reject_inverted && assembled.inverted > 0 {
             return fail(FailureReason::Inverted, residual_n);
         }
-        let energy_j = assembled.energy_j - body.rest_energy_j;
+        let energy_j = assembled.energy_j - body.rest_energy_j + self.pad.energy_j;
         let (force_n, torque_n_m) = self.resultants(pose);
         // S is symmetric by definition; rounding makes the computed S unsymmetric in its last digits.
         let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());
@@ -102,6 +103,17 @@ impl Solver {
         let problem = &*self.problem;
         let n = problem.unknowns();
         let held = &problem.dofs.multipliers;
+        if let Some(pad) = problem.pad() {
+            self.right.fill(0.0);
+            for node in &pad.nodes {
+                for (axis, equation) in problem.dofs.displacement(node.node).into_iter().enumerate() {
+                    if (equation as usize) < n {
+                        self.right[axis * n + equation as usize] = node.stiffness_n_m;
+                    }
+                }
+            }
+            return;
+        }
         if held.is_empty() {
             self.coupling.assemble(&problem.body, &problem.pattern, &self.state);
             for (right, k) in self.right.iter_mut().zip(&self.coupling.free) {
@@ -139,13 +151,17 @@ impl Solver {
 
     /// S from the solved columns x_j of the right-hand sides b_j and their residuals r_j = b_j - K x_j.
     ///
-    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j. With the last term the error of S is of the order of the
+    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j, with k A I for K_AA and b = k m for a pad. With the last term the error of S is of the order of the
     /// square of the error of x, so one solve without refinement suffices. With multipliers K_AA is zero.
     pub(super) fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
         let n = problem.unknowns();
         let column = |axis: usize| axis * n..(axis + 1) * n;
         let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());
-        let own = if problem.dofs.multipliers.is_empty() { self.coupling.own } else { Matrix3::zeros() };
+        let own = match problem.pad() {
+            Some(pad) => Matrix3::from_diagonal_element(pad.stiffness_n_m),
+            None if problem.dofs.multipliers.is_empty() => self.coupling.own,
+            None => Matrix3::zeros(),
+        };
         own - Matrix3::from_fn(|i, j| {
             inner(&right[column(i)], &x[column(j)]) + inner(&x[column(i)], &residuals[column(j)])
         })
@@ -154,7 +170,12 @@ impl Solver {
     /// Force on the handle, and moment about the current position of its centre.
     fn resultants(&self, pose: &Pose) -> ([f64; 3], [f64; 3]) {
         let (problem, body) = (&*self.problem, &self.problem.body);
-        let Some(handle) = &problem.handle else { return ([0.0; 3], [0.0; 3]) };
+        if problem.pad().is_some() {
+            return (self.pad.force_n, self.pad.torque_n_m);
+        }
+        let Some(handle) = problem.contact.as_ref().and_then(Contact::handle) else {
+            return ([0.0; 3], [0.0; 3]);
+        };
         let centre = Vector3::from(body.rest_position_m(handle.centre));
         let scale = body.stiffness_scale_n_m();
         let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());

@@ -1,6 +1,6 @@
-//! Static equilibrium of a body with a prescribed pose of its handle.
+//! Static equilibrium of a body in contact with a tool at a prescribed pose.
 //!
-//! [`Problem`] is built once per active node and shared by all threads; each thread owns a [`Solver`].
+//! [`Problem`] is built once per contact and shared by all threads; each thread owns a [`Solver`].
 //! [`Solver::advance`] computes the transition from a solved [`Configuration`] to a new position by
 //! incremental loading.
 
@@ -24,8 +24,9 @@ pub use profile::IterationProfile;
 
 use crate::fem::assembly::{Assembled, HandleCoupling, Pattern};
 use crate::fem::body::Body;
-use crate::fem::boundary::{Constraints, DofMap, Handle, Pose};
+use crate::fem::boundary::{Constraints, Contact, DofMap, Handle, Pose};
 use crate::fem::element::Order;
+use crate::fem::pad::{Pad, PadPair, PadState};
 use crate::num::jet::EnergyJet;
 use factor::{Factor, Matrix, RIGHT_SIDES, SymbolicFactor};
 use quasi_newton::StepHistory;
@@ -35,8 +36,8 @@ use quasi_newton::StepHistory;
 pub struct Problem {
     /// The body.
     pub body: Arc<Body>,
-    /// The nodes with prescribed displacement; `None` for the rest state under the body force.
-    pub handle: Option<Handle>,
+    /// The tool's contact; `None` for the rest state under the body force.
+    pub contact: Option<Contact>,
     /// Initial convergence options of its solvers.
     pub newton: NewtonOptions,
     dofs: DofMap,
@@ -44,18 +45,23 @@ pub struct Problem {
     symbolic: SymbolicFactor,
     /// (equation, state position) of every unknown of the state.
     positions: Vec<(usize, usize)>,
+    /// Places in the tangent of the components of each pair of the pad.
+    pad_places: Vec<[usize; 3]>,
 }
 
 impl Problem {
     /// Problem of one active node with elimination. The node must not be fixed.
     pub fn new(body: Arc<Body>, active_node: u32) -> Self {
-        Self::with(body, Some(Handle::node(active_node)), Constraints::Elimination)
+        Self::with(body, Some(Handle::node(active_node).into()), Constraints::Elimination)
     }
 
     /// Numbers the unknowns, builds the sparsity pattern and analyses it.
-    pub fn with(body: Arc<Body>, handle: Option<Handle>, constraints: Constraints) -> Self {
-        let handle = handle.map(|handle| handle.on(&body));
-        let dofs = DofMap::new(&body, handle.as_ref(), constraints);
+    pub fn with(body: Arc<Body>, contact: Option<Contact>, constraints: Constraints) -> Self {
+        let contact = contact.map(|contact| match contact {
+            Contact::Held(handle) => Contact::Held(handle.on(&body)),
+            pad @ Contact::Pad(_) => pad,
+        });
+        let dofs = DofMap::new(&body, contact.as_ref().and_then(Contact::handle), constraints);
         let pattern = Pattern::new(&body, &dofs);
         let regularised = regularised_diagonal(&body, &dofs);
         let pressures = (0..body.pressure_sites.len() as u32)
@@ -65,7 +71,13 @@ impl Problem {
         let symbolic = SymbolicFactor::new(&pattern, &regularised, negative);
         let positions = dofs.state_positions().collect();
         let newton = NewtonOptions::default();
-        Self { body, handle, newton, dofs, pattern, symbolic, positions }
+        let pairs = contact.as_ref().and_then(Contact::pad).map_or(&[][..], |pad| &pad.pairs);
+        let place = |pair: &PadPair| {
+            let [i, j] = pair.nodes.map(|node| dofs.displacement(node));
+            std::array::from_fn(|axis| pattern.place_or_nowhere(i[axis], j[axis]))
+        };
+        let pad_places = pairs.iter().map(place).collect();
+        Self { body, contact, newton, dofs, pattern, symbolic, positions, pad_places }
     }
 
     /// Number of equations.
@@ -89,7 +101,11 @@ impl Problem {
     }
 
     fn handle_nodes(&self) -> &[u32] {
-        self.handle.as_ref().map_or(&[], |handle| &handle.nodes)
+        self.contact.as_ref().and_then(Contact::handle).map_or(&[], |handle| &handle.nodes)
+    }
+
+    fn pad(&self) -> Option<&Pad> {
+        self.contact.as_ref().and_then(Contact::pad)
     }
 }
 
@@ -142,8 +158,8 @@ pub struct Seed {
 pub struct Configuration {
     /// Pose, state, sensitivity and condensed energy: the start of the next solve.
     pub seed: Seed,
-    /// Moment of the tool on the body about the current position of the handle's centre, N m; zero for a
-    /// single node.
+    /// Moment of the tool on the body about the current position of the centre of a patch or of the finger,
+    /// N m; zero for a single node.
     pub torque_n_m: [f64; 3],
     /// Norm of the residual over all equations (constraints scaled like forces), N.
     pub residual_n: f64,
@@ -190,6 +206,9 @@ pub struct Solver {
     step: Vec<f64>,
     columns: Vec<f64>,
     right: Vec<f64>,
+    /// The pad at the current state, and the displacement of its finger, m.
+    pad: PadState,
+    control_m: [f64; 3],
     /// Share of `step` in the last move of the state.
     moved_by: f64,
     /// Numbers of iterations and factorisations since the start of the transition.
@@ -217,6 +236,8 @@ impl Solver {
             step: vec![0.0; n],
             columns: vec![0.0; RIGHT_SIDES * n],
             right: vec![0.0; RIGHT_SIDES * n],
+            pad: PadState::default(),
+            control_m: [0.0; 3],
             moved_by: 0.0,
             iterations: 0,
             factorisations: 0,

@@ -95,7 +95,7 @@ const FROZEN_STEP_COST: f64 = 2.0;
 const ROUNDING_FLOOR_FACTOR: f64 = 100.0;
 
 impl Solver {
-    /// Equilibrium with the prescribed nodes (the handle) at `pose`, from the guess `state`.
+    /// Equilibrium with the tool at `pose`, from the guess `state`.
     pub fn solve_at(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
         (self.iterations, self.factorisations) = (0, 0);
         self.attempt(pose, state)
@@ -238,6 +238,23 @@ impl Solver {
             self.assembled.assemble_residual(&problem.body, &self.state);
         }
         self.assembled.residual_into(&problem.body, &problem.positions, &mut self.residual);
+        if let Some(pad) = problem.pad() {
+            self.pad.compute(pad, &problem.body, &self.state, self.control_m);
+            for (node, force) in pad.nodes.iter().zip(&self.pad.nodal_n) {
+                for (equation, force) in problem.dofs.displacement(node.node).into_iter().zip(force) {
+                    if let Some(residual) = self.residual.get_mut(equation as usize) {
+                        *residual += force;
+                    }
+                }
+            }
+            if with_tangent {
+                for (pair, places) in pad.pairs.iter().zip(&problem.pad_places) {
+                    for &place in places {
+                        self.assembled.tangent[place] += pair.stiffness_n_m;
+                    }
+                }
+            }
+        }
         let scale = problem.body.stiffness_scale_n_m();
         let held = problem.dofs.multipliers.iter().zip(&self.multipliers).zip(&self.targets_m);
         for ((m, multiplier), target) in held {
@@ -253,7 +270,10 @@ impl Solver {
     /// zero at rest.
     pub(super) fn scale_n(&self) -> f64 {
         let body = &self.problem.body;
-        let reaction_n = magnitude(&self.assembled.force_on(self.problem.handle_nodes()));
+        let reaction_n = match self.problem.pad() {
+            Some(_) => magnitude(&self.pad.force_n),
+            None => magnitude(&self.assembled.force_on(self.problem.handle_nodes())),
+        };
         reaction_n
             + self.assembled.load_factor * magnitude(&body.external_force_n)
             + 1e-6 * body.force_scale_n()

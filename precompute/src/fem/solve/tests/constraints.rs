@@ -19,7 +19,7 @@ fn beam() -> TetMesh {
 
 fn problem(model: &Model, handle: &Handle, constraints: Constraints) -> Arc<Problem> {
     let body = Arc::new(Body::new(&beam(), model).expect("every element has volume"));
-    Arc::new(Problem::with(body, Some(handle.clone()), constraints))
+    Arc::new(Problem::with(body, Some(handle.clone().into()), constraints))
 }
 
 fn fixed() -> Vec<u32> {
@@ -115,7 +115,7 @@ fn the_moment_of_a_patch_is_the_derivative_of_the_energy_by_its_rotation() {
 fn moment_of_a_patch(name: &str, model: &Model) {
     let body = Body::new(&beam(), model).expect("every element has volume");
     let body = Arc::new(solve_body_force(body).expect("the rest state converges"));
-    let mut solver = Solver::new(Arc::new(Problem::with(body, Some(tip()), Constraints::Elimination)));
+    let mut solver = Solver::new(Arc::new(Problem::with(body, Some(tip().into()), Constraints::Elimination)));
     let pose = Pose { displacement_m: [0.003, 0.002, -0.006], rotation_rad: [0.08, -0.12, 0.2] };
     let here = reach(&mut solver, &pose);
     let size = Vector3::from(here.torque_n_m).norm();

@@ -1,0 +1,196 @@
+//! The tool of a scene: a point, or a fingertip with an elastic pad.
+
+use std::ops::Range;
+
+use toml::Spanned;
+
+use super::ActiveNode;
+use super::file::{ActiveTable, ToolTable};
+use super::place::{Place, finite, positive};
+use super::resolve::Lookup;
+use crate::error::{InputError, count};
+use crate::fem::pad::under;
+use crate::fem::{Fingertip, PadProfile};
+use crate::mesh::{SkinPoint, Surface, TetMesh};
+use crate::num::vector::distance;
+
+/// A human fingertip: the contact of a pulp pressed with 1 to 2 N has a radius of about 10 mm with its rim, and
+/// a stiffness of 300 to 1,000 N/m (docs/theory.md, section on the fingertip). k pi a^2 / 3 = 524 N/m.
+const PULP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile: PadProfile::Quartic };
+
+/// What touches the body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Tool {
+    /// It holds a node, or a rigid patch of nodes. The force of a single node depends on the mesh: it goes to
+    /// zero under refinement.
+    Point,
+    /// It presses an elastic pad on the skin.
+    Fingertip(Fingertip),
+}
+
+impl Tool {
+    /// The fingertip, if it is one.
+    pub fn fingertip(&self) -> Option<&Fingertip> {
+        match self {
+            Self::Point => None,
+            Self::Fingertip(tip) => Some(tip),
+        }
+    }
+}
+
+/// A pad whose radius is smaller than this share of the mean edge of the triangles under it cannot be
+/// integrated over them.
+const LEAST_RADIUS: f64 = 0.5;
+
+/// The tool of a scene with this mesh.
+pub(super) fn tool(
+    place: &Place,
+    mesh: &TetMesh,
+    table: Option<&Spanned<ToolTable>>,
+) -> Result<Tool, InputError> {
+    let Some(table) = table else { return Ok(Tool::Point) };
+    let ToolTable { shape, radius_m, stiffness_pa_m, profile } = table.get_ref();
+    if shape.get_ref() != "fingertip" {
+        let what = format!("unknown shape \"{}\"", shape.get_ref());
+        return Err(place.error(shape.span(), what, "use \"fingertip\", or leave [tool] out for a point"));
+    }
+    let number = |key, given: &Option<Spanned<f64>>, default| {
+        given.as_ref().map_or(Ok(default), |given| positive(place, key, given))
+    };
+    let tip = Fingertip {
+        radius_m: number("radius_m", radius_m, PULP.radius_m)?,
+        stiffness_pa_m: number("stiffness_pa_m", stiffness_pa_m, PULP.stiffness_pa_m)?,
+        profile: profile.unwrap_or(PULP.profile),
+    };
+    let size_m = mesh.diagonal_m();
+    if 2.0 * tip.radius_m > size_m {
+        let what = format!(
+            "a pad of {} m radius is larger than the body, which is {size_m:.3} m across",
+            tip.radius_m
+        );
+        let span = radius_m.as_ref().map_or(table.span(), Spanned::span);
+        return Err(place.error(span, what, "give `radius_m` in metres, or correct the unit of the mesh"));
+    }
+    Ok(Tool::Fingertip(tip))
+}
+
+impl Lookup<'_> {
+    /// The point of the outer skin nearest to `point`, for a tool with a size.
+    pub(super) fn contact_point(
+        &self,
+        name: &str,
+        point: &Spanned<[f64; 3]>,
+    ) -> Result<SkinPoint, InputError> {
+        let target = finite(self.place, "point", point)?;
+        let on = |surface: &Surface| {
+            let found = surface.nearest(self.mesh, target).expect("a mesh with a tet has a surface");
+            (distance(found.interpolate(|n| self.mesh.nodes_m[n as usize]), target), found)
+        };
+        let ((away_m, found), (least_m, _)) = (on(self.seen), on(self.skin));
+        if least_m < away_m {
+            let what =
+                format!("`point` of \"{name}\" is on the wall of a cavity, where the tool cannot reach it");
+            return Err(self.place.error(point.span(), what, "choose a point on the outside"));
+        }
+        let size_m = self.mesh.diagonal_m();
+        if away_m > size_m {
+            let what = format!(
+                "`point` of \"{name}\" lies {away_m:.3} m from the body, which is {size_m:.3} m across"
+            );
+            return Err(self.place.error(point.span(), what, "give it in metres, in the mesh's frame"));
+        }
+        Ok(found)
+    }
+
+    /// A contact point at a node of the skin.
+    pub(super) fn contact_at(&self, node: u32) -> SkinPoint {
+        let around = self.skin.triangles.iter().find(|triangle| triangle.contains(&node));
+        let triangle = *around.expect("the node is on the surface");
+        SkinPoint { triangle, weights: triangle.map(|corner| f64::from(u8::from(corner == node))) }
+    }
+
+    /// Refuses keys of a point tool for a fingertip, and those of a tool with a size for a point.
+    pub(super) fn check_keys(&self, table: &ActiveTable, name: &str, tool: &Tool) -> Result<(), InputError> {
+        match (tool, &table.point, table.patch.as_ref().map(Spanned::span), &table.patch_radius_m) {
+            (Tool::Point, Some(point), ..) => {
+                let what = format!(
+                    "`point` of \"{name}\" is for a tool with a size: the force of a point on \
+                                    a face depends on the mesh"
+                );
+                let fix = "add [tool] with shape = \"fingertip\", or give `node` or `nearest`";
+                Err(self.place.error(point.span(), what, fix))
+            }
+            (Tool::Fingertip(_), _, Some(span), _) => Err(self.no_patch(span)),
+            (Tool::Fingertip(_), _, None, Some(radius)) => Err(self.no_patch(radius.span())),
+            _ => Ok(()),
+        }
+    }
+
+    fn no_patch(&self, span: Range<usize>) -> InputError {
+        self.place.error(span, "a fingertip has no rigid patch", "remove the patch, or the [tool]")
+    }
+
+    /// Refuses a pad that does not fit the mesh at a contact point; returns the mean edge of the triangles under
+    /// it, m. `pieces` has the piece of the body of each node.
+    pub(super) fn check_pad(
+        &self,
+        span: Range<usize>,
+        tip: &Fingertip,
+        active: &ActiveNode,
+        fixed: &[u32],
+        pieces: &[u32],
+    ) -> Result<f64, InputError> {
+        let (name, radius_mm) = (&active.name, 1e3 * tip.radius_m);
+        let is_free = |face: &&[u32]| face.iter().any(|node| fixed.binary_search(node).is_err());
+        if active.contact.is_some_and(|at| !is_free(&&at.triangle[..])) {
+            let what = format!("the contact point \"{name}\" is in the fixed set");
+            let fix = "choose a point on the free skin, or take it out of [fixed]";
+            return Err(self.place.error(span, what, fix));
+        }
+        let faces = self.skin.triangles.iter().map(|triangle| &triangle[..]).filter(is_free);
+        let (under, apart) = under(&self.mesh.nodes_m, faces, active.place_m(self.mesh), tip.radius_m);
+        let edges = under.iter().flat_map(|face| [[0, 1], [1, 2], [2, 0]].map(|ends| ends.map(|k| face[k])));
+        let lengths = edges.map(|ends| {
+            let [a, b] = ends.map(|node| self.mesh.nodes_m[node as usize]);
+            distance(a, b)
+        });
+        let edge_m = lengths.sum::<f64>() / (3 * under.len().max(1)) as f64;
+        if tip.radius_m < LEAST_RADIUS * edge_m {
+            let what = format!(
+                "the pad of {radius_mm:.1} mm radius at \"{name}\" is smaller than the elements under it, whose edges \
+                 are {:.1} mm long",
+                1e3 * edge_m
+            );
+            let fix = format!("refine the mesh there, or give [tool] a `radius_m` of {edge_m:.4} or more");
+            return Err(self.place.error(span, what, fix));
+        }
+        let own = pieces[active.node as usize];
+        if let Some(other) = apart.iter().find(|face| pieces[face[0] as usize] != own) {
+            let what = format!(
+                "the pad at \"{name}\" lies over two bodies: node {} of another piece is within its {radius_mm:.1} mm",
+                other[0]
+            );
+            return Err(self.place.error(
+                span,
+                what,
+                "give a smaller `radius_m`, or mesh the two as one body",
+            ));
+        }
+        Ok(edge_m)
+    }
+
+    /// Warns once of a pad that is smaller than its elements. `edges_m` has the mean edge under each pad.
+    pub(super) fn warn_of_coarse_skin(&mut self, tip: &Fingertip, edges_m: &[f64]) {
+        let coarse = edges_m.iter().filter(|edge_m| tip.radius_m < **edge_m).count();
+        if coarse > 0 {
+            let longest_m = edges_m.iter().copied().fold(0.0, f64::max);
+            self.warnings.push(format!(
+                "the tool is smaller than its elements: the pad has a radius of {:.1} mm, and the edges under it are up to \
+                 {:.1} mm long at {coarse} of {}; refine the mesh, or use `order = 2`",
+                1e3 * tip.radius_m,
+                1e3 * longest_m,
+                count(edges_m.len(), "contact point")
+            ));
+        }
+    }
+}
