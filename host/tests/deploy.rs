@@ -120,7 +120,7 @@ fn the_service_has_the_rights_for_loop_and_watchdog_and_does_not_restart() {
     assert!(unit(&SERVICE.replace("[Service]", "[Services]")).is_err());
 }
 
-/// `systemd-analyze security --offline=yes` rates the unit 1.0 with these lines, 6.1 without.
+/// `systemd-analyze security --offline=yes` rates the unit 0.8 with these lines, 6.1 without.
 #[test]
 fn the_service_has_no_more_rights_than_session_and_guard_need() {
     let entries = unit(SERVICE).expect("every line is known");

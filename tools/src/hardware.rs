@@ -123,7 +123,9 @@ pub(crate) fn open(
             let status = guarded.status();
             (guarded, Some(status))
         }
-        Ok(Guarding::Unneeded(device)) => (device, None),
+        Ok(Guarding::Unneeded(_)) => {
+            return Err(Failure::work("the driver of this device offers its guard no path to the motors"));
+        }
         Err(error) => {
             return Err(Failure::work(format!(
                 "the guard of the device cannot be started ({error}); `palpate doctor` checks it"

@@ -21,13 +21,15 @@ pub(crate) fn headline(summary: &SessionSummary) -> String {
         (_, LoopEnd::Stopped) => "stopped".into(),
         (_, LoopEnd::Completed) => "completed".into(),
     };
+    let plural = |count: u64| if count == 1 { "" } else { "s" };
     format!(
-        "{end}: {} ticks, {} deadlines missed, compute p99 {:.1} us; {} contact{}, at most {:.2} N on the hand",
+        "{end}: {} ticks, {} deadline{} missed, compute p99 {:.1} us; {} contact{}, at most {:.2} N on the hand",
         summary.ticks,
         latency.skipped_periods,
+        plural(latency.skipped_periods),
         latency.compute.p99_ns as f64 * 1e-3,
         touch.contacts,
-        if touch.contacts == 1 { "" } else { "s" },
+        plural(touch.contacts),
         touch.peak_hand_force_n
     )
 }

@@ -244,6 +244,22 @@ fn scene_to_blob_to_query() {
         assert!(said.contains("A is red") && said.contains("a red blob drives no motors"), "{said}");
         assert!(said.lines().count() == 1 && !said.contains("no-such-port"), "{said}");
     }
+    // The health of a blob without a certificate is not known.
+    let unknown_blob = at("unknown.blob");
+    ok(&[
+        "pack",
+        text(&space),
+        "--method",
+        "trilinear,rbf-cubic",
+        "--no-certificate",
+        "--out",
+        text(&unknown_blob),
+    ]);
+    let device = ["run", text(&unknown_blob), "--device", "polhem:/dev/no-such-port"];
+    let unsound = palpate(&[&device[..], &session].concat());
+    let said = String::from_utf8_lossy(&unsound.stderr);
+    assert!(unsound.status.code() == Some(2) && said.contains("drives no motors"), "{said}");
+    assert!(said.lines().count() == 1 && !said.contains("no-such-port"), "{said}");
     let warned = on("sim");
     assert!(String::from_utf8_lossy(&warned.stderr).contains("warning"), "{warned:?}");
     // The blob contains its errors against finite elements, at positions that were solved for the certificate

@@ -245,8 +245,11 @@ pub trait Device: Send {
         false
     }
 
-    /// Clears such a latch: after the user's reset, or while the controller is disarmed.
-    fn reset(&mut self) {}
+    /// Clears such a latch: after the user's reset, or while the controller is disarmed. False if it cannot be
+    /// cleared now, because its cause lasts.
+    fn reset(&mut self) -> bool {
+        true
+    }
 }
 
 /// Pause between two exchanges during homing.

@@ -66,8 +66,8 @@ impl<A: DeviceWrapper> Device for A {
         self.inner_mut().was_zeroed()
     }
 
-    fn reset(&mut self) {
-        self.inner_mut().reset();
+    fn reset(&mut self) -> bool {
+        self.inner_mut().reset()
     }
 }
 

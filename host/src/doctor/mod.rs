@@ -85,7 +85,7 @@ const INDENT: usize = 24;
 
 impl fmt::Display for Check {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut lines = wrapped(&self.found).into_iter();
+        let mut lines = wrapped(&self.found, WIDTH - INDENT).into_iter();
         let first = lines.next().unwrap_or_default();
         write!(f, "{:<9} {:<13} {first}", self.verdict.name(), self.name)?;
         for line in lines {
@@ -96,7 +96,7 @@ impl fmt::Display for Check {
                 write!(f, "\n{:INDENT$}{line}", "")?;
                 continue;
             }
-            for (index, line) in wrapped(line).into_iter().enumerate() {
+            for (index, line) in wrapped(line, WIDTH - INDENT).into_iter().enumerate() {
                 let mark = if index == 0 { "->" } else { "" };
                 write!(f, "\n{mark:>width$} {line}", width = INDENT - 1)?;
             }
@@ -105,12 +105,13 @@ impl fmt::Display for Check {
     }
 }
 
-/// Breaks text into lines that fit right of the indent.
-fn wrapped(text: &str) -> Vec<String> {
+/// Breaks text into lines of at most `width` characters.
+#[must_use]
+pub fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
         let last = lines.last_mut().expect("never empty");
-        if !last.is_empty() && last.chars().count() + 1 + word.chars().count() > WIDTH - INDENT {
+        if !last.is_empty() && last.chars().count() + 1 + word.chars().count() > width {
             lines.push(word.into());
             continue;
         }

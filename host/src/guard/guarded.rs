@@ -116,12 +116,13 @@ impl<D: Device> Device for Guarded<D> {
         self.device.was_zeroed() || is_new
     }
 
-    fn reset(&mut self) {
-        // A silent guard would close it again at once.
-        if !self.guard_is_silent(sys::monotonic_ns()) {
-            self.fence.open();
+    fn reset(&mut self) -> bool {
+        // Behind a silent guard the fence stays closed, and was reported.
+        if self.guard_is_silent(sys::monotonic_ns()) {
+            return false;
         }
+        self.fence.open();
         self.is_reported = false;
-        self.device.reset();
+        self.device.reset()
     }
 }

@@ -64,12 +64,18 @@ impl Controls {
 
     /// Applies the requests. Disarming comes last, so it overrides other requests of the same tick. A device
     /// that is not ready is not armed. A key that was pressed while the loop was stalled neither arms nor
-    /// resets.
-    pub(super) fn apply(&self, state: &mut State, ready: bool, zeroed: bool) -> Applied {
+    /// resets. `reset_device` clears the zero latch of the device; where it fails, nothing is reset.
+    pub(super) fn apply(
+        &self,
+        state: &mut State,
+        ready: bool,
+        zeroed: bool,
+        reset_device: impl FnOnce() -> bool,
+    ) -> Applied {
         let zeroed = self.zeroed.swap(false, Ordering::Relaxed) || zeroed;
         let applied = Applied {
             zeroed,
-            reset: self.reset.swap(false, Ordering::Relaxed) && !zeroed,
+            reset: self.reset.swap(false, Ordering::Relaxed) && !zeroed && reset_device(),
             arm: self.arm.swap(false, Ordering::Relaxed) && ready && !zeroed,
             disarm: self.disarm.swap(false, Ordering::Relaxed),
         };

@@ -97,6 +97,8 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits
     sent_force_n: Vec3,
     /// Buttons of the last sample, or [`ALL_HELD`].
     buttons: u32,
+    /// Whether the device ignores forces until its reset succeeds.
+    is_latched: bool,
     /// Ticks without a sample since the last one.
     last_sample_tick: u64,
     latency: LatencyRecorder,
@@ -181,6 +183,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             recording: None,
             sent_force_n: vec3::ZERO,
             buttons: ALL_HELD,
+            is_latched: false,
             last_sample_tick: 0,
             latency: LatencyRecorder::new(),
             ticks: 0,
@@ -283,11 +286,13 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         if was_zeroed {
             self.buttons = ALL_HELD;
         }
-        let applied = self.controls.apply(&mut self.state, ready, was_zeroed);
-        // While disarmed the device's zero latch is cleared without a reset by the user: no force returns
-        // before arming.
-        if applied.reset || (applied.zeroed && self.state.phase() == Phase::Disarmed) {
-            self.device.0.reset();
+        let ready = ready && !self.is_latched;
+        let applied = self.controls.apply(&mut self.state, ready, was_zeroed, || self.device.0.reset());
+        // While disarmed the device's zero latch is cleared without a reset by the user, as soon as its cause
+        // is gone: no force returns before arming, and a latched device is not armed.
+        self.is_latched = (self.is_latched || applied.zeroed) && !applied.reset;
+        if self.is_latched && self.state.phase() == Phase::Disarmed {
+            self.is_latched = !self.device.0.reset();
         }
         self.change_model();
         // Any request of the same tick, for example to disarm, overrides a press of the button.

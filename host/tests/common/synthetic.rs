@@ -46,6 +46,11 @@ const ACTIVE: [(&str, Vec3); 3] =
 
 /// The blob.
 pub(crate) fn organ(shape: &Shape) -> AlignedBytes {
+    certified_organ(shape, |_| Vec::new())
+}
+
+/// The blob with the certificate for these active nodes.
+pub(crate) fn certified_organ(shape: &Shape, certificate: impl Fn(&[String]) -> Vec<u8>) -> AlignedBytes {
     let (vertices, triangles) = ellipsoid(shape);
     let lattice = BallLattice::new(0.010, 0.040).expect("valid sizes");
     let mut planes = Planes::default();
@@ -69,13 +74,15 @@ pub(crate) fn organ(shape: &Shape) -> AlignedBytes {
         .iter()
         .map(|(name, node)| space(shape, &lattice, &vertices, (name, *node), &mut planes))
         .collect();
+    let names: Vec<String> = active.into_iter().map(|(name, _)| name).collect();
+    let certificate = Some(certificate(&names)).filter(|text| !text.is_empty());
     let preamble = Preamble {
         scene: "synthetic ellipsoid".try_into().expect("short"),
         law: "spring".try_into().expect("short"),
         max_force_n: shape.max_force_n,
         mesh_hash: [0; 32],
         surface,
-        certificate: None,
+        certificate: certificate.map(|text| planes.put(&text)),
         space_count: spaces.len() as u32,
     };
     pack(&preamble, &spaces, &planes.bytes)

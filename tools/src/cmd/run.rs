@@ -464,11 +464,14 @@ fn run_replay(
 }
 
 /// Refuses a blob without a certificate of this method, or whose certificate has no position away from branch
-/// jumps, unless it may be uncertified. A blob of red numerical health never drives motors.
+/// jumps, unless it may be uncertified. A blob of red or unknown numerical health never drives motors.
 fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method, args: &Args) -> Result<(), Failure> {
     let path_name = path.display();
     let drives_motors = args.device.hardware().is_some() && !args.motors_off;
     let Some(certificate) = certificate::of(path, organ)? else {
+        if args.uncertified && drives_motors {
+            return Err(unknown_health(&path_name));
+        }
         if args.uncertified {
             return Ok(());
         }
@@ -487,6 +490,9 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method, args: &Args
                 method.name()
             )));
         }
+        if space.health.is_none() && drives_motors {
+            return Err(unknown_health(&path_name));
+        }
         let health = space.health.as_ref().filter(|health| health.verdict == Verdict::Red);
         if let Some(health) = health {
             let reason = health.reasons.first().map_or("no reason is stated", |reason| reason.what.as_str());
@@ -500,4 +506,12 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method, args: &Args
         }
     }
     Ok(())
+}
+
+/// The health of a blob is measured when it is packed.
+fn unknown_health(path: &impl std::fmt::Display) -> Failure {
+    Failure::input(format!(
+        "{path}: its certificate does not state whether it is numerically sound, so it drives no motors: pack it without \
+         --no-certificate, or look at it with --motors-off or --device sim"
+    ))
 }

@@ -409,8 +409,9 @@ impl Device for Link {
         core::mem::take(&mut self.unreported)
     }
 
-    fn reset(&mut self) {
+    fn reset(&mut self) -> bool {
         self.latched = None;
         self.opening_session = true;
+        true
     }
 }

@@ -292,6 +292,8 @@ struct Latching<'t> {
     calls: u64,
     zeroed_at: [u64; 2],
     resets: &'t AtomicU64,
+    /// Calls at which the cause of the latch lasts.
+    lasting: std::ops::Range<u64>,
 }
 
 impl Device for Latching<'_> {
@@ -311,8 +313,10 @@ impl Device for Latching<'_> {
         self.zeroed_at.contains(&self.calls)
     }
 
-    fn reset(&mut self) {
-        self.resets.fetch_add(1, Ordering::Relaxed);
+    fn reset(&mut self) -> bool {
+        let clears = !self.lasting.contains(&self.calls);
+        self.resets.fetch_add(u64::from(clears), Ordering::Relaxed);
+        clears
     }
 }
 
@@ -326,7 +330,7 @@ fn a_device_zeroed_by_another_path_is_reset_by_the_user_or_while_disarmed() {
     let (records, mut drained) = rtrb::RingBuffer::new(100);
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls, resets) = (VirtualClock::default(), Controls::default(), AtomicU64::new(0));
-    let device = Latching { calls: 0, zeroed_at: [10, 30], resets: &resets };
+    let device = Latching { calls: 0, zeroed_at: [10, 30], resets: &resets, lasting: 0..0 };
     let outputs = Outputs { records, latest };
     let mut haptic = HapticLoop::new(controller, device, &clock, LoopConfig::default(), &controls, outputs);
     let mut seen = Vec::new();
@@ -349,4 +353,40 @@ fn a_device_zeroed_by_another_path_is_reset_by_the_user_or_while_disarmed() {
     assert_eq!(seen[49 - 1], (Phase::SafeZero(Fault::Watchdog), false, 1));
     assert_eq!(seen[50 - 1], (Phase::Disarmed, false, 2));
     assert_eq!(seen[60 - 1], (Phase::Disarmed, false, 2));
+}
+
+/// A latch that lasts: the user's reset does nothing, and a disarmed device is not armed before it is cleared.
+#[test]
+fn a_device_whose_latch_lasts_is_neither_reset_nor_armed() {
+    let blob = synthetic::organ(&Shape::default());
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+    let controller: Controller<'_, '_> =
+        Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
+    let (records, mut drained) = rtrb::RingBuffer::new(100);
+    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
+    let (clock, controls, resets) = (VirtualClock::default(), Controls::default(), AtomicU64::new(0));
+    let device = Latching { calls: 0, zeroed_at: [10, 50], resets: &resets, lasting: 10..80 };
+    let outputs = Outputs { records, latest };
+    let mut haptic = HapticLoop::new(controller, device, &clock, LoopConfig::default(), &controls, outputs);
+    let mut seen = Vec::new();
+    for index in 1..=100 {
+        match index {
+            // Armed before the latch; not while it lasts; after it.
+            5 | 60 | 90 => controls.arm(),
+            20 | 85 => controls.reset(),
+            40 => controls.disarm(),
+            _ => {}
+        }
+        clock.wait_until(index * 1_000_000, 0);
+        haptic.tick(index, 0, index * 1_000_000).expect("it never fails");
+        let record = drained.pop().expect("one record a tick");
+        seen.push((record.phase, record.applied.reset, resets.load(Ordering::Relaxed)));
+    }
+    let latched = Phase::SafeZero(Fault::Watchdog);
+    assert_eq!(seen[10 - 1], (latched, false, 0));
+    assert_eq!(seen[20 - 1], (latched, false, 0), "the reset is refused");
+    let after: Vec<Phase> = seen[60 - 1..79].iter().map(|(phase, ..)| *phase).collect();
+    assert!(!after.contains(&Phase::Active), "{after:?}");
+    assert_eq!(seen[85 - 1], (Phase::Disarmed, true, 1));
+    assert_eq!(seen[90 - 1].0, Phase::Active);
 }

@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
+use palpate_host::doctor::wrapped;
 use palpate_precompute::plan::{PackedBlob, Plan, Prediction, Row, compare};
 use serde_json::json;
 
@@ -20,6 +21,9 @@ use crate::files::{FileKind, Files, Replace};
 use crate::interrupt::end_when_interrupted;
 use crate::output;
 use crate::progress::WorkProgress;
+
+/// Columns of the text.
+const WIDTH: usize = 110;
 
 /// Predict the cost of a scene before it is solved.
 ///
@@ -101,7 +105,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
-    output::line(format!("Recommended: {}: {why}.\n", words::row(&rows[*recommended])))?;
+    let recommended = format!("Recommended: {}: {why}.", words::row(&rows[*recommended]));
+    output::line(format!("{}\n", wrapped(&recommended, WIDTH).join("\n  ")))?;
     // Of each sampling the default method, unless all are asked for.
     let is_shown =
         |row: &&Row| args.verbose || row.recommended || row.asked || row.method == Method::Energy.name();
@@ -112,8 +117,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     output::line(words::prediction(prediction))?;
     output::line(format!(
-        "Seconds are on {threads} thread{} of this machine with its present load; ~ marks values extrapolated from coarser or smaller solves. Planned in \
-         {seconds:.1} s",
+        "Seconds are on {threads} thread{} of this machine with its present load; ~ marks values extrapolated from\n\
+         coarser or smaller solves. Planned in {seconds:.1} s",
         if threads == 1 { "" } else { "s" }
     ))
 }

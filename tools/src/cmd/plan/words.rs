@@ -128,55 +128,67 @@ fn interval(of: Interval, figure: impl Fn(f64) -> String) -> String {
     if low == high { low } else { format!("{low} to {high} ({likely})") }
 }
 
-/// A prediction, a line per node and for all.
+/// A prediction: a table with a row per node and for all, and the figures of the whole scene.
 pub(super) fn prediction(prediction: &Prediction) -> String {
-    let mut text = String::from(
-        "Prediction as the scene asks: 10 to 90 % of the outcomes (median); seconds of solving on one thread; tables of \
-         the method energy\n",
-    );
     let is_sum = prediction.nodes.len() > 1 || prediction.others.is_some();
     let nodes = prediction.nodes.iter().chain(&prediction.others).map(|line| (line, true));
-    let lines: Vec<(&Line, bool)> = nodes.chain(is_sum.then_some((&prediction.total, false))).collect();
-    let wide = lines.iter().map(|(line, _)| line.of.len()).max().unwrap_or(0);
-    for (line, with_tables) in lines {
-        text.push_str(&format!("  {:<wide$}  {}\n", line.of, of_line(line, with_tables)));
-    }
-    if is_sum && prediction.lattices.high > 0.0 {
-        text.push_str(&format!("A lattice takes over at {} nodes\n", interval(prediction.lattices, count)));
-    }
-    let [memory, blob] = [prediction.memory_bytes, prediction.total.blob_bytes].map(|b| interval(b, bytes));
-    text.push_str(&format!("Memory {memory}; blob with surface and certificate {blob}"));
-    if let Some(ns) = prediction.query_ns {
-        text.push_str(&format!("; query {} ns", interval(ns, count)));
-    }
-    if prediction.threads > 1 {
-        let threads = prediction.threads as f64;
-        let wall = interval(prediction.total.seconds, |s| seconds(s / threads));
-        text.push_str(&format!("; solving with {threads} busy threads {wall} s"));
-    }
-    text + "\n"
-}
-
-fn of_line(line: &Line, with_tables: bool) -> String {
-    let mut text = format!(
-        "{} solves tried, {} configurations kept, {} s",
-        interval(line.tried, count),
-        interval(line.kept, count),
-        interval(line.seconds, seconds)
+    let lines = nodes.chain(is_sum.then_some((&prediction.total, false)));
+    let heading = ["", "solves", "kept", "seconds", "tables", "p99 mN"].map(String::from);
+    let cells = |(line, with_tables): (&Line, bool)| {
+        [
+            line.of.clone(),
+            interval(line.tried, count),
+            interval(line.kept, count),
+            interval(line.seconds, seconds),
+            if with_tables { interval(line.blob_bytes, bytes) } else { String::new() },
+            line.p99_n.map_or_else(String::new, |p99_n| interval(p99_n, millinewtons)),
+        ]
+    };
+    let rows: Vec<[String; 6]> = std::iter::once(heading).chain(lines.clone().map(cells)).collect();
+    let mut text = String::from(
+        "Prediction as the scene asks: 10 to 90 % of the outcomes (median); seconds on one thread\n",
     );
-    if with_tables {
-        text.push_str(&format!(", tables {}", interval(line.blob_bytes, bytes)));
-    }
-    if let Some(p99_n) = line.p99_n {
-        text.push_str(&format!(", error at p99 {} mN", interval(p99_n, millinewtons)));
-    }
-    if let Some(lattice) = &line.lattice {
+    text.push_str(&aligned(&rows));
+    for (line, _) in lines {
+        let Some(lattice) = &line.lattice else { continue };
         text.push_str(&format!(
-            "; with probability {:.0} % a lattice takes over: then {} solves, {} s",
+            "  {}: with probability {:.0} % a lattice takes over: then {} solves, {} s\n",
+            line.of,
             100.0 * lattice.probability,
             interval(lattice.tried, count),
             interval(lattice.seconds, seconds)
         ));
+    }
+    if is_sum && prediction.lattices.high > 0.0 {
+        text.push_str(&format!("  a lattice takes over at {} nodes\n", interval(prediction.lattices, count)));
+    }
+    let [memory, blob] = [prediction.memory_bytes, prediction.total.blob_bytes].map(|b| interval(b, bytes));
+    text.push_str(&format!("  memory {memory}; blob with surface and certificate {blob}\n"));
+    let query = prediction.query_ns.map(|ns| format!("query {} ns", interval(ns, count)));
+    let threads = prediction.threads as f64;
+    let wall = (prediction.threads > 1).then(|| {
+        let wall = interval(prediction.total.seconds, |s| seconds(s / threads));
+        format!("solving with {threads} busy threads {wall} s")
+    });
+    let more: Vec<String> = query.into_iter().chain(wall).collect();
+    if !more.is_empty() {
+        text.push_str(&format!("  {}\n", more.join("; ")));
+    }
+    text
+}
+
+/// Rows with columns of equal width, the first one to the left.
+fn aligned<const N: usize>(rows: &[[String; N]]) -> String {
+    let wide: [usize; N] =
+        std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
+    let mut text = String::new();
+    for row in rows {
+        let mut line = format!("  {:<wide$}", row[0], wide = wide[0]);
+        for (cell, wide) in row.iter().zip(wide).skip(1) {
+            line.push_str(&format!("  {cell:>wide$}"));
+        }
+        text.push_str(line.trim_end());
+        text.push('\n');
     }
     text
 }
@@ -199,16 +211,7 @@ pub(super) fn comparison(comparison: &Comparison) -> String {
         })
         .collect();
     let heading = ["", "predicted (10 to 90 %)", "happened", ""].map(String::from);
-    let wide: [usize; 3] = std::array::from_fn(|column| {
-        rows.iter().chain([&heading]).map(|row| row[column].chars().count()).max().unwrap_or(0)
-    });
-    let mut text = String::new();
-    for [what, predicted, happened, verdict] in [&heading].into_iter().chain(&rows) {
-        let [a, b, c] = wide;
-        let line = format!("  {what:<a$}  {predicted:>b$}  {happened:>c$}  {verdict}");
-        text.push_str(line.trim_end());
-        text.push('\n');
-    }
+    let mut text = aligned(&std::iter::once(heading).chain(rows).collect::<Vec<_>>());
     for note in &comparison.notes {
         text.push_str(&format!("  {note}\n"));
     }
@@ -253,9 +256,13 @@ mod tests {
     #[test]
     fn a_prediction_has_a_line_a_node_and_one_for_all() {
         let text = prediction(&predicted());
-        assert!(text.contains("A1") && text.contains("11 solves tried, 10 configurations kept"), "{text}");
-        assert!(text.contains("error at p99 3.3 to 30 (10) mN"), "{text}");
-        assert!(text.contains("  all 5 nodes       55 solves tried, 50 configurations kept"), "{text}");
+        let rows: Vec<Vec<&str>> = text
+            .lines()
+            .map(|line| line.split("  ").map(str::trim).filter(|s| !s.is_empty()).collect())
+            .collect();
+        assert_eq!(rows[2], ["A1", "11", "10", "20.0 to 50.0 (30.0)", "100 kB", "3.3 to 30 (10)"]);
+        assert_eq!(rows[5], ["all 5 nodes", "55", "50", "20.0 to 50.0 (30.0)"]);
+        assert!(text.lines().all(|line| line.chars().count() <= 120), "{text}");
         assert!(!text.contains("lattice"), "{text}");
     }
 
