@@ -218,6 +218,13 @@ impl<'a> Space<'a> {
         Some(with_interpolant!(self, method, |h, of| interpolant::force_outside(h, of, [x, y, z])))
     }
 
+    /// W at a displacement of the active node, joules, where the force is its gradient: `energy` away from
+    /// folds, and `kernel`. Outside the domain it is continued along the ray from rest. Costs about as much as
+    /// the force.
+    pub fn energy_j(&self, method: Method, displacement_m: Vec3) -> Option<f32> {
+        with_interpolant!(self, method, |h, of| interpolant::energy_j(h, of, &displacement_m))
+    }
+
     /// Force with stiffness, and with energy where the force is its gradient. `None` as for [`Space::force`].
     ///
     /// Costs a few times as much as the force alone; not for the tick.

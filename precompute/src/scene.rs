@@ -5,6 +5,7 @@
 //! Unusual but solvable properties become warnings of the [`ResolvedScene`]. Unknown keys are errors, because
 //! an ignored key would change the model unnoticed.
 
+mod cover;
 mod device;
 mod file;
 mod grid;
@@ -18,25 +19,24 @@ mod tool;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
-
 use crate::error::InputError;
 use crate::fem::body::{Body, Model, Region};
-use crate::fem::boundary::{Constraints, Contact, Handle};
+use crate::fem::boundary::{Constraints, Contact};
 use crate::fem::element::Order;
 use crate::fem::material::Material;
-use crate::fem::pad::{Fingertip, Pad, PadProfile};
+use crate::fem::pad::{Fingertip, PadProfile};
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
-use crate::mesh::{MeshFault, Refined, SkinPoint, Surface, TetMesh};
-use crate::num::vector::unit;
-use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered};
+use crate::mesh::{MeshFault, Refined, Surface, TetMesh};
+pub use crate::spec::{ActiveNode, Tool};
+use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, Scattered};
+pub use cover::Cover;
+pub(crate) use cover::choose as choose_contact_points;
 use file::SceneFile;
 pub use file::SolverOptions;
 use place::Place;
 pub use reach::Unreachable;
-pub use tool::Tool;
 
 /// The grids of the paper: number of points, and number of cells along the radius.
 pub(crate) const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
@@ -65,6 +65,10 @@ pub struct ResolvedScene {
     pub tool: Tool,
     /// Active nodes in the order of the scene; free surface nodes with unique names.
     pub active: Vec<ActiveNode>,
+    /// The part of the skin that contact points are to cover; `None` once they are chosen.
+    pub cover: Option<Cover>,
+    /// Triangles of contact points, indices into `active`; empty if they are touched one by one.
+    pub contact_triangles: Vec<[u32; 3]>,
     /// Numbers of nodes of the scene's groups that are excluded because the tool cannot reach them.
     pub unreachable: Unreachable,
     /// The sampling of the displacements, if the scene has a `[grid]`.
@@ -103,20 +107,6 @@ pub struct MaterialRegion {
     pub bulk_modulus_pa: Option<f64>,
     /// Tets of the part, ascending; `None` means the whole body.
     pub tets: Option<Vec<u32>>,
-}
-
-/// An active node: a place of the skin that the tool can touch.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ActiveNode {
-    /// Unique name within the scene.
-    pub name: String,
-    /// Index of the mesh node; for a contact point the nearest corner of its triangle.
-    pub node: u32,
-    /// Nodes that move with the active node as a rigid patch, including itself; empty for a single node.
-    pub patch: Vec<u32>,
-    /// The contact point of a tool with a size; `None` for a point tool, which holds the node.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub contact: Option<SkinPoint>,
 }
 
 impl Scene {
@@ -178,46 +168,6 @@ impl Scene {
     }
 }
 
-impl ActiveNode {
-    /// Contact of the tool on this body.
-    ///
-    /// # Panics
-    ///
-    /// If the pad touches nothing of the body; resolving a scene refuses such a contact point.
-    pub fn on(&self, tool: &Tool, body: &Body) -> Contact {
-        match (tool, &self.contact) {
-            (Tool::Fingertip(tip), Some(at)) => {
-                let centre_m = at.interpolate(|node| body.nodes_m[node as usize]);
-                Pad::new(body, *tip, centre_m).expect("the scene was checked").into()
-            }
-            _ => Handle::patch(self.node, &self.patch).into(),
-        }
-    }
-
-    /// Position on the undeformed mesh, m.
-    pub fn place_m(&self, mesh: &TetMesh) -> [f64; 3] {
-        self.interpolate(|node| mesh.nodes_m[node as usize])
-    }
-
-    /// Position on the body at rest, m.
-    pub fn rest_position_m(&self, body: &Body) -> [f64; 3] {
-        self.interpolate(|node| body.rest_position_m(node))
-    }
-
-    /// Outward unit normal of the surface there; `None` off the surface.
-    pub fn normal(&self, surface: &Surface) -> Option<[f64; 3]> {
-        let nodes = self.contact.map_or([self.node; 3], |at| at.triangle);
-        nodes.iter().all(|&node| surface.contains(node)).then(|| {
-            let sum = self.interpolate(|node| surface.normal(node).unwrap_or_default());
-            if self.contact.is_some() { unit(sum) } else { sum }
-        })
-    }
-
-    fn interpolate(&self, field: impl Fn(u32) -> [f64; 3]) -> [f64; 3] {
-        self.contact.map_or_else(|| field(self.node), |at| at.interpolate(&field))
-    }
-}
-
 /// Why a scene defines no solvable body.
 #[derive(Debug, thiserror::Error)]
 pub enum BodyError {
@@ -247,6 +197,20 @@ impl ResolvedScene {
     /// The equilibrium problem of an active node's contact with the body of this scene.
     pub fn problem(&self, body: &Arc<Body>, active: &ActiveNode) -> Problem {
         self.solver.problem(body.clone(), active.on(&self.tool, body))
+    }
+
+    /// Adds contact points, and the triangles between them as indices into these.
+    pub(crate) fn add_contacts(&mut self, points: Vec<ActiveNode>, triangles: &[[u32; 3]]) {
+        let first = self.active.len() as u32;
+        self.active.extend(points);
+        self.contact_triangles.extend(triangles.iter().map(|corners| corners.map(|corner| first + corner)));
+    }
+
+    /// The contact points of a tool with a size.
+    pub fn contacts(&self) -> Option<ContactSurface> {
+        let fingertip = *self.tool.fingertip()?;
+        let points: Option<Vec<_>> = self.active.iter().map(|active| active.contact).collect();
+        points.map(|points| ContactSurface { fingertip, points, triangles: self.contact_triangles.clone() })
     }
 
     /// The same scene on a mesh with eight times as many tets ([`Refined`]). Active nodes are the same;

@@ -28,6 +28,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
         max_force_n: scene.max_force_n,
         sampling,
         normals: Vec::new(),
+        contacts: None,
         visual: false,
         displacement_bound: scene.displacement_bound,
     };

@@ -1,9 +1,9 @@
-//! Layout of a blob, version 5. Little-endian throughout.
+//! Layout of a blob, version 6. Little-endian throughout.
 //!
 //! ```text
 //! offset          size         content
 //! 0               8            magic "PALPATE\0"
-//! 8               4            u32 version = 5
+//! 8               4            u32 version = 6
 //! 12              4            u32 header_len
 //! 16              8            u64 total_len: the whole file, checksum included
 //! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard)
@@ -33,7 +33,7 @@ compile_error!(
 /// The first eight bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"PALPATE\0";
 /// The layout that is written and read.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 /// Length of magic, version, header length and total length.
 pub(crate) const PREFIX_LEN: usize = 24;
 /// Length of the checksum at the end.
@@ -101,6 +101,11 @@ pub struct Preamble {
     pub mesh_hash: [u8; 32],
     /// Surface of the body.
     pub surface: SurfaceHeader,
+    /// Contact points of a tool with a size: vertices with the index of their space instead of a mesh node, and
+    /// triangles between them. Empty if the tool touches nodes, or contact points one by one.
+    pub contact: SurfaceHeader,
+    /// The fingertip that the spaces were solved for; `None` for a point.
+    pub fingertip: Option<Fingertip>,
     /// u8: the certificate as JSON (UTF-8), for people and tools; the core does not read it. Always the last
     /// plane.
     pub certificate: Option<PlaneRef>,
@@ -108,7 +113,16 @@ pub struct Preamble {
     pub space_count: u32,
 }
 
-/// Surface of the body: vertices, triangles and which vertices are fixed.
+/// A fingertip with an elastic pad.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Fingertip {
+    /// Radius of the pad on the undeformed skin, metres.
+    pub radius_m: f32,
+    /// Stiffness of the whole pad, newtons per metre.
+    pub stiffness_n_m: f32,
+}
+
+/// A surface: vertices, triangles and which vertices are fixed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct SurfaceHeader {
     /// u32: 0-based mesh node of each surface vertex.

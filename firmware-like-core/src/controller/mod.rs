@@ -222,7 +222,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             contact.release(hip_m);
             return Ok(free);
         }
-        contact.slip(config, spaces, surface, (displacement_m, answer.force_n));
+        let energy_j = |space: &Space<'_>, d: Vec3| space.energy_j(self.config.method, d);
+        contact.slip(config, spaces, surface, (displacement_m, answer.force_n), energy_j);
         Ok(Command {
             reaction_n: answer.force_n,
             displacement_m,

@@ -71,6 +71,12 @@ impl<'s> Interpolant for Energy<'s> {
         Slopes { stiffness_n_m: ball.per_metre(rows), energy_j }
     }
 
+    fn energy_j(self, ball: Ball<'s>, at: &Location) -> Option<f32> {
+        let corners = self.0.corners(ball, at)?;
+        let is_energy = ball.smooth(SMOOTH, at) >= 1.0;
+        is_energy.then(|| weighted(&corners, &at.t.map(values)) * ball.lattice.spacing_m())
+    }
+
     /// The derivative of the weight is left out, because it jumps at faces.
     fn rim_slopes(self, ball: Ball<'s>, at: &Location) -> [Vec3; 3] {
         let rows =
@@ -299,30 +305,35 @@ fn contract_z(low: F32x4, high: F32x4, [of_low, of_rise]: [F32x4; 2]) -> F32x4 {
     low * of_low + (high - low) * of_rise
 }
 
+/// The sum over the corners with these weights along each axis.
+fn weighted(corners: &Corners<'_>, [wx, wy, wz]: &[Weights; 3]) -> f32 {
+    let mut total = 0.0;
+    for (plane, wx) in corners.iter().zip(wx) {
+        for (column, wy) in plane.iter().zip(wy) {
+            for (node, wz) in column.iter().zip(wz) {
+                for (row, wx) in node.iter().zip(wx) {
+                    for (run, wy) in row.iter().zip(wy) {
+                        let [a, b, c, _] = run;
+                        let [wa, wb, wc] = wz;
+                        total += wx * wy * (a * wa + b * wb + c * wc);
+                    }
+                }
+            }
+        }
+    }
+    total
+}
+
 /// All derivatives, one corner after the other: for stiffness and energy, which the tick does not need inside
 /// the ball.
 fn derivatives(corners: &Corners<'_>, t: Vec3) -> Derivatives {
     let weights = t.map(|t| [values(t), slopes(t), curvatures(t)]);
     let [x, y, z] = &weights;
     let sum = |order: [usize; 3]| -> f32 {
-        let [Some(wx), Some(wy), Some(wz)] = [x.get(order[0]), y.get(order[1]), z.get(order[2])] else {
-            return 0.0;
-        };
-        let mut total = 0.0;
-        for (plane, wx) in corners.iter().zip(wx) {
-            for (column, wy) in plane.iter().zip(wy) {
-                for (node, wz) in column.iter().zip(wz) {
-                    for (row, wx) in node.iter().zip(wx) {
-                        for (run, wy) in row.iter().zip(wy) {
-                            let [a, b, c, _] = run;
-                            let [wa, wb, wc] = wz;
-                            total += wx * wy * (a * wa + b * wb + c * wc);
-                        }
-                    }
-                }
-            }
+        match [x.get(order[0]), y.get(order[1]), z.get(order[2])] {
+            [Some(wx), Some(wy), Some(wz)] => weighted(corners, &[*wx, *wy, *wz]),
+            _ => 0.0,
         }
-        total
     };
     let (xy, xz, yz) = (sum([1, 1, 0]), sum([1, 0, 1]), sum([0, 1, 1]));
     Derivatives {

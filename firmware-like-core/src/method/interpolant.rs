@@ -51,6 +51,12 @@ pub(crate) trait Interpolant: Copy {
     /// The derivatives of [`Interpolant::force`].
     fn slopes(self, of: Self::Domain, at: &At<Self>) -> Slopes;
 
+    /// W, joules, where the force is its gradient.
+    fn energy_j(self, of: Self::Domain, at: &At<Self>) -> Option<f32> {
+        let _ = (of, at);
+        None
+    }
+
     /// Approximate derivatives of the force that are continuous in the point, N/m.
     fn rim_slopes(self, of: Self::Domain, at: &At<Self>) -> [Vec3; 3] {
         self.slopes(of, at).stiffness_n_m
@@ -104,6 +110,26 @@ pub(crate) fn force_outside<I: Interpolant>(method: I, of: I::Domain, displaceme
 /// phi(s).
 fn rise_m(beyond_m: f32, spacing_m: f32) -> f32 {
     if beyond_m < spacing_m { beyond_m - 0.5 * beyond_m * beyond_m / spacing_m } else { 0.5 * spacing_m }
+}
+
+/// The energy of a method at any displacement, joules: outside the domain that at the rim and the work from
+/// there along the ray.
+pub(crate) fn energy_j<I: Interpolant>(method: I, of: I::Domain, displacement_m: &Vec3) -> Option<f32> {
+    let outside_m = match of.inside(displacement_m) {
+        Ok(at) => return method.energy_j(of, &at),
+        Err(outside_m) => outside_m,
+    };
+    let Rim { at, outward, beyond_m } = of.rim(outside_m);
+    let along_n = vec3::dot(method.force(Baseline, of, &at), outward);
+    let slope_n_m = vec3::dot(vec3::transform(&method.rim_slopes(of, &at), outward), outward);
+    let work_j = along_n * beyond_m + slope_n_m * risen_m2(beyond_m, of.spacing_m());
+    Some(method.energy_j(of, &at)? + work_j)
+}
+
+/// The integral of phi from 0 to s.
+fn risen_m2(beyond_m: f32, spacing_m: f32) -> f32 {
+    let bent_m = beyond_m.min(spacing_m);
+    0.5 * bent_m * bent_m * (1.0 - bent_m / (3.0 * spacing_m)) + 0.5 * spacing_m * (beyond_m - bent_m)
 }
 
 /// The force of a method at any displacement.

@@ -159,20 +159,28 @@ impl Contact {
     /// Slips the anchor of a pushing tool towards the point where friction balances the reaction h at d. The
     /// slip is used from the next sample on.
     ///
-    /// The slip is parallel to the tangential part of h, so the work h . slip that leaves the body is never
-    /// negative. Its length is half of the excess of h over friction, divided by the secant stiffness
-    /// |h|/|d|.
+    /// With the HIP p at rest, a slip of the anchor x changes the blended energy W(x, d) = sum w_i(x) W_i(d),
+    /// d = p - x, by -g . dx with g = h - sum W_i grad w_i. The slip is parallel to the tangential part of g. So
+    /// the energy of the body falls by g . dx, which friction turns into heat: on no closed path does the hand
+    /// receive energy. Its length is half of the excess of g over friction, divided by the secant stiffness
+    /// |h|/|d|. A method without an energy uses g = h.
     pub(crate) fn slip(
         &mut self,
         config: &ContactConfig,
         spaces: &[Space<'_>],
         surface: Option<&TouchSurface<'_>>,
         (displacement_m, force_n): (Vec3, Vec3),
+        energy_j: impl Fn(&Space<'_>, Vec3) -> Option<f32>,
     ) {
         let (Some(at), Some(surface)) = (&mut self.engaged, surface) else { return };
         let (ContactKind::Push, Some(foot)) = (at.kind, at.foot) else { return };
         let pressing_n = -vec3::dot(force_n, at.normal);
-        let along_n = vec3::add(force_n, vec3::scale(at.normal, pressing_n));
+        let driving_n =
+            match blended_slope_n(spaces, surface, at, &foot, |space| energy_j(space, displacement_m)) {
+                Some(slope_n) => vec3::sub(force_n, slope_n),
+                None => force_n,
+            };
+        let along_n = vec3::sub(driving_n, vec3::scale(at.normal, vec3::dot(driving_n, at.normal)));
         let size_n = vec3::norm(along_n);
         let excess_n = size_n - config.friction * pressing_n.max(0.0);
         if excess_n <= 0.0 {
@@ -181,6 +189,12 @@ impl Contact {
         let slip_m = 0.5 * excess_n * vec3::norm(displacement_m) / vec3::norm(force_n);
         let slip_m = vec3::scale(along_n, slip_m.min(MAX_SLIP_M) / size_n);
         if !vec3::is_finite(slip_m) {
+            return;
+        }
+        // On a face that is tilted against the blended normal, the slip must not lift the energy.
+        let face = surface.face_normal(foot.triangle);
+        let in_face_m = vec3::sub(slip_m, vec3::scale(face, vec3::dot(slip_m, face)));
+        if vec3::dot(driving_n, in_face_m) <= 0.0 {
             return;
         }
         let from_m = surface.point(&foot);
@@ -203,6 +217,22 @@ impl Contact {
             self.release(hip_m);
         }
     }
+}
+
+/// sum W_i grad w_i, newtons; `None` if a space has no energy.
+fn blended_slope_n(
+    spaces: &[Space<'_>],
+    surface: &TouchSurface<'_>,
+    at: &Engaged,
+    foot: &Foot,
+    energy_j: impl Fn(&Space<'_>) -> Option<f32>,
+) -> Option<Vec3> {
+    let mut sum = vec3::ZERO;
+    for (node, slope) in at.weights.iter().zip(surface.weight_slopes(foot.triangle)?) {
+        let energy_j = energy_j(spaces.get(usize::from(node.space))?)?;
+        sum = vec3::add(sum, vec3::scale(slope, energy_j));
+    }
+    Some(sum)
 }
 
 /// The node that a press of the button grasps at the HIP.

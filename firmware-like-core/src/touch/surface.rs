@@ -70,12 +70,12 @@ pub struct TouchSurface<'m> {
 impl<'m> TouchSurface<'m> {
     /// Number of words of memory that [`TouchSurface::new`] needs; 0 for an organ without a surface.
     pub fn words<const N: usize>(organ: &Organ<'_, N>) -> usize {
-        let surface = &organ.surface;
+        let surface = touched(organ);
         let (vertices, triangles) = (surface.node.len(), surface.triangles.len());
         if triangles == 0 {
             return 0;
         }
-        let (cells, entries) = Cells::over(surface);
+        let (cells, entries) = Cells::over(&surface);
         let lists = [cells.total(), 1, vertices, 1, vertices, triangles.saturating_mul(3), entries];
         lists.into_iter().fold(0, usize::saturating_add)
     }
@@ -85,7 +85,7 @@ impl<'m> TouchSurface<'m> {
     ///
     /// For start-up: every triangle is visited a few times.
     pub fn new<const N: usize>(organ: &Organ<'m, N>, memory: &'m mut [u32]) -> Option<Self> {
-        let surface = organ.surface;
+        let surface = touched(organ);
         let (triangles, vertices) = (surface.triangles, surface.node.len());
         if triangles.is_empty() {
             return None;
@@ -102,7 +102,12 @@ impl<'m> TouchSurface<'m> {
         fill_lists(triangles, cells_of, cell_start, cell_triangle);
         let vertices_of = |triangle: &[u32; 3]| triangle.map(|vertex| vertex as usize).into_iter();
         fill_lists(triangles, vertices_of, vertex_start, vertex_triangle);
+        let is_contact = !organ.contact.triangles.is_empty();
         for (space, node) in vertex_space.iter_mut().zip(surface.node) {
+            if is_contact {
+                *space = *node;
+                continue;
+            }
             let found = (0_u32..).zip(&organ.spaces).find(|(_, space)| space.active.node == *node);
             *space = found.map_or(NO_SPACE, |(index, _)| index);
         }
@@ -180,6 +185,17 @@ impl<'m> TouchSurface<'m> {
     pub fn node_weights(&self, foot: &Foot) -> Option<[NodeWeight; 3]> {
         let ([a, b, c], [wa, wb, wc]) = (self.spaces(foot.triangle)?, foot.weights);
         Some([(a, wa), (b, wb), (c, wc)].map(|(space, weight)| NodeWeight { space, weight }))
+    }
+
+    /// The gradient along the surface of the weight of each corner of a triangle, per metre.
+    ///
+    /// Of corner a it is n x (c - b) / |n|^2 with n = (b - a) x (c - a).
+    pub(super) fn weight_slopes(&self, triangle: u32) -> Option<[Vec3; 3]> {
+        let corners = self.corners(triangle)?;
+        let ([a, b, c], area) = (corners, area(corners));
+        let per_m2 = vec3::norm_squared(area).max(f32::MIN_POSITIVE).recip();
+        let slope = |from: Vec3, to: Vec3| vec3::scale(vec3::cross(area, vec3::sub(to, from)), per_m2);
+        Some([slope(b, c), slope(c, a), slope(a, b)])
     }
 
     fn spaces(&self, triangle: u32) -> Option<[u16; 3]> {
@@ -260,6 +276,11 @@ impl<'m> TouchSurface<'m> {
     fn corners(&self, triangle: u32) -> Option<[Vec3; 3]> {
         corners(&self.surface, self.surface.triangles.get(triangle as usize)?)
     }
+}
+
+/// The surface that the tool touches: that of the contact points if there is one, else that of the body.
+fn touched<'m, const N: usize>(organ: &Organ<'m, N>) -> Surface<'m> {
+    if organ.contact.triangles.is_empty() { organ.surface } else { organ.contact }
 }
 
 /// Where a path first has no height above a plane, if it starts above it: the fraction of the path, and the

@@ -265,6 +265,8 @@ impl Recipe {
             max_force_n: 8.0,
             mesh_hash: [7; 32],
             surface,
+            contact: SurfaceHeader::default(),
+            fingertip: None,
             certificate: None,
             space_count: spaces.len() as u32,
         };

@@ -82,6 +82,8 @@ pub(crate) fn certified_organ(shape: &Shape, certificate: impl Fn(&[String]) -> 
         max_force_n: shape.max_force_n,
         mesh_hash: [0; 32],
         surface,
+        contact: SurfaceHeader::default(),
+        fingertip: None,
         certificate: certificate.map(|text| planes.put(&text)),
         space_count: spaces.len() as u32,
     };

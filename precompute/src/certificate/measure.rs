@@ -180,7 +180,10 @@ pub(crate) fn truths(
     };
     // Paths can leave the workspace.
     let workspace = match sampling.scattered().filter(|scattered| scattered.workspace_m.is_some()) {
-        Some(scattered) => scattered.workspace_of(store.body()?.0.nodes_m[space.active.node as usize]),
+        Some(scattered) => {
+            let (mesh, node) = (store.body()?.0, space.active.node);
+            scattered.workspace_of(store.identity()?.at_active(active, node, |n| mesh.nodes_m[n as usize]))
+        }
         None => None,
     };
     let mut truths = Vec::new();

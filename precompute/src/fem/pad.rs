@@ -62,6 +62,18 @@ pub struct Fingertip {
     pub profile: PadProfile,
 }
 
+impl Fingertip {
+    /// Stiffness k A of the springs on a plane skin, N/m: k pi a^2 / 3 for the quartic profile, twice that for
+    /// Hertz.
+    pub fn stiffness_on_a_plane_n_m(&self) -> f64 {
+        let share = match self.profile {
+            PadProfile::Quartic => 1.0 / 3.0,
+            PadProfile::Hertz => 2.0 / 3.0,
+        };
+        share * self.stiffness_pa_m * std::f64::consts::PI * self.radius_m * self.radius_m
+    }
+}
+
 /// Couples two nodes of the skin: k M_ij.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PadPair {

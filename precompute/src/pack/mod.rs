@@ -7,14 +7,15 @@ pub use error::PackError;
 
 use bytemuck::Pod;
 use palpate_core::format::{
-    self, ALIGNMENT, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader,
-    SpaceHeader, SurfaceHeader,
+    self, ALIGNMENT, DisplacementHeader, Fingertip, HermiteHeader, KernelHeader, PlaneRef, Preamble,
+    RbfHeader, SpaceHeader, SurfaceHeader,
 };
 use palpate_core::{AlignedBytes, Limits, Method, Organ};
 
 use crate::fit::{Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, fit_rbf, lattice_values};
 use crate::mesh::{Surface, TetMesh};
-use crate::space::Store;
+use crate::num::vector::unit;
+use crate::space::{Store, StoreIdentity};
 use crate::spec::GridIndex;
 use fitted::{Fitted, Fitter, SelectedSpace, TableInput};
 
@@ -137,7 +138,8 @@ pub fn pack_with(
     let fitter =
         Fitter { sampling: identity.sampling, nodes: &surface.nodes, methods: options.methods, visual };
     let fitted = fitter.all(store, &selected, options.threads)?;
-    let mut packer = Packer { store, mesh, surface: &surface, options, planes: PlaneArea::default() };
+    let mut packer =
+        Packer { store, identity: &identity, mesh, surface: &surface, options, planes: PlaneArea::default() };
     let surface_header = packer.surface(&fixed)?;
     let spaces = selected.iter().zip(fitted).map(|(selected, fitted)| packer.space(selected, &fitted));
     let spaces = spaces.collect::<Result<Vec<SpaceHeader>, PackError>>()?;
@@ -147,12 +149,18 @@ pub fn pack_with(
     if spaces.is_empty() {
         return Err(PackError::Empty);
     }
+    let contact = packer.contact(&selected, &spaces)?;
     let preamble = Preamble {
         scene: short_text(&identity.scene_name, "the scene's name")?,
         law: short_text(&identity.law, "the law's name")?,
         max_force_n: identity.max_force_n as f32,
         mesh_hash: identity.mesh_hash,
         surface: surface_header,
+        contact,
+        fingertip: identity.contacts.as_ref().map(|contacts| Fingertip {
+            radius_m: contacts.fingertip.radius_m as f32,
+            stiffness_n_m: contacts.fingertip.stiffness_on_a_plane_n_m() as f32,
+        }),
         certificate: None,
         space_count: spaces.len() as u32,
     };
@@ -167,6 +175,7 @@ const REST: GridIndex = [0; 3];
 /// Data that all spaces of a blob share while they are packed.
 struct Packer<'s> {
     store: &'s Store,
+    identity: &'s StoreIdentity,
     mesh: TetMesh,
     surface: &'s Surface,
     options: &'s PackOptions<'s>,
@@ -189,6 +198,33 @@ impl Packer<'_> {
             position_m: planes.push3(&[position(0), position(1), position(2)])?,
             triangles: planes.push(&triangles)?,
             fixed: planes.push(&held)?,
+        })
+    }
+
+    /// The triangles between contact points that have a space.
+    fn contact(
+        &mut self,
+        selected: &[SelectedSpace],
+        spaces: &[SpaceHeader],
+    ) -> Result<SurfaceHeader, PackError> {
+        let Some(contacts) = &self.identity.contacts else { return Ok(SurfaceHeader::default()) };
+        let vertex = |active: &u32| selected.iter().position(|space| space.active == *active as usize);
+        let corners = |triangle: &[u32; 3]| -> Option<[u32; 3]> {
+            let [a, b, c] = triangle.each_ref().map(vertex);
+            Some([a? as u32, b? as u32, c? as u32])
+        };
+        let triangles: Vec<[u32; 3]> = contacts.triangles.iter().filter_map(corners).collect();
+        if triangles.is_empty() {
+            return Ok(SurfaceHeader::default());
+        }
+        let position =
+            |axis: usize| -> Vec<f32> { spaces.iter().map(|space| space.rest_position_m[axis]).collect() };
+        let planes = &mut self.planes;
+        Ok(SurfaceHeader {
+            node: planes.push(&(0..spaces.len() as u32).collect::<Vec<u32>>())?,
+            position_m: planes.push3(&[position(0), position(1), position(2)])?,
+            triangles: planes.push(&triangles)?,
+            fixed: planes.push(&vec![0_u8; spaces.len()])?,
         })
     }
 
@@ -226,11 +262,14 @@ impl Packer<'_> {
             }),
             None => None,
         };
-        let normal = self.surface.normal(node).expect("an active node is on the surface");
+        let surface_normal = |node| self.surface.normal(node).expect("an active node is on the surface");
+        let normal = self.identity.at_active(active, node, surface_normal);
+        let normal = if self.identity.contacts.is_some() { unit(normal) } else { normal };
+        let rest_m = self.identity.at_active(active, node, |node| self.mesh.nodes_m[node as usize]);
         Ok(SpaceHeader {
             name: short_text(name, "an active node's name")?,
             node,
-            rest_position_m: self.mesh.nodes_m[node as usize].map(|x| x as f32),
+            rest_position_m: rest_m.map(|x| x as f32),
             outward_normal: normal.map(|x| x as f32),
             spacing_m: grid.spacing_m as f32,
             radius_m: grid.radius_m as f32,

@@ -25,13 +25,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use palpate_core::Limits;
+
 use crate::error::InputError;
 use crate::fem::body::Body;
 use crate::fem::material::Material;
 use crate::fem::solve::Problem;
 use crate::held_out::{Draw, HeldOut, HeldOutProgress};
 use crate::mesh::Surface;
-use crate::scene::{ActiveNode, ResolvedScene, Scene};
+use crate::scene::{ActiveNode, ResolvedScene, Scene, choose_contact_points};
 use crate::space::{
     Progress, Salvaged, Store, StoreIdentity, TagCounts, WorkerContext, expand, with_threads,
 };
@@ -73,17 +75,40 @@ impl Analysis {
         Self::of_scene(path, Scene::load(path)?.resolve()?)
     }
 
-    /// Builds the body of a scene; error messages name `path`.
-    pub fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Self, PipelineError> {
+    /// Builds the body of a scene and chooses the contact points that cover its skin, if it asks for them; error
+    /// messages name `path`.
+    pub fn of_scene(path: &Path, mut scene: ResolvedScene) -> Result<Self, PipelineError> {
         let body = scene.body().map_err(|error| PipelineError::Body(path.to_path_buf(), error))?;
-        Ok(Self { path: path.to_path_buf(), scene, body: Arc::new(body) })
+        let body = Arc::new(body);
+        if let (Some(cover), Some(tip)) = (scene.cover.take(), scene.tool.fingertip().copied()) {
+            let threads = std::thread::available_parallelism().map_or(1, usize::from);
+            let found = choose_contact_points(&scene, &cover, &tip, &body, threads);
+            let (points, triangles) = found.map_err(|failure| {
+                let what = format!("the body cannot be solved at rest ({failure})");
+                InputError::new(path, what, "check the constants and units of the material, and [fixed]")
+            })?;
+            scene.add_contacts(points, &triangles);
+            let (points, limit) = (scene.active.len(), Limits::PC.spaces);
+            if points > limit {
+                let what = format!("the skin needs {points} contact points, and a blob holds {limit}");
+                let fix = "give a larger pad or tolerance, a smaller group, or a workspace";
+                return Err(InputError::new(path, what, fix).into());
+            }
+        }
+        Ok(Self { path: path.to_path_buf(), scene, body })
     }
 
     /// Restores scene and body from a `.space` file alone.
     pub(crate) fn of_store(store: &Store) -> Result<Self, PipelineError> {
         let (mesh, fixed) = store.body()?;
         let identity = store.identity()?;
-        let scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;
+        let mut scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;
+        if let (Some(_), Some(contacts)) = (scene.cover.take(), identity.contacts) {
+            let chosen = store.active()?.into_iter().zip(contacts.points).skip(scene.active.len());
+            let point = |((name, node), at)| ActiveNode { name, node, patch: Vec::new(), contact: Some(at) };
+            scene.active.extend(chosen.map(point));
+            scene.contact_triangles = contacts.triangles;
+        }
         let analysis = Self::of_scene(store.path(), scene)?;
         if identity.content_hash != analysis.scene.content_hash().to_string() {
             let what = "the stored scene differs from the solved one";
@@ -154,6 +179,7 @@ impl Analysis {
             max_force_n: self.scene.max_force_n,
             sampling: self.sampling()?,
             normals: self.normals(),
+            contacts: self.scene.contacts(),
             visual: self.scene.visual,
             displacement_bound: self.scene.displacement_bound,
         })

@@ -136,8 +136,7 @@ fn orders(
     threads: usize,
 ) -> Vec<Order> {
     let scene = &analysis.scene;
-    let positions: Vec<[f64; 3]> =
-        scene.active.iter().map(|a| analysis.body.rest_position_m(a.node)).collect();
+    let positions: Vec<[f64; 3]> = scene.active.iter().map(|a| a.rest_position_m(&analysis.body)).collect();
     let chosen = node::spread(&positions, MAX_NODES);
     let share = (threads as f64 / chosen.len() as f64).min(1.0);
     let order = |&active: &usize| Order {
@@ -147,7 +146,7 @@ fn orders(
             sampling,
             scene.max_force_n,
             tolerance,
-            (positions[active], surface.normal(scene.active[active].node)),
+            (positions[active], scene.active[active].normal(&surface)),
         ),
         surface: if scene.visual { surface.nodes.clone() } else { Vec::new() },
         step_m: sampling.lattice().map_or(sampling.radius_m() / CELLS_PER_STEP, |l| l.grid.spacing_m),

@@ -5,18 +5,27 @@ use std::ops::Range;
 use palpate_core::{Limits, SPACE_NAME_LEN};
 use toml::Spanned;
 
+use super::cover::Cover;
 use super::file::{ActiveTable, BoxTable, FixedTable, tables};
 use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
 use super::resolve::Lookup;
-use super::{ActiveNode, Scene, Tool, Unreachable};
+use super::{Scene, Unreachable};
 use crate::error::{InputError, count};
 use crate::mesh::surface;
 use crate::num::vector::distance;
-use crate::spec::{Workspace, is_within};
+use crate::spec::{ActiveNode, Tool, Workspace, is_within};
 
 /// Name of the group of all surface nodes, unless the mesh has a group of this name.
 const SURFACE: &str = "surface";
+
+/// What the tool can touch.
+pub(super) struct Touchable {
+    pub(super) active: Vec<ActiveNode>,
+    /// The part of the skin that contact points are to cover.
+    pub(super) cover: Option<Cover>,
+    pub(super) unreachable: Unreachable,
+}
 
 impl Lookup<'_> {
     fn node(&self, node: &Spanned<i64>) -> Result<u32, InputError> {
@@ -123,19 +132,31 @@ impl Lookup<'_> {
         tool: &Tool,
         fixed: &[u32],
         workspace: Option<&Workspace>,
-    ) -> Result<(Vec<ActiveNode>, Unreachable), InputError> {
+    ) -> Result<Touchable, InputError> {
         let tables = tables(&scene.file.active);
         if tables.is_empty() {
             let what = "the scene has no active node";
             return Err(self.place.error(scene.file.active.span(), what, "add an [[active]] table"));
         }
         let (mut all, mut unreachable): (Vec<ActiveNode>, _) = (Vec::new(), Unreachable::default());
-        let (pieces, mut edges_m) = (surface::pieces(self.mesh), Vec::new());
+        let (pieces, mut edges_m, mut cover) = (surface::pieces(self.mesh), Vec::new(), None);
         for table in &tables {
             let name = self.name(table)?;
             self.check_keys(table.table, name.get_ref(), tool)?;
             let mut found = self.active(table, name.get_ref(), fixed)?;
             self.keep_reachable(table, &mut found, workspace, &mut unreachable)?;
+            if let (Tool::Fingertip(tip), Some(_)) = (tool, &table.table.group) {
+                let cover =
+                    cover.get_or_insert_with(|| Cover { name: name.get_ref().clone(), nodes: Vec::new() });
+                for active in &mut found {
+                    active.contact.get_or_insert_with(|| self.contact_at(active.node));
+                    edges_m.push(self.check_pad(table.span.clone(), tip, active, fixed, &pieces)?);
+                }
+                cover.nodes.extend(found.iter().map(|active| active.node));
+                cover.nodes.sort_unstable();
+                cover.nodes.dedup();
+                continue;
+            }
             if let Tool::Fingertip(tip) = tool {
                 for active in &mut found {
                     active.contact.get_or_insert_with(|| self.contact_at(active.node));
@@ -168,7 +189,7 @@ impl Lookup<'_> {
             let fix = "choose a smaller group, a workspace, or split the scene in two";
             return Err(self.place.error(scene.file.active.span(), what, fix));
         }
-        Ok((all, unreachable))
+        Ok(Touchable { active: all, cover, unreachable })
     }
 
     /// Excludes the unreachable nodes of a group; refuses an unreachable node that is named by itself.

@@ -7,6 +7,7 @@ use palpate_core::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{BodyForceTable, Contact, NeedsTable, tables};
+use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
 use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, SolverOptions, device, material, reach, tool};
 use crate::error::{InputError, count, nearest_word};
@@ -34,7 +35,8 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let grid_table = file.grid.as_ref().map(Spanned::get_ref);
     let workspace = grid_table.map_or(Ok(None), |table| reach::workspace(place, table))?;
     let tool = tool::tool(place, &mesh, file.tool.as_ref())?;
-    let (active, unreachable) = lookup.all_active(scene, &tool, &fixed, workspace.as_ref())?;
+    let Touchable { active, cover, unreachable } =
+        lookup.all_active(scene, &tool, &fixed, workspace.as_ref())?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
     let only_push = file.needs.contact == Contact::Push;
     let grid =
@@ -65,6 +67,8 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         fixed,
         tool,
         active,
+        cover,
+        contact_triangles: Vec::new(),
         unreachable,
         grid,
         max_force_n,

@@ -4,7 +4,6 @@ use std::ops::Range;
 
 use toml::Spanned;
 
-use super::ActiveNode;
 use super::file::{ActiveTable, ToolTable};
 use super::place::{Place, finite, positive};
 use super::resolve::Lookup;
@@ -13,30 +12,11 @@ use crate::fem::pad::under;
 use crate::fem::{Fingertip, PadProfile};
 use crate::mesh::{SkinPoint, Surface, TetMesh};
 use crate::num::vector::distance;
+use crate::spec::{ActiveNode, Tool};
 
 /// A human fingertip: the contact of a pulp pressed with 1 to 2 N has a radius of about 10 mm with its rim, and
 /// a stiffness of 300 to 1,000 N/m (docs/theory.md, section on the fingertip). k pi a^2 / 3 = 524 N/m.
 const PULP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile: PadProfile::Quartic };
-
-/// What touches the body.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Tool {
-    /// It holds a node, or a rigid patch of nodes. The force of a single node depends on the mesh: it goes to
-    /// zero under refinement.
-    Point,
-    /// It presses an elastic pad on the skin.
-    Fingertip(Fingertip),
-}
-
-impl Tool {
-    /// The fingertip, if it is one.
-    pub fn fingertip(&self) -> Option<&Fingertip> {
-        match self {
-            Self::Point => None,
-            Self::Fingertip(tip) => Some(tip),
-        }
-    }
-}
 
 /// A pad whose radius is smaller than this share of the mean edge of the triangles under it cannot be
 /// integrated over them.

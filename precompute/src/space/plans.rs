@@ -39,10 +39,11 @@ impl Plans {
         if identity.normals.len() != active.len() {
             return Err(store.corrupt("the numbers of normals and of active nodes differ"));
         }
-        let wanted = |((_, node), normal): ((String, u32), [f64; 3])| {
-            scattered.wanted(identity.max_force_n, mesh.nodes_m[node as usize], normal)
+        let wanted = |(at, ((_, node), normal)): (usize, ((String, u32), &[f64; 3]))| {
+            let place_m = identity.at_active(at, node, |node| mesh.nodes_m[node as usize]);
+            scattered.wanted(identity.max_force_n, place_m, *normal)
         };
-        Ok(Self::Scattered(active.into_iter().zip(identity.normals).map(wanted).collect()))
+        Ok(Self::Scattered(active.into_iter().zip(&identity.normals).enumerate().map(wanted).collect()))
     }
 
     /// Points of one space without the rest point; `None` for adaptive sampling, where it is not known in

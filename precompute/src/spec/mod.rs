@@ -1,5 +1,6 @@
-//! Specification of a space: sampling, tolerance, workspace and bounds. It is independent of the body.
+//! Specification of a space: tool and its place, sampling, tolerance, workspace and bounds.
 
+mod active;
 mod bounds;
 mod domain;
 mod grid;
@@ -8,6 +9,7 @@ mod sampling;
 mod tolerance;
 mod workspace;
 
+pub use active::{ActiveNode, ContactSurface, Tool};
 pub use bounds::DisplacementBound;
 #[cfg(test)]
 pub(crate) use domain::squared;

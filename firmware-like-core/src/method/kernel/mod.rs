@@ -157,6 +157,15 @@ impl<'a> KernelTable<'a> {
         [(bx + (sx - gx)) as f32, (by + (sy - gy)) as f32, (bz + (sz - gz)) as f32]
     }
 
+    /// W at a displacement inside the reach, joules. Costs as much as the force.
+    fn energy_j(&self, displacement_m: Vec3) -> f32 {
+        let at = self.in_lengths(displacement_m);
+        let (_, value) = sum::gradient_and_value(Baseline, self.blocks, at);
+        let ([bx, by, bz], [x, y, z], ([gx, gy, gz], rest)) = (self.base(at), at, self.rest_n);
+        let quadratic = 0.5 * (bx * x + by * y + bz * z);
+        (self.length_m * (quadratic + (value - rest) - (gx * x + gy * y + gz * z))) as f32
+    }
+
     /// W, h and S at a displacement inside the reach.
     pub fn jet(&self, displacement_m: Vec3) -> KernelJet {
         let at = self.in_lengths(displacement_m);
@@ -209,6 +218,10 @@ impl<'s> Interpolant for Kernel<'s> {
         let jet = self.table.jet(*displacement_m);
         let stiffness_n_m = jet.stiffness_n_m.map(|row| row.map(|s| s as f32));
         Slopes { stiffness_n_m, energy_j: Some(jet.energy_j as f32) }
+    }
+
+    fn energy_j(self, _: Self, displacement_m: &Vec3) -> Option<f32> {
+        Some(self.table.energy_j(*displacement_m))
     }
 
     #[inline(always)]

@@ -11,10 +11,21 @@ use crate::num::lanes::{Baseline, Machine};
 /// grad P = P_1 + P_2 + P_3. Euler's theorem, applied to each homogeneous part, gives
 /// P = P(0) + r . (P_1 + P_2 / 2 + P_3 / 3).
 #[inline(always)]
-pub(super) fn gradient<M: Machine>(machine: M, blocks: &[Block], [x, y, z]: [f64; 3]) -> [f64; 3] {
+pub(super) fn gradient<M: Machine>(machine: M, blocks: &[Block], at: [f64; 3]) -> [f64; 3] {
+    let (gradient, _) = gradient_and_value(machine, blocks, at);
+    gradient
+}
+
+/// [`gradient`] and sum_n E_n P_n, N.
+#[inline(always)]
+pub(super) fn gradient_and_value<M: Machine>(
+    machine: M,
+    blocks: &[Block],
+    [x, y, z]: [f64; 3],
+) -> ([f64; 3], f64) {
     let (x, y, z) = (machine.splat_f64(x), machine.splat_f64(y), machine.splat_f64(z));
     let (half, third) = (machine.splat_f64(0.5), machine.splat_f64(1.0 / 3.0));
-    let [mut sum_x, mut sum_y, mut sum_z] = [machine.splat_f64(0.0); 3];
+    let [mut sum_x, mut sum_y, mut sum_z, mut sum] = [machine.splat_f64(0.0); 4];
     for block in blocks {
         let [cx, cy, cz, p, px, py, pz, pxx, pxy, pxz, pyy, pyz, pzz, third_of @ ..] = block;
         let [pxxx, pxxy, pxxz, pxyy, pxyz, pxzz, pyyy, pyyz, pyzz, pzzz] = third_of;
@@ -40,11 +51,12 @@ pub(super) fn gradient<M: Machine>(machine: M, blocks: &[Block], [x, y, z]: [f64
         let of_z = pz + (half * second_z + third * third_z);
         let value = machine.load_f64(p) + (rx * of_x + (ry * of_y + rz * of_z));
         let e = exp_of_minus(machine, xx + (yy + zz));
+        sum = sum + e * value;
         sum_x = sum_x + e * ((px + (second_x + third_x)) - rx * value);
         sum_y = sum_y + e * ((py + (second_y + third_y)) - ry * value);
         sum_z = sum_z + e * ((pz + (second_z + third_z)) - rz * value);
     }
-    [lane_sum(machine, sum_x), lane_sum(machine, sum_y), lane_sum(machine, sum_z)]
+    ([lane_sum(machine, sum_x), lane_sum(machine, sum_y), lane_sum(machine, sum_z)], lane_sum(machine, sum))
 }
 
 /// The sum of the lanes as (0 + 2) + (1 + 3).

@@ -4,7 +4,7 @@ use rusqlite::{OptionalExtension, params};
 
 use super::error::StoreFault;
 use super::{Store, StoreError};
-use crate::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
+use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, SpaceGrid};
 
 /// Layout of the file. A store of another layout is refused.
 const LAYOUT: &str = "5";
@@ -31,6 +31,8 @@ pub struct StoreIdentity {
     pub sampling: Sampling,
     /// Unit outward normal of each active node at rest.
     pub normals: Vec<[f64; 3]>,
+    /// Contact points of a tool with a size; `None` for a point tool.
+    pub contacts: Option<ContactSurface>,
     /// Whether the scene requests displacements for rendering.
     pub visual: bool,
     /// Error bound of these displacements.
@@ -45,6 +47,7 @@ impl StoreIdentity {
     pub(super) fn meta(&self) -> Vec<(&'static str, String)> {
         let sampling = &self.sampling;
         let scattered = sampling.scattered().map(|scattered| serde_json::json!(scattered).to_string());
+        let contacts = self.contacts.as_ref().map(|contacts| serde_json::json!(contacts).to_string());
         let normals: Vec<String> = self.normals.as_flattened().iter().map(|x| format!("{x:?}")).collect();
         vec![
             ("layout", LAYOUT.to_string()),
@@ -64,7 +67,14 @@ impl StoreIdentity {
             ("increments", sampling.increments().map_or(String::new(), |n| n.to_string())),
             ("scattered", scattered.unwrap_or_default()),
             ("normals", normals.join(" ")),
+            ("contacts", contacts.unwrap_or_default()),
         ]
+    }
+
+    /// The value at an active node of a field given at the mesh nodes; `node` is its node.
+    pub fn at_active(&self, active: usize, node: u32, field: impl Fn(u32) -> [f64; 3]) -> [f64; 3] {
+        let contact = self.contacts.as_ref().and_then(|contacts| contacts.points.get(active));
+        contact.map_or_else(|| field(node), |point| point.interpolate(&field))
     }
 }
 
@@ -153,6 +163,7 @@ impl Store {
             max_force_n: self.parsed("max_force_n")?,
             sampling: self.sampling()?,
             normals: self.normals()?,
+            contacts: self.contacts()?,
             visual: self.parsed("visual")?,
             displacement_bound: DisplacementBound {
                 rms_m: self.parsed("displacement_rms_m")?,
@@ -167,6 +178,13 @@ impl Store {
         let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
         let numbers = numbers.map_err(|_| self.corrupt(format!("its normals are `{text}`")))?;
         Ok(numbers.as_chunks().0.to_vec())
+    }
+
+    /// Contact points of a tool with a size. Spaces of earlier versions have only point tools.
+    fn contacts(&self) -> Result<Option<ContactSurface>, StoreError> {
+        let text = self.optional("contacts")?.filter(|text| !text.is_empty());
+        let read = |text: String| serde_json::from_str(&text);
+        text.map(read).transpose().map_err(|_| self.corrupt("its contact points cannot be read"))
     }
 
     /// Definition of the positions.

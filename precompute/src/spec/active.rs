@@ -1,0 +1,93 @@
+//! What touches the body, and where.
+
+use serde::{Deserialize, Serialize};
+
+use crate::fem::{Body, Contact, Fingertip, Handle, Pad};
+use crate::mesh::{SkinPoint, Surface, TetMesh};
+use crate::num::vector::unit;
+
+/// What touches the body.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Tool {
+    /// It holds a node, or a rigid patch of nodes. The force of a single node depends on the mesh: it goes to
+    /// zero under refinement.
+    Point,
+    /// It presses an elastic pad on the skin.
+    Fingertip(Fingertip),
+}
+
+impl Tool {
+    /// The fingertip, if it is one.
+    pub fn fingertip(&self) -> Option<&Fingertip> {
+        match self {
+            Self::Point => None,
+            Self::Fingertip(tip) => Some(tip),
+        }
+    }
+}
+
+/// An active node: a place of the skin that the tool can touch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ActiveNode {
+    /// Unique name within the scene.
+    pub name: String,
+    /// Index of the mesh node; for a contact point the nearest corner of its triangle.
+    pub node: u32,
+    /// Nodes that move with the active node as a rigid patch, including itself; empty for a single node.
+    pub patch: Vec<u32>,
+    /// The contact point of a tool with a size; `None` for a point tool, which holds the node.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<SkinPoint>,
+}
+
+/// The contact points of a tool with a size, and the triangles between them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ContactSurface {
+    /// The tool.
+    pub fingertip: Fingertip,
+    /// One for each active node.
+    pub points: Vec<SkinPoint>,
+    /// Active nodes at the corners of each triangle, counter-clockwise seen from outside. Within a triangle the
+    /// energies of its corners are blended.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl ActiveNode {
+    /// Contact of the tool on this body.
+    ///
+    /// # Panics
+    ///
+    /// If the pad touches nothing of the body; resolving a scene refuses such a contact point.
+    pub fn on(&self, tool: &Tool, body: &Body) -> Contact {
+        match (tool, &self.contact) {
+            (Tool::Fingertip(tip), Some(at)) => {
+                let centre_m = at.interpolate(|node| body.nodes_m[node as usize]);
+                Pad::new(body, *tip, centre_m).expect("the scene was checked").into()
+            }
+            _ => Handle::patch(self.node, &self.patch).into(),
+        }
+    }
+
+    /// Position on the undeformed mesh, m.
+    pub fn place_m(&self, mesh: &TetMesh) -> [f64; 3] {
+        self.interpolate(|node| mesh.nodes_m[node as usize])
+    }
+
+    /// Position on the body at rest, m.
+    pub fn rest_position_m(&self, body: &Body) -> [f64; 3] {
+        self.interpolate(|node| body.rest_position_m(node))
+    }
+
+    /// Outward unit normal of the surface there; `None` off the surface.
+    pub fn normal(&self, surface: &Surface) -> Option<[f64; 3]> {
+        let nodes = self.contact.map_or([self.node; 3], |at| at.triangle);
+        nodes.iter().all(|&node| surface.contains(node)).then(|| {
+            let sum = self.interpolate(|node| surface.normal(node).unwrap_or_default());
+            if self.contact.is_some() { unit(sum) } else { sum }
+        })
+    }
+
+    fn interpolate(&self, field: impl Fn(u32) -> [f64; 3]) -> [f64; 3] {
+        self.contact.map_or_else(|| field(self.node), |at| at.interpolate(&field))
+    }
+}
