@@ -1,4 +1,4 @@
-//! Section (h): all figures of the methods and of the spaces, for reference.
+//! Section (e): all figures of the methods and of the spaces, for reference.
 
 use super::super::measure::{Measured, MethodRow};
 use super::super::results::Report;
@@ -20,7 +20,7 @@ pub(super) fn section(report: &Report) -> String {
         body += &(error_table(cases) + &cost_table(cases) + &space_table(cases));
     }
     body += &files(&["methods", "spaces"]);
-    whole("h", "(h) All figures", &body)
+    whole("e", "(e) All figures", &body)
 }
 
 /// The smallest value of a figure in one case; NaN is ignored.

@@ -1,16 +1,11 @@
 //! The page: one HTML file that contains its style and drawings.
 
-mod bodies;
 mod cost;
 mod figures;
 mod footer;
-mod forms;
-mod hard;
 mod html;
-mod ledger;
 mod overview;
 mod paper;
-mod parts;
 
 use palpate_core::Method;
 
@@ -32,12 +27,7 @@ pub(super) fn write(report: &Report, file: &Output) -> Result<(), Failure> {
         overview::section(report),
         cost::sections(report),
         paper::section(report),
-        bodies::section(report),
-        hard::section(report),
-        parts::section(report),
         figures::section(report),
-        ledger::section(report),
-        forms::section(report),
         footer::section(report),
     ]
     .concat();

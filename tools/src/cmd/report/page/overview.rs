@@ -9,18 +9,13 @@ use super::{least, method_words, row, title};
 use palpate_precompute::spec::Tolerance;
 use palpate_precompute::spec::{Lattice, Sampling};
 
-const PARTS: [(&str, &str); 11] = [
+const PARTS: [(&str, &str); 6] = [
     ("glance", "At a glance"),
     ("a", "(a) Time of a query"),
     ("b", "(b) Configurations and seconds"),
     ("c", "(c) Bytes"),
     ("d", "(d) The paper\u{2019}s figures"),
-    ("e", "(e) Discretisation"),
-    ("f", "(f) Hard cases"),
-    ("g", "(g) Intermediate states, and display"),
-    ("h", "(h) All figures"),
-    ("i", "(i) The ledger"),
-    ("j", "(j) Storage forms of a fit"),
+    ("e", "(e) All figures"),
 ];
 
 /// Returns the title, the conditions and the main table.
