@@ -188,8 +188,6 @@ fn options_that_would_do_nothing_are_refused() {
         words.iter().for_each(|word| assert!(told.contains(word), "`{word}` is not in: {told}"));
     };
     refused(&["--headless", "--seconds", "0.1", "--change-every", "1"], &["--change-every", "name another"]);
-    let film = ["--headless", "--seconds", "0.1", "--gif", "/nowhere/x.gif", "--frame-rate", "0"];
-    refused(&film, &["--gif", "leave one of them out"]);
 }
 
 #[test]
