@@ -17,7 +17,6 @@ pub(crate) enum Case {
     Support,
     Branches,
     HeldPressure,
-    RealMesh,
 }
 
 impl Case {
@@ -32,7 +31,6 @@ impl Case {
             Self::Support => "support",
             Self::Branches => "perturbed starts",
             Self::HeldPressure => "held pressures",
-            Self::RealMesh => "poor real mesh",
         }
     }
 }
