@@ -6,9 +6,8 @@ use std::process::{Command, Output};
 
 use palpate_tests::write_beam_scene;
 
-use crate::run;
+use crate::{MR, refusal, run};
 
-const MR: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
 const GRID: &str = "radius_m = 0.01\nspacing_m = 0.01";
 /// A real organ with every method.
 const BLOB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");
@@ -71,12 +70,7 @@ impl Bench {
     fn refuses(&self, line: &str, words: &[&str]) {
         let before = self.content();
         let output = self.palpate(line);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{line}: {said}");
-        assert_eq!(said.lines().count(), 1, "{line}: {said}");
-        for word in words {
-            assert!(said.contains(word), "{line}: `{word}` is not in: {said}");
-        }
+        refusal(&output, 2, words);
         assert!(self.content() == before, "{line}: touched something");
     }
 }
@@ -192,9 +186,7 @@ fn two_outputs_of_a_command_are_two_files() {
     // `content` cannot read a dangling link, so this closure checks only its target.
     let refuses = |line: &str, words: &[&str]| {
         let output = bench.palpate(line);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{line}: {said}");
-        words.iter().for_each(|word| assert!(said.contains(word), "{line}: {said}"));
+        refusal(&output, 2, words);
         assert!(!bench.at("new.csv").exists(), "{line}");
     };
     for name in ["new.csv", "./new.csv", "link.csv"] {

@@ -4,8 +4,7 @@ use std::path::Path;
 
 use palpate_tests::{mooney_rivlin, nearest_node, soft_beam, write_beam_scene};
 
-use crate::command_line::{GRID, MR, refused};
-use crate::{palpate, text};
+use crate::{GRID, MR, palpate, refused, text};
 
 /// Rows of `palpate compare --csv` by law.
 fn compared(csv: &Path) -> std::collections::BTreeMap<String, Vec<String>> {

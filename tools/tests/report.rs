@@ -9,10 +9,7 @@ use palpate_host::BlobFile;
 use palpate_tests::write_beam_scene;
 use serde_json::Value;
 
-use crate::{palpate, text};
-
-const MR: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
-const GRID: &str = "radius_m = 0.01\nspacing_m = 0.005";
+use crate::{GRID, MR, palpate, text};
 
 fn rows(csv: &Path) -> Vec<BTreeMap<String, String>> {
     let mut reader = csv::Reader::from_path(csv).expect("the table is there");
@@ -175,13 +172,7 @@ fn nonsense_is_refused_in_one_line_before_anything_is_solved() {
     let out = folder.path().join("report");
     let (scene, other, bare, out_name) = (text(&scene), text(&other), text(&bare), text(&out));
     let refused = |arguments: &[&str], words: &[&str]| {
-        let output = palpate(&[&["report"][..], arguments, &["--out", out_name]].concat());
-        let line = String::from_utf8_lossy(&output.stderr).trim().to_string();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {line}");
-        assert_eq!(line.lines().count(), 1, "one line, not: {line}");
-        for word in words {
-            assert!(line.contains(word), "`{word}` is not in: {line}");
-        }
+        crate::refused(&[&["report"][..], arguments, &["--out", out_name]].concat(), words);
         assert!(!out.exists(), "{arguments:?} left a folder behind");
     };
     refused(&[scene, "--grids", "500"], &["--grids 500", "514", "14146"]);

@@ -1,6 +1,6 @@
 //! Hard cases, reported as a table of results. A solve that converges must have the right numbers; one that
 //! does not must report its reason. `cargo test --release -p palpate-tests hard:: -- --nocapture` prints
-//! the rows. `PALPATE_HARD_TABLE=FILE` writes them as Markdown.
+//! the rows.
 
 mod bad_elements;
 mod branches;

@@ -1,7 +1,6 @@
 //! The page: one HTML file that contains its style and drawings.
 
 mod cost;
-mod figures;
 mod footer;
 mod html;
 mod overview;
@@ -23,14 +22,9 @@ const STYLE: &str = include_str!("style.css");
 pub(super) fn write(report: &Report, file: &Output) -> Result<(), Failure> {
     let names: Vec<String> = report.plan.families.iter().map(|family| family.name.clone()).collect();
     let title = format!("Palpate: speed against error, {}", words::list(&names));
-    let body = [
-        overview::section(report),
-        cost::sections(report),
-        paper::section(report),
-        figures::section(report),
-        footer::section(report),
-    ]
-    .concat();
+    let body =
+        [overview::section(report), cost::sections(report), paper::section(report), footer::section(report)]
+            .concat();
     let page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n\
