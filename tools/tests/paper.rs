@@ -167,9 +167,12 @@ fn held_out_truth_is_solved_shown_and_tabled() {
     assert_eq!(kinds["uniform"]["whole"].as_u64(), Some(7));
     let again: serde_json::Value = serde_json::from_slice(&ask(&[]).stdout).expect("JSON");
     assert_eq!(again["positions_now"].as_u64(), Some(0), "what is there is not solved again");
-    let other = ask(&["--seed", "9"]);
-    assert_eq!(other.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&other.stderr).contains("--again"));
+    for other in [["--seed", "9"], ["--step-mm", "0.9"], ["--regular-mm", "5"]] {
+        let other = ask(&other);
+        assert_eq!(other.status.code(), Some(2));
+        let said = String::from_utf8_lossy(&other.stderr);
+        assert!(said.contains("of a different draw") && said.contains("--again"), "{said}");
+    }
     assert!(ask(&["--seed", "9", "--again"]).status.success());
 
     let shown = palpate(&["inspect", text(&space), "--verbose", "--held-out", text(&csv)]);
