@@ -90,23 +90,14 @@ fn a_session_is_recorded_inspected_and_replayed() {
     assert!(told.contains(&format!("{ticks} ticks, all forces bit-identical")), "{told}");
     assert!(std::fs::read_dir(&frames).expect("frames").count() >= 4, "frames of the replay");
 
-    // Changes one bit of one sample.
     let planted = at("planted.mcap");
-    rewritten(&recording, &planted, |record| {
-        if let (500, Some(sample)) = (record.tick, &mut record.sample) {
-            sample.position_m[0] = f32::from_bits(sample.position_m[0].to_bits() ^ 1);
-        }
-    });
-    // The loop may have skipped this deadline.
-    if table.lines().any(|line| line.starts_with("500,")) {
-        let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&planted)], &shown[..]].concat());
-        assert_eq!(code, Some(1), "{told}");
-        assert!(told.contains("the first is tick 500 (0.50") && told.contains("planted.mcap"), "{told}");
-    }
     // A force that was not applied.
     rewritten(&recording, &planted, |record| record.hand_force_n[1] += 1.0);
     let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&planted)], &shown[..]].concat());
-    assert_eq!(code, Some(1), "{told}");
+    assert!(
+        code == Some(1) && told.contains("the first is tick ") && told.contains("planted.mcap"),
+        "{told}"
+    );
     // Another method is a comparison, not a failure.
     let other = ["run", BLOB, "--device", &replay_of(&recording), "--method", "trilinear"];
     let (code, told) = said(&[&other[..], &shown].concat());
