@@ -13,11 +13,8 @@ pub use kind::FaultKind;
 
 pub(crate) use palpate_host::device::script::split_mix;
 
-use serde::{Deserialize, Serialize};
-
 /// Probability of each fault for a frame, 0 to 1.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Faults {
     /// The frame is lost.
     pub drop: f32,
@@ -70,7 +67,7 @@ impl Faults {
 }
 
 /// Counts of the injected faults.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FaultCounts {
     /// Frames lost.
     pub dropped: u64,

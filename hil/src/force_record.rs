@@ -3,13 +3,12 @@
 
 use crate::tick::TICK_US;
 use palpate_core::{Vec3, vec3};
-use serde::{Deserialize, Serialize};
 
 /// Largest shortfall of the time between two commands, us: half a tick.
 const JITTER_US: u64 = 500;
 
 /// Extrema and integrals of the force on the hand since the last reset of the record.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ForceRecord {
     /// Present force of the motors on the hand, device frame, N.
     pub force_n: Vec3,

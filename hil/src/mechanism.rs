@@ -3,10 +3,9 @@
 use crate::force_record::ForceRecord;
 use palpate_core::{Vec3, vec3};
 use palpate_host::device::hand::{Drag, Hand, HandConfig};
-use serde::{Deserialize, Serialize};
 
 /// Target position of the hand at one time.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Waypoint {
     /// Time since the start, us.
     pub t_us: u64,

@@ -125,12 +125,6 @@ impl Session {
         self.connected
     }
 
-    /// Whether a transfer to the host is pending. Then the host has received and processed all earlier data.
-    #[must_use]
-    pub fn has_pending_in(&self) -> bool {
-        !self.pending_in.is_empty()
-    }
-
     /// Counts of the traffic so far.
     #[must_use]
     pub const fn traffic(&self) -> Traffic {

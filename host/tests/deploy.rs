@@ -7,69 +7,47 @@ const SERVICE: &str = include_str!("../deploy/palpate@.service");
 const RULES: &str = include_str!("../deploy/72-palpate.rules");
 const LIMITS: &str = include_str!("../deploy/palpate-limits.conf");
 
-/// The keys used from systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and
-/// systemd.resource-control(5).
-const KEYS: [(&str, &[&str]); 3] = [
-    ("Unit", &["Description", "Documentation", "After", "ConditionPathExists"]),
-    (
-        "Service",
-        &[
-            "Type",
-            "User",
-            "Group",
-            "SupplementaryGroups",
-            "WorkingDirectory",
-            "StateDirectory",
-            "StateDirectoryMode",
-            "RuntimeDirectory",
-            "RuntimeDirectoryMode",
-            "UMask",
-            "Environment",
-            "EnvironmentFile",
-            "ExecStartPre",
-            "ExecStart",
-            "KillMode",
-            "KillSignal",
-            "TimeoutStopSec",
-            "Restart",
-            "LimitRTPRIO",
-            "LimitMEMLOCK",
-            "LimitCORE",
-            "CPUAffinity",
-            "Nice",
-            "OOMScoreAdjust",
-            "NoNewPrivileges",
-            "CapabilityBoundingSet",
-            "AmbientCapabilities",
-            "ProtectSystem",
-            "ProtectHome",
-            "ProtectProc",
-            "ProtectClock",
-            "ProtectHostname",
-            "ProtectKernelLogs",
-            "ProtectKernelModules",
-            "ProtectKernelTunables",
-            "ProtectControlGroups",
-            "PrivateTmp",
-            "PrivateIPC",
-            "PrivateNetwork",
-            "PrivateMounts",
-            "RestrictAddressFamilies",
-            "RestrictNamespaces",
-            "RestrictSUIDSGID",
-            "RemoveIPC",
-            "IPAddressDeny",
-            "LockPersonality",
-            "MemoryDenyWriteExecute",
-            "SystemCallArchitectures",
-            "SystemCallErrorNumber",
-            "SystemCallFilter",
-            "DevicePolicy",
-            "DeviceAllow",
-        ],
-    ),
-    ("Install", &["WantedBy"]),
+/// Keys of the service and their only value.
+const VALUES: [(&str, &str); 16] = [
+    ("User", "palpate"),
+    ("Group", "palpate"),
+    ("SupplementaryGroups", "realtime"),
+    ("UMask", "0077"),
+    ("RuntimeDirectoryMode", "0750"),
+    ("CapabilityBoundingSet", ""),
+    ("AmbientCapabilities", ""),
+    ("ProtectSystem", "strict"),
+    ("ProtectProc", "invisible"),
+    ("RestrictAddressFamilies", "AF_UNIX AF_NETLINK"),
+    ("IPAddressDeny", "any"),
+    ("SystemCallArchitectures", "native"),
+    // SIGSYS would kill the session.
+    ("SystemCallErrorNumber", "EPERM"),
+    ("SystemCallFilter", "@system-service | ~@privileged @resources | sched_setscheduler sched_setaffinity"),
+    ("DevicePolicy", "closed"),
+    ("DeviceAllow", "char-usb_device rw | char-ttyACM rw | char-ttyUSB rw | /dev/cpu_dma_latency rw"),
 ];
+
+/// Keys of the service that are `yes`.
+const YES: &str = "NoNewPrivileges ProtectHome ProtectClock ProtectHostname ProtectKernelLogs ProtectKernelModules \
+     ProtectKernelTunables ProtectControlGroups PrivateTmp PrivateIPC PrivateNetwork PrivateMounts RestrictNamespaces \
+     RestrictSUIDSGID RemoveIPC LockPersonality MemoryDenyWriteExecute";
+
+/// Its other keys, from systemd.service(5), systemd.exec(5), systemd.kill(5) and systemd.resource-control(5).
+const OTHERS: &str = "Type WorkingDirectory StateDirectory StateDirectoryMode RuntimeDirectory Environment \
+     EnvironmentFile ExecStartPre ExecStart KillMode KillSignal TimeoutStopSec Restart LimitRTPRIO LimitMEMLOCK \
+     LimitCORE CPUAffinity Nice OOMScoreAdjust";
+
+/// Whether a section may have a key; `None` for an unknown section.
+fn is_known(section: &str, key: &str) -> Option<bool> {
+    let is_in = |keys: &str| keys.split_whitespace().any(|known| known == key);
+    match section {
+        "Unit" => Some(is_in("Description Documentation After ConditionPathExists")),
+        "Service" => Some(is_in(YES) || is_in(OTHERS) || VALUES.iter().any(|(known, _)| *known == key)),
+        "Install" => Some(key == "WantedBy"),
+        _ => None,
+    }
+}
 
 /// Parses keys and values by section; an error names the invalid line.
 fn unit(text: &str) -> Result<BTreeMap<(String, String), Vec<String>>, String> {
@@ -81,11 +59,10 @@ fn unit(text: &str) -> Result<BTreeMap<(String, String), Vec<String>>, String> {
             continue;
         }
         let (key, value) = line.split_once('=').ok_or_else(|| format!("no key: {line}"))?;
-        let known = KEYS.iter().find(|(name, _)| *name == section).map(|(_, keys)| *keys);
-        let known = known.ok_or_else(|| format!("no section [{section}]"))?;
+        let known = is_known(&section, key).ok_or_else(|| format!("no section [{section}]"))?;
         // An empty set of capabilities is the strictest.
         let may_be_empty = ["CapabilityBoundingSet", "AmbientCapabilities"].contains(&key);
-        if !known.contains(&key) || (value.is_empty() && !may_be_empty) {
+        if !known || (value.is_empty() && !may_be_empty) {
             return Err(format!("[{section}] {line}"));
         }
         entries.entry((section.clone(), key.into())).or_default().push(value.into());
@@ -125,49 +102,10 @@ fn the_service_has_the_rights_for_loop_and_watchdog_and_does_not_restart() {
 fn the_service_has_no_more_rights_than_session_and_guard_need() {
     let entries = unit(SERVICE).expect("every line is known");
     let all = |key: &str| entries[&("Service".to_string(), key.to_string())].join(" | ");
-    for (key, value) in [
-        ("User", "palpate"),
-        ("Group", "palpate"),
-        ("SupplementaryGroups", "realtime"),
-        ("UMask", "0077"),
-        ("RuntimeDirectoryMode", "0750"),
-        ("CapabilityBoundingSet", ""),
-        ("AmbientCapabilities", ""),
-        ("ProtectSystem", "strict"),
-        ("ProtectProc", "invisible"),
-        ("RestrictAddressFamilies", "AF_UNIX AF_NETLINK"),
-        ("IPAddressDeny", "any"),
-        ("SystemCallArchitectures", "native"),
-        // SIGSYS would kill the session.
-        ("SystemCallErrorNumber", "EPERM"),
-        (
-            "SystemCallFilter",
-            "@system-service | ~@privileged @resources | sched_setscheduler sched_setaffinity",
-        ),
-        ("DevicePolicy", "closed"),
-        ("DeviceAllow", "char-usb_device rw | char-ttyACM rw | char-ttyUSB rw | /dev/cpu_dma_latency rw"),
-    ] {
+    for (key, value) in VALUES {
         assert_eq!(all(key), value, "{key}");
     }
-    for key in [
-        "NoNewPrivileges",
-        "ProtectHome",
-        "ProtectClock",
-        "ProtectHostname",
-        "ProtectKernelLogs",
-        "ProtectKernelModules",
-        "ProtectKernelTunables",
-        "ProtectControlGroups",
-        "PrivateTmp",
-        "PrivateIPC",
-        "PrivateNetwork",
-        "PrivateMounts",
-        "RestrictNamespaces",
-        "RestrictSUIDSGID",
-        "RemoveIPC",
-        "LockPersonality",
-        "MemoryDenyWriteExecute",
-    ] {
+    for key in YES.split_whitespace() {
         assert_eq!(all(key), "yes", "{key}");
     }
     assert!(all("ExecStart").contains("--control %t/palpate/%i/control "));

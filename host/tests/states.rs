@@ -13,21 +13,21 @@ use palpate_host::session::{SessionOptions, TouchStatistics};
 use palpate_host::sys::RtRequest;
 use palpate_host::{Device, DeviceError, DeviceInfo, run_session};
 
-/// A hand on a device that passes through all its states and sometimes loses its homing.
-struct Starting {
+/// A hand on a device whose buttons and state follow scripts, by the number of the call. A call without buttons
+/// has no sample.
+struct Scripted {
     hand: SimulatedHand,
-    /// Whether its button is pressed and released in alternating ticks.
-    clicks: bool,
     calls: u64,
+    buttons: fn(u64) -> Option<u32>,
     state: fn(u64) -> DeviceState,
 }
 
-impl Device for Starting {
+impl Device for Scripted {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.calls += 1;
         let sample = self.hand.exchange(now_us, hand_force_n)?;
-        let pressed = if self.clicks { (self.calls % 2) as u32 } else { 0 };
-        Ok(sample.map(|sample| Sample { buttons: sample.buttons | pressed << 7, ..sample }))
+        let buttons = (self.buttons)(self.calls);
+        Ok(sample.zip(buttons).map(|(sample, more)| Sample { buttons: sample.buttons | more, ..sample }))
     }
 
     fn stop(&mut self) {}
@@ -40,6 +40,9 @@ impl Device for Starting {
         (self.state)(self.calls)
     }
 }
+
+/// A button that no hand presses.
+const ARM_BUTTON: u32 = 1 << 7;
 
 fn play(
     organs: &[&Organ<'_>],
@@ -56,7 +59,9 @@ fn play(
     let mut hand = SimulatedConfig::default();
     hand.strokes.seconds_per_node = 2.0;
     let hand = SimulatedHand::new(organs[0], hand);
-    let device = Starting { hand, clicks: arm_button != 0, calls: 0, state };
+    let buttons: fn(u64) -> Option<u32> =
+        if arm_button == 0 { |_| Some(0) } else { |call| Some((call % 2) as u32 * ARM_BUTTON) };
+    let device = Scripted { hand, calls: 0, buttons, state };
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let outputs = Outputs { records: producer, latest };
     let haptic = LoopConfig { arm_button, ..LoopConfig::default() };
@@ -115,36 +120,9 @@ fn the_button_does_not_arm_an_unhomed_device() {
     let blob = synthetic::organ(&Shape::default());
     let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let state = |call| if call <= 300 { DeviceState::Unhomed } else { DeviceState::Homed };
-    let records = play(&[&organ], (state, 1 << 7), 400, |_, _| ());
+    let records = play(&[&organ], (state, ARM_BUTTON), 400, |_, _| ());
     let armed = records.iter().position(|record| record.phase != Phase::Disarmed);
     assert!(armed.is_some_and(|tick| (300..304).contains(&tick)), "{armed:?}");
-}
-
-/// A hand with a button that this function of the call presses; `None` is a call without a sample.
-struct Pressing {
-    hand: SimulatedHand,
-    calls: u64,
-    button: fn(u64) -> Option<u32>,
-    state: fn(u64) -> DeviceState,
-}
-
-impl Device for Pressing {
-    fn exchange(&mut self, now_us: u64, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        self.calls += 1;
-        let sample = self.hand.exchange(now_us, force_n)?;
-        let pressed = (self.button)(self.calls);
-        Ok(sample.zip(pressed).map(|(sample, buttons)| Sample { buttons, ..sample }))
-    }
-
-    fn stop(&mut self) {}
-
-    fn info(&self) -> DeviceInfo {
-        DeviceInfo { self_arming: false, ..self.hand.info() }
-    }
-
-    fn state(&self) -> DeviceState {
-        (self.state)(self.calls)
-    }
 }
 
 /// The ticks of 1,000 at which the session becomes armed. It is reset before tick 500.
@@ -155,7 +133,7 @@ fn armed_at(button: fn(u64) -> Option<u32>, state: fn(u64) -> DeviceState) -> Ve
     let (producer, mut records) = rtrb::RingBuffer::new(1_000);
     let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
-    let device = Pressing { hand, calls: 0, button, state };
+    let device = Scripted { hand, calls: 0, buttons: button, state };
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let outputs = Outputs { records: producer, latest };
     let config = LoopConfig { arm_button: 0b10, ..LoopConfig::default() };

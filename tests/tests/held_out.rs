@@ -1,10 +1,9 @@
-//! Held-out solutions: the same bits for any number of threads and interruptions, at the drawn positions, and
-//! never on a grid point.
+//! Held-out solutions: the same bits for any number of threads, at the drawn positions, and never on a grid
+//! point. `tools/tests/space_faults` interrupts them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::atomic::AtomicBool;
 
 use palpate_core::ConfigTag;
 use palpate_precompute::fem::Solver;
@@ -12,9 +11,7 @@ use palpate_precompute::held_out::{
     Draw, HeldOut, HeldOutError, HeldOutProgress, Summary, is_on_training_lattice,
 };
 use palpate_precompute::num::norm;
-use palpate_precompute::space::{
-    Executor, ExecutorError, Kind, Store, Truth, Walk, WalkJob, Work, with_threads,
-};
+use palpate_precompute::space::{Kind, Store, Truth, with_threads};
 use palpate_tests::space_bench::SpaceBench;
 
 const DRAW: Draw =
@@ -57,23 +54,12 @@ fn bits(store: &Store) -> Vec<String> {
 }
 
 #[test]
-fn threads_interruptions_and_extensions_change_no_bit() {
+fn threads_and_extensions_change_no_bit() {
     let bench = SpaceBench::new(1.0);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let at = |name: &str| folder.path().join(name);
     let expected = bits(&solved(&bench, &at("one.space"), DRAW, 1));
     assert_eq!(expected, bits(&solved(&bench, &at("two.space"), DRAW, 2)));
-
-    let (torn, _) = bench.solve(&at("torn.space"), 2);
-    for stop_after in [1, 9, 20] {
-        let stop = AtomicBool::new(false);
-        let ended = solve(&bench, &torn, DRAW, 2, &stop, |p| {
-            stop.store(p.walks_now >= stop_after, Ordering::Relaxed);
-        });
-        assert!(matches!(ended, Err(HeldOutError::Interrupted)), "{ended:?}");
-    }
-    solve(&bench, &torn, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
-    assert_eq!(expected, bits(&torn));
 
     let grown = solved(&bench, &at("grown.space"), Draw { random: 1, uniform: 5, ..DRAW }, 2);
     solve(&bench, &grown, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
@@ -116,58 +102,6 @@ fn every_kind_is_at_its_position_and_in_equilibrium() {
     let active = &truth.displacements[12 * bench.active as usize..][..12];
     let moved: Vec<f32> = active.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
     assert_eq!(moved, truth.displacement_m.map(|x| x as f32), "uniform {number}");
-}
-
-/// A run that fails, for example on a full disk, must not wait for the rest of a long path.
-#[test]
-fn cancelled_workers_abandon_their_paths() {
-    let bench = SpaceBench::new(f64::INFINITY);
-    let walk = |number| WalkJob {
-        walk: Walk { active: 0, kind: Kind::Random, number },
-        start: None,
-        // A path that takes minutes.
-        positions_m: (0..100_000)
-            .map(|n| 0.3 * f64::from(n))
-            .map(|a| [2e-3 * a.cos(), 2e-3 * a.sin(), 1e-3])
-            .collect(),
-        keep_displacements: false,
-    };
-    let let_go = with_threads(&bench.context(), 2, |executor| {
-        for piece in 0..4 {
-            executor.give(piece % 2, Work::Walk(walk(piece as u32))).expect("taken");
-        }
-        assert!(
-            executor.take(Duration::from_millis(300)).expect("no worker failed").is_none(),
-            "still on the path"
-        );
-        Ok::<_, ExecutorError>(Instant::now())
-    });
-    let let_go = let_go.expect("threads start");
-    assert!(let_go.elapsed() < Duration::from_secs(2), "{:?}", let_go.elapsed());
-}
-
-#[test]
-fn an_unfinished_space_and_another_draw_are_refused() {
-    let bench = SpaceBench::new(1.0);
-    let folder = tempfile::tempdir().expect("a folder for the stores");
-    let store = bench.store(&folder.path().join("a.space")).expect("the store opens");
-    let run = |draw| solve(&bench, &store, draw, 1, &AtomicBool::new(false), |_| ());
-    let line = run(DRAW).expect_err("uniform positions need the space").to_string();
-    assert!(line.contains("palpate precompute") && line.contains("--uniform 0"), "{line}");
-    run(Draw { uniform: 0, ..DRAW }).expect("paths do not need the space");
-    for other in [
-        Draw { seed: 4, uniform: 0, ..DRAW },
-        Draw { step_m: 1e-3, uniform: 0, ..DRAW },
-        Draw { regular_m: Some(5e-3), uniform: 0, ..DRAW },
-    ] {
-        let refused = run(other).expect_err("another draw");
-        assert!(refused.to_string().contains("of a different draw"), "{refused:?}");
-        assert!(refused.to_string().contains("--again"), "{refused}");
-    }
-    store.forget_held_out().expect("forgotten");
-    assert!(truths(&store).is_empty());
-    run(Draw { seed: 4, uniform: 0, random: 1, regular_m: None, ..DRAW }).expect("drawn again");
-    assert_eq!(store.walks_done(0).expect("read").len(), 1);
 }
 
 #[test]

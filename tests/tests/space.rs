@@ -1,14 +1,12 @@
-//! Configuration spaces: the same bits for any number of threads and interruptions, and a blob that
-//! reproduces the solved forces.
-
-use std::sync::atomic::{AtomicBool, Ordering};
+//! Configuration spaces: the same bits for any number of threads, and a blob that reproduces the solved forces.
+//! `tools/tests/space_faults` interrupts, kills and damages them.
 
 use palpate_core::{AlignedBytes, BallLattice, ConfigTag, Coverage, Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::fem::Solver;
 use palpate_precompute::num::{EnergyJet, norm};
 use palpate_precompute::pack::{PackOptions, pack};
-use palpate_precompute::space::{ExpansionError, Record, Store};
+use palpate_precompute::space::{Record, Store};
 use palpate_precompute::spec::DisplacementBound;
 use palpate_tests::space_bench::SpaceBench;
 
@@ -32,7 +30,7 @@ fn the_papers_four_grids_have_its_numbers_of_points() {
 }
 
 #[test]
-fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
+fn one_thread_and_two_threads_give_the_same_bits() {
     let bench = SpaceBench::new(1.0);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (one, counts) = bench.solve(&folder.path().join("one.space"), 1);
@@ -41,21 +39,6 @@ fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
     let expected = bits(&one.attempts(0).expect("records"));
     assert!(counts.solved() > 20, "{counts:?}");
     assert_eq!(expected, bits(&two.attempts(0).expect("records")));
-
-    let path = folder.path().join("torn.space");
-    for stop_after in [1, 3, 5] {
-        let store = bench.store(&path).expect("the store opens");
-        let stop = AtomicBool::new(false);
-        let ended = bench.expand(&store, 2, &stop, |p| {
-            stop.store(p.solved_now >= stop_after, Ordering::Relaxed);
-        });
-        assert!(matches!(ended, Err(ExpansionError::Interrupted)), "{ended:?}");
-        assert!(bench.still_to_solve(&store) > 0, "an interrupted space is not complete");
-    }
-    let (torn, counts_torn) = bench.solve(&path, 2);
-    assert_eq!(counts, counts_torn);
-    assert_eq!(expected, bits(&torn.attempts(0).expect("records")));
-    assert_eq!(bench.still_to_solve(&torn), 0);
     // A store without configurations is not complete either.
     let empty = bench.store(&folder.path().join("empty.space")).expect("a store");
     assert!(bench.still_to_solve(&empty) > 0);
@@ -82,21 +65,6 @@ fn points_beyond_the_force_limit_end_the_expansion() {
             assert_eq!(parent.expect("a parent is stored").tag(), ConfigTag::Expandable);
         }
     }
-}
-
-#[test]
-fn a_store_of_another_scene_is_refused() {
-    let folder = tempfile::tempdir().expect("a folder for the stores");
-    let path = folder.path().join("a.space");
-    drop(SpaceBench::new(1.0).store(&path).expect("the store opens"));
-    let refused = SpaceBench::new(2.0).store(&path).expect_err("another force limit is another scene");
-    let line = refused.to_string();
-    assert!(
-        line.contains("a.space")
-            && line.contains("scene or mesh (max_force_n = 1.0, now max_force_n = 2.0)")
-            && line.contains("--out"),
-        "{line}"
-    );
 }
 
 #[test]
@@ -173,59 +141,6 @@ fn only_one_process_writes_a_store_and_others_may_read_it() {
     drop(writer);
     bench.store(&path).expect("the lock is released");
 }
-
-/// Each tested page of the file is damaged in turn. The damage is detected or harmless, intact records are
-/// salvaged, and the space completed from them is bit for bit the undamaged one.
-#[test]
-fn a_store_with_a_damaged_page_is_salvaged_and_completes_to_the_same_bits() {
-    let bench = SpaceBench::new(f64::INFINITY);
-    let folder = tempfile::tempdir().expect("a folder for the stores");
-    let path = folder.path().join("whole.space");
-    let (store, counts) = bench.solve(&path, 2);
-    let expected = bits(&store.attempts(0).expect("records"));
-    drop(store);
-    let whole = std::fs::read(&path).expect("checkpointed when the last handle closed");
-    let pages = whole.len() / PAGE;
-    let (mut noticed, mut most_saved) = (0, 0);
-    // Every seventh page represents its kind; the first page is SQLite's header.
-    for page in (0..pages).step_by(7) {
-        let torn = folder.path().join(format!("torn{page}.space"));
-        let mut bytes = whole.clone();
-        for byte in &mut bytes[page * PAGE + 100..page * PAGE + PAGE - 100] {
-            *byte ^= 0x5a;
-        }
-        std::fs::write(&torn, bytes).expect("written");
-        let resumed = bench.store(&torn).and_then(|store| {
-            let ended = bench.expand(&store, 2, &AtomicBool::new(false), |_| ());
-            ended.map_err(|error| match error {
-                ExpansionError::Store(error) => error,
-                other => panic!("page {page}: {other}"),
-            })?;
-            // The plan reads the numbers of a complete space; a picture or a blob also needs its states.
-            for record in store.records(0)?.iter().filter(|r| r.tag().is_solved()) {
-                store.stored_seed(0, record.index, record.attempt)?;
-            }
-            store.body()?;
-            Ok(())
-        });
-        let Err(damage) = resumed else { continue };
-        noticed += 1;
-        assert!(damage.to_string().contains("--salvage"), "page {page}: {damage}");
-        let active = [("A".to_string(), bench.active)];
-        let (saved, report) = Store::salvage(&torn, &bench.identity, &bench.mesh, &bench.fixed, &active)
-            .unwrap_or_else(|error| panic!("page {page}: {error}"));
-        most_saved = most_saved.max(report.saved);
-        let again = bench.expand(&saved, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
-        assert_eq!(again, counts, "page {page}");
-        assert_eq!(bits(&saved.attempts(0).expect("records")), expected, "page {page}");
-        assert!(report.moved_to.exists(), "the damaged file is kept");
-    }
-    assert!(noticed >= pages / 14, "{noticed} of {pages} pages, every seventh tried");
-    assert!(most_saved > 100, "a damaged page must cost only its own records: {most_saved} saved");
-}
-
-/// SQLite's page size.
-const PAGE: usize = 4096;
 
 #[test]
 fn intermediate_states_are_kept_on_request() {

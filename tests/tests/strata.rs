@@ -172,7 +172,7 @@ const HOST: [&str; 24] = [
 ];
 
 /// The viewer, lowest stratum first.
-const VIEWER: [&str; 33] = [
+const VIEWER: [&str; 30] = [
     "error",
     "image",
     "palette",
@@ -194,8 +194,6 @@ const VIEWER: [&str; 33] = [
     "help",
     "charts",
     "overlay",
-    "quantise",
-    "animation",
     "frames",
     "navigation",
     "window",
@@ -205,7 +203,6 @@ const VIEWER: [&str; 33] = [
     "window_controller",
     "screen",
     "map",
-    "comparison",
 ];
 
 /// Recordings and their replay, lowest stratum first.

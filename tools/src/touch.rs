@@ -28,10 +28,6 @@ use crate::timing::Timing;
 
 /// Frame rate of headless pictures: enough to follow a stroke, few enough to store.
 const HEADLESS_RATE_HZ: f32 = 2.0;
-/// Frame rate of a film: motion is visible, and ten seconds take less than 5 MB.
-const FILM_RATE_HZ: f32 = 12.5;
-/// Size of a film.
-const FILM_PICTURE: RendererConfig = RendererConfig { width: 800, height: 450, samples: 2 };
 
 /// Error of the mouse device without a window.
 pub(crate) const MOUSE_NEEDS_WINDOW: &str =
@@ -47,7 +43,7 @@ pub(crate) struct Show<'p> {
     pub seconds: Option<f64>,
     /// PNG frames instead of a window.
     pub headless: bool,
-    /// Frame rate of the frames or the film, if not the default; 0 for no frames.
+    /// Frame rate of the frames, if not the default; 0 for no frames.
     pub rate_hz: Option<f32>,
     /// Folder for frames and screenshots.
     pub pictures: &'p Path,
@@ -61,8 +57,6 @@ pub(crate) struct Show<'p> {
     pub profile: Option<&'p Profile>,
     /// Timing of the loop.
     pub timing: Timing,
-    /// A film instead of PNG frames.
-    pub gif: Option<&'p Output>,
     /// The mouse device whose tool the window moves.
     pub mouse: Option<&'p MouseHandle>,
     /// Whether the device has motors: its session has no window only if the user asked for none.
@@ -72,14 +66,10 @@ pub(crate) struct Show<'p> {
 }
 
 impl Show<'_> {
-    /// PNG frames, or a film if requested.
+    /// PNG frames.
     pub(crate) fn frames(&self) -> View {
         if self.rate_hz == Some(0.0) {
             return View::Nothing;
-        }
-        if let Some(file) = self.gif {
-            let rate_hz = self.rate_hz.unwrap_or(FILM_RATE_HZ);
-            return View::Gif { file: file.path().to_path_buf(), rate_hz, picture: FILM_PICTURE };
         }
         View::Frames {
             directory: self.pictures.to_path_buf(),
@@ -91,10 +81,7 @@ impl Show<'_> {
     /// A screen that could not be opened, or that failed during the session.
     pub(crate) fn screen_failure(&self, error: ViewerError) -> Failure {
         match error {
-            ViewerError::Frame(error) => {
-                let place = self.gif.map_or(self.pictures, Output::path);
-                Failure::work(Failure::file(place, &error).line())
-            }
+            ViewerError::Frame(error) => Failure::work(Failure::file(self.pictures, &error).line()),
             error => Failure::work(error),
         }
     }
@@ -123,10 +110,9 @@ impl Show<'_> {
         opened.map_err(|error| self.screen_failure(error))
     }
 
-    /// Deletes the outputs of a screen that showed nothing: a film, and the folder if it is empty and the screen
-    /// made it. The failure that left them so is the one to report.
+    /// Deletes the folder of a screen that showed nothing, if it is empty and the screen made it. The failure
+    /// that left it so is the one to report.
     pub(crate) fn discard(&self, had_folder: bool) {
-        let _ = self.gif.map(Output::remove);
         if !had_folder {
             let _ = std::fs::remove_dir(self.pictures);
         }
@@ -413,7 +399,6 @@ mod tests {
             change_every: None,
             profile: None,
             timing: Timing { fifo: 0, ..Timing::default() },
-            gif: None,
             mouse: None,
             has_motors: false,
             control: None,
@@ -471,35 +456,5 @@ mod tests {
         };
         run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect_err("no device");
         assert!(!folder.exists());
-    }
-
-    /// A film has its own default frame rate.
-    #[test]
-    fn a_film_takes_the_rate_it_is_given() {
-        let film = Output::in_scratch(&tempfile::tempdir().expect("a folder"), "film.gif");
-        let show = Show {
-            seconds: None,
-            headless: true,
-            rate_hz: None,
-            pictures: Path::new("frames"),
-            record: None,
-            friction: None,
-            change_every: None,
-            profile: None,
-            timing: Timing::default(),
-            gif: Some(&film),
-            mouse: None,
-            has_motors: false,
-            control: None,
-        };
-        let rate_hz = |show: Show<'_>| match show.view() {
-            View::Gif { rate_hz, .. } | View::Frames { rate_hz, .. } => rate_hz,
-            other => panic!("{other:?}"),
-        };
-        assert_eq!(rate_hz(show), FILM_RATE_HZ);
-        assert_eq!(rate_hz(Show { rate_hz: Some(25.0), ..show }), 25.0);
-        assert_eq!(rate_hz(Show { gif: None, ..show }), HEADLESS_RATE_HZ);
-        assert_eq!(rate_hz(Show { gif: None, rate_hz: Some(25.0), ..show }), 25.0);
-        assert_eq!(Show { gif: None, rate_hz: Some(0.0), ..show }.view(), View::Nothing);
     }
 }

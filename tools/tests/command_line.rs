@@ -6,21 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use palpate_tests::{mooney_rivlin, nearest_node, soft_beam, write_beam_scene};
 
-use crate::{palpate, text};
-
-/// Runs a command that must be refused with exit code 2 and one line that contains every word.
-pub(crate) fn refused(arguments: &[&str], words: &[&str]) {
-    let output = palpate(arguments);
-    let line = String::from_utf8_lossy(&output.stderr).trim().to_string();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {line}");
-    assert_eq!(line.lines().filter(|l| !l.contains("warning")).count(), 1, "one line, not: {line}");
-    for word in words {
-        assert!(line.contains(word), "`{word}` is not in: {line}");
-    }
-}
-
-pub(crate) const MR: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
-pub(crate) const GRID: &str = "radius_m = 0.01\nspacing_m = 0.005";
+use crate::{GRID, MR, palpate, refused, text};
 
 #[test]
 fn a_path_is_a_table_with_every_column() {

@@ -5,11 +5,9 @@ use std::process::Command;
 
 use palpate_tests::write_beam_scene;
 
-use crate::{palpate, run, text};
+use crate::{GRID, MR, palpate, run, text};
 
-const LAW: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
 const ADAPTIVE: &str = "radius_m = 0.01\ncannot_be_felt = true";
-const LATTICE: &str = "radius_m = 0.01\nspacing_m = 0.005";
 
 /// Ends with `code`; a refusal is one line that contains every word. Warnings and progress are ignored.
 fn ends(arguments: &[&str], code: i32, words: &[&str]) {
@@ -63,7 +61,7 @@ impl Bench {
 /// The largest force moves the node by 30 um, a 300th of the radius: it is solved like any other.
 #[test]
 fn a_stiff_node_is_sampled_within_its_reach() {
-    let bench = Bench::new(&LAW.replace("1300.0", "4e6"), ADAPTIVE, 8.0);
+    let bench = Bench::new(&MR.replace("1300.0", "4e6"), ADAPTIVE, 8.0);
     bench.plan(0, &[]);
     bench.precompute(0, &[]);
     bench.pack("energy,kernel", 0, &[]);
@@ -90,7 +88,7 @@ fn a_stiff_node_is_sampled_within_its_reach() {
 /// positions.
 #[test]
 fn a_node_that_the_device_cannot_move_is_refused() {
-    let bench = Bench::new(&LAW.replace("1300.0", "4e10"), ADAPTIVE, 8.0);
+    let bench = Bench::new(&MR.replace("1300.0", "4e10"), ADAPTIVE, 8.0);
     let words = ["beam.toml", "active node A", "um at most", "max_force_n"];
     bench.plan(2, &words);
     bench.precompute(2, &words);
@@ -101,7 +99,7 @@ fn a_node_that_the_device_cannot_move_is_refused() {
 fn a_radius_that_is_no_length_of_an_organ_is_refused() {
     for radius in ["1e-300", "1e-7", "1e4", "1e300"] {
         for grid in ["cannot_be_felt = true", "spacing_m = 1e-4"] {
-            let bench = Bench::new(LAW, &format!("radius_m = {radius}\n{grid}"), 8.0);
+            let bench = Bench::new(MR, &format!("radius_m = {radius}\n{grid}"), 8.0);
             let words = ["beam.toml:", "`radius_m`", "is not from 0.00001 to 1000", "metres"];
             bench.plan(2, &words);
             bench.precompute(2, &words);
@@ -112,24 +110,24 @@ fn a_radius_that_is_no_length_of_an_organ_is_refused() {
 #[test]
 fn a_force_that_the_tolerance_swallows_is_refused() {
     for force in [1e-300, 0.001, 0.02] {
-        let bench = Bench::new(LAW, ADAPTIVE, force);
+        let bench = Bench::new(MR, ADAPTIVE, force);
         let words = ["beam.toml:", "0.02 N", "no force would be perceptible", "max_force_n"];
         bench.plan(2, &words);
         bench.precompute(2, &words);
     }
-    Bench::new(LAW, "radius_m = 0.01\ntolerance_n = 0.0001", 0.001).precompute(0, &[]);
+    Bench::new(MR, "radius_m = 0.01\ntolerance_n = 0.0001", 0.001).precompute(0, &[]);
 }
 
 /// Forces of a million tonnes exceed the range of the core. A limit that is zero in f32 is no limit.
 #[test]
 fn a_blob_that_the_core_would_refuse_is_not_written() {
     let words = ["could not be read", "is not written", "units"];
-    let stiff = Bench::new(&LAW.replace("1300.0", "1e14"), LATTICE, 8.0);
+    let stiff = Bench::new(&MR.replace("1300.0", "1e14"), GRID, 8.0);
     stiff.precompute(0, &[]);
     for methods in ["energy", "trilinear"] {
         stiff.pack(methods, 2, &words);
     }
-    let faint = Bench::new(LAW, LATTICE, 1e-300);
+    let faint = Bench::new(MR, GRID, 1e-300);
     faint.plan(0, &[]);
     faint.precompute(0, &[]);
     faint.pack("energy", 2, &words);
@@ -137,7 +135,7 @@ fn a_blob_that_the_core_would_refuse_is_not_written() {
 
 #[test]
 fn a_number_of_threads_is_bounded_alike_everywhere() {
-    let bench = Bench::new(LAW, LATTICE, 8.0);
+    let bench = Bench::new(MR, GRID, 8.0);
     let folder = bench.folder.path();
     let [space, blob, out] = ["a.space", "a.blob", "out"].map(|name| folder.join(name));
     bench.precompute(0, &[]);
@@ -162,7 +160,7 @@ fn a_number_of_threads_is_bounded_alike_everywhere() {
 /// The operating system provides no thread with a stack of sixteen terabytes.
 #[test]
 fn threads_that_do_not_start_are_one_line() {
-    let bench = Bench::new(LAW, LATTICE, 8.0);
+    let bench = Bench::new(MR, GRID, 8.0);
     let second = "[[active]]\nname = \"B\"\nnode = 43\n";
     let scene = std::fs::read_to_string(&bench.scene).expect("the scene");
     std::fs::write(&bench.scene, scene + second).expect("written");
@@ -182,7 +180,7 @@ fn threads_that_do_not_start_are_one_line() {
 /// A random path of the paper's steps of 1 mm would leave this ball with its first step.
 #[test]
 fn held_out_paths_of_a_ball_smaller_than_their_steps() {
-    let bench = Bench::new(LAW, "radius_m = 0.0008\ncannot_be_felt = true", 2.0);
+    let bench = Bench::new(MR, "radius_m = 0.0008\ncannot_be_felt = true", 2.0);
     let space = bench.folder.path().join("a.space");
     bench.precompute(0, &[]);
     let held_out = |more: &[&str], code: i32, words: &[&str]| {

@@ -37,6 +37,28 @@ fn palpate(arguments: &[&str]) -> Output {
     run(Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments))
 }
 
+/// Runs a command that must be refused with exit code 2 and one line that contains every word.
+#[track_caller]
+fn refused(arguments: &[&str], words: &[&str]) {
+    refusal(&palpate(arguments), 2, words);
+}
+
+/// The line of a command that ended with `code` and one line that contains every word. Warnings do not count.
+#[track_caller]
+fn refusal(output: &Output, code: i32, words: &[&str]) -> String {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{said}");
+    assert_eq!(said.lines().filter(|line| !line.contains("warning")).count(), 1, "one line, not: {said}");
+    for word in words {
+        assert!(said.contains(word), "`{word}` is not in: {said}");
+    }
+    said.trim().to_owned()
+}
+
+/// Material and lattice of most scenes here: 124 points, a tenth of a second.
+const MR: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
+const GRID: &str = "radius_m = 0.01\nspacing_m = 0.005";
+
 fn text(path: &Path) -> &str {
     path.to_str().expect("the folder's name is plain")
 }

@@ -5,20 +5,12 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::{palpate, text};
+use crate::{palpate, refused, text};
 
 fn succeeds(arguments: &[&str]) -> String {
     let output = palpate(arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("text")
-}
-
-/// The command ends with exit code 2 and one line that contains every word.
-fn refused(arguments: &[&str], words: &[&str]) {
-    let output = palpate(arguments);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{arguments:?}: {said}");
-    words.iter().for_each(|word| assert!(said.contains(word), "`{word}` is not in: {said}"));
 }
 
 fn bundled(name: &str) -> PathBuf {

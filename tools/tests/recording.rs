@@ -7,7 +7,7 @@ use std::path::Path;
 use palpate_host::TickRecord;
 use palpate_record::{Recording, TickWriter};
 
-use crate::{palpate, text};
+use crate::{palpate, refused, text};
 
 /// A real organ with every method, without a certificate.
 const BLOB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");
@@ -90,23 +90,14 @@ fn a_session_is_recorded_inspected_and_replayed() {
     assert!(told.contains(&format!("{ticks} ticks, all forces bit-identical")), "{told}");
     assert!(std::fs::read_dir(&frames).expect("frames").count() >= 4, "frames of the replay");
 
-    // Changes one bit of one sample.
     let planted = at("planted.mcap");
-    rewritten(&recording, &planted, |record| {
-        if let (500, Some(sample)) = (record.tick, &mut record.sample) {
-            sample.position_m[0] = f32::from_bits(sample.position_m[0].to_bits() ^ 1);
-        }
-    });
-    // The loop may have skipped this deadline.
-    if table.lines().any(|line| line.starts_with("500,")) {
-        let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&planted)], &shown[..]].concat());
-        assert_eq!(code, Some(1), "{told}");
-        assert!(told.contains("the first is tick 500 (0.50") && told.contains("planted.mcap"), "{told}");
-    }
     // A force that was not applied.
     rewritten(&recording, &planted, |record| record.hand_force_n[1] += 1.0);
     let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&planted)], &shown[..]].concat());
-    assert_eq!(code, Some(1), "{told}");
+    assert!(
+        code == Some(1) && told.contains("the first is tick ") && told.contains("planted.mcap"),
+        "{told}"
+    );
     // Another method is a comparison, not a failure.
     let other = ["run", BLOB, "--device", &replay_of(&recording), "--method", "trilinear"];
     let (code, told) = said(&[&other[..], &shown].concat());
@@ -182,14 +173,8 @@ fn a_session_and_its_replay_as_json() {
 
 #[test]
 fn options_that_would_do_nothing_are_refused() {
-    let refused = |arguments: &[&str], words: &[&str]| {
-        let (code, told) = said(&[&["run", BLOB, "--uncertified"], arguments].concat());
-        assert_eq!((code, told.lines().count()), (Some(2), 1), "{told}");
-        words.iter().for_each(|word| assert!(told.contains(word), "`{word}` is not in: {told}"));
-    };
-    refused(&["--headless", "--seconds", "0.1", "--change-every", "1"], &["--change-every", "name another"]);
-    let film = ["--headless", "--seconds", "0.1", "--gif", "/nowhere/x.gif", "--frame-rate", "0"];
-    refused(&film, &["--gif", "leave one of them out"]);
+    let change = ["run", BLOB, "--uncertified", "--headless", "--seconds", "0.1", "--change-every", "1"];
+    refused(&change, &["--change-every", "name another"]);
 }
 
 #[test]
@@ -202,11 +187,7 @@ fn what_cannot_be_replayed_is_refused_in_one_line() {
     let (code, told) = said(&[&record[..], &shown].concat());
     assert_eq!(code, Some(0), "{told}");
     let device = |path: &Path| format!("replay:{}", text(path));
-    let refused = |arguments: &[&str], words: &[&str]| {
-        let (code, told) = said(&[arguments, &shown].concat());
-        assert_eq!((code, told.lines().count()), (Some(2), 1), "{told}");
-        words.iter().for_each(|word| assert!(told.contains(word), "`{word}` is not in: {told}"));
-    };
+    let refused = |arguments: &[&str], words: &[&str]| refused(&[arguments, &shown].concat(), words);
     refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap", "check the name"]);
     std::fs::write(&other, "not an MCAP file").expect("writable");
     refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap", "not a recording of Palpate"]);

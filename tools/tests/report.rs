@@ -9,10 +9,7 @@ use palpate_host::BlobFile;
 use palpate_tests::write_beam_scene;
 use serde_json::Value;
 
-use crate::{palpate, text};
-
-const MR: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
-const GRID: &str = "radius_m = 0.01\nspacing_m = 0.005";
+use crate::{GRID, MR, palpate, text};
 
 fn rows(csv: &Path) -> Vec<BTreeMap<String, String>> {
     let mut reader = csv::Reader::from_path(csv).expect("the table is there");
@@ -124,28 +121,6 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     };
     assert!(error("energy", "122") < error("trilinear", "122") / 10.0);
 
-    // The forms of a fit: the same energy, hence about the same error. The fit itself is the smallest form.
-    let forms = rows(&out.join("forms.csv"));
-    let of = |form: &str| forms.iter().find(|row| row["form"] == form).expect(form);
-    let [cell, node, kernel] = ["cell", "node", "kernel"].map(|form| number(of(form), "bytes"));
-    assert!(kernel < node && node < cell, "{kernel}, {node}, {cell}");
-    assert!(
-        forms.iter().all(|row| number(row, "median_ns") > 0.0 && number(row, "from_fit_max_n") < 0.1),
-        "{forms:?}"
-    );
-
-    // The omissions, made or possible, and a plot of them. The errors at configurations between the solved
-    // ones are those of the certificate.
-    let ledger = rows(&out.join("ledger.csv"));
-    let line = |what: &str| ledger.iter().find(|row| row["what"].starts_with(what)).expect(what);
-    assert_eq!((&*line("nonlinearity")["made"], &*line("nodes inside")["made"]), ("false", "true"));
-    let between = line("configurations between");
-    let ratio = number(between, "force_mean_n") / error("energy", "32");
-    assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
-    assert!(number(between, "cost_without") > 100.0 * number(between, "cost_with"));
-    let page = std::fs::read_to_string(out.join("report.html")).expect("the page is written");
-    assert!(page.contains("aria-label=\"Approximations: force\"") && page.contains("linear model"));
-
     // The same rows as JSON, path means from the paths, and every certificate.
     let in_json = json(&out.join("methods.json"));
     assert_eq!(in_json.as_array().map(Vec::len), Some(methods.len()));
@@ -161,33 +136,9 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
         let (expected, found) = (of.iter().sum::<f64>() / of.len() as f64, number(&mean, "mean_n"));
         assert!((found - expected).abs() <= 1e-12 * expected, "{mean:?}");
     }
-    let hard = rows(&out.join("hard.csv"));
-    assert_eq!(hard.len(), 6 * 7, "as it is, three shares missing, large cells, and twice as far");
-    let coarse: Vec<_> =
-        hard.iter().filter(|row| row["grid"] == "122" && row["method"] == "energy").collect();
-    assert_eq!(coarse.len(), 1);
-    assert!(number(coarse[0], "positions") > 10.0 && number(coarse[0], "mean_n") > 0.0, "{coarse:?}");
-    assert!((number(coarse[0], "radius_m") / number(coarse[0], "within_m") - 1.2).abs() < 1e-9, "{coarse:?}");
-
-    // States between grid points improve radial basis functions. The error of the surface is within the
-    // packing bound.
-    let parts = rows(&out.join("parts.csv"));
-    let mean = |method: &str, intermediate: &str| {
-        let row = parts.iter().find(|row| row["method"] == method && row["intermediate"] == intermediate);
-        number(row.expect("a row"), "mean_n")
-    };
-    for method in ["rbf-linear", "rbf-cubic"] {
-        assert!(mean(method, "true") < 0.7 * mean(method, "false"), "{method}");
-    }
-    let surfaces = rows(&out.join("surfaces.csv"));
-    assert!([3, 4].contains(&surfaces.len()), "slopes are packed where they are needed");
-    assert!(surfaces.iter().all(|row| number(row, "positions") > 30.0 && number(row, "rms_mean_mm") < 0.3));
-    let bodies = rows(&out.join("bodies.csv"));
-    assert!(bodies.iter().any(|row| row["finest"] == "true" && number(row, "mean_n") == 0.0));
-
     // A second run solves and fits nothing, and changes only times.
     let written = |name: &str| std::fs::metadata(out.join(name)).and_then(|m| m.modified()).expect("a time");
-    let kept = ["work/beam-122-energy.blob", "work/beam-far-32-energy.blob"];
+    let kept = ["work/beam-122-energy.blob", "work/beam-32-energy.blob"];
     let before = kept.map(written);
     let output = palpate(&arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -221,13 +172,7 @@ fn nonsense_is_refused_in_one_line_before_anything_is_solved() {
     let out = folder.path().join("report");
     let (scene, other, bare, out_name) = (text(&scene), text(&other), text(&bare), text(&out));
     let refused = |arguments: &[&str], words: &[&str]| {
-        let output = palpate(&[&["report"][..], arguments, &["--out", out_name]].concat());
-        let line = String::from_utf8_lossy(&output.stderr).trim().to_string();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {line}");
-        assert_eq!(line.lines().count(), 1, "one line, not: {line}");
-        for word in words {
-            assert!(line.contains(word), "`{word}` is not in: {line}");
-        }
+        crate::refused(&[&["report"][..], arguments, &["--out", out_name]].concat(), words);
         assert!(!out.exists(), "{arguments:?} left a folder behind");
     };
     refused(&[scene, "--grids", "500"], &["--grids 500", "514", "14146"]);

@@ -1,6 +1,5 @@
 //! Requests from the test in the guest to the bench, and the replies: one line of JSON each.
 
-use super::remote::{RigReply, RigRequest};
 use serde::{Deserialize, Serialize};
 
 /// A command to the bench.
@@ -30,16 +29,6 @@ pub enum BenchCommand {
     End,
 }
 
-/// A line to the bench.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Request {
-    /// To the bench in real time.
-    Bench(BenchCommand),
-    /// To the device in stepped time.
-    Rig(RigRequest),
-}
-
 /// A line from the bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -48,9 +37,7 @@ pub enum Reply {
     Ok,
     /// The state of the device and the hand.
     Report(Report),
-    /// From the device in stepped time.
-    Rig(RigReply),
-    /// The line is no request, or the device on the bus does not execute it.
+    /// The line is no request.
     Unknown,
 }
 
@@ -90,11 +77,11 @@ mod tests {
     #[test]
     fn commands_are_words() {
         let words = ["home", "press", "lift", "inject", "clear-faults", "reset-record", "report", "end"];
-        let parse = |line: &str| serde_json::from_str::<Request>(line).ok();
+        let parse = |line: &str| serde_json::from_str::<BenchCommand>(line).ok();
         for word in words {
-            assert!(matches!(parse(&format!("\"{word}\"")), Some(Request::Bench(_))), "{word}");
+            assert!(parse(&format!("\"{word}\"")).is_some(), "{word}");
         }
-        assert_eq!(parse(r#"{"plug":{"seed":17}}"#), Some(Request::Bench(BenchCommand::Plug { seed: 17 })));
+        assert_eq!(parse(r#"{"plug":{"seed":17}}"#), Some(BenchCommand::Plug { seed: 17 }));
         for line in ["", "plug", "\"plug\"", "{\"plug\":1}", "\"Press\"", "{\"advance\":{}}"] {
             assert_eq!(parse(line), None, "{line}");
         }

@@ -1,11 +1,8 @@
 //! Serves the bench on its sockets, in real time.
 
-use super::command::{BenchCommand, Reply, Request};
-use super::remote::RigRequest;
+use super::command::{BenchCommand, Reply};
 use super::rig::Rig;
-use super::stepped::Stepped;
-use crate::falcon::{Setup, Stall};
-use crate::usbredir::{Session, Traffic, UsbDevice};
+use crate::usbredir::{Session, Traffic};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::time::TimeSpec;
@@ -15,10 +12,8 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Poll period of a device in real time without traffic: far below the chip's 1 ms timer.
+/// Poll period without traffic: far below the chip's 1 ms timer.
 const PAUSE: Duration = Duration::from_micros(50);
-/// Poll period of a device in stepped time, whose state changes only through the sockets.
-const LONG_PAUSE: Duration = Duration::from_millis(5);
 
 /// Sockets and duration of the bench.
 #[derive(Debug, Clone)]
@@ -82,11 +77,6 @@ impl PolledSocket {
         self.stream.as_ref().map_or_else(|| self.listener.as_fd(), AsFd::as_fd)
     }
 
-    /// Whether bytes wait for room in the socket.
-    fn is_full(&self) -> bool {
-        !self.output.is_empty()
-    }
-
     /// Sends as many bytes as the socket takes.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.output.extend(bytes);
@@ -112,90 +102,6 @@ fn wait(lines: &[Option<&PolledSocket>], longest: Duration) -> io::Result<()> {
     }
 }
 
-/// How long the guest may take to process the device's output on a busy machine.
-const MAX_WAIT: Duration = Duration::from_secs(60);
-
-/// The device on the bus.
-enum BusDevice {
-    /// On the wall clock.
-    RealTime(Box<Rig>),
-    /// On the guest's clock.
-    Stepped(Box<Stepped>),
-}
-
-impl BusDevice {
-    fn is_plugged(&self) -> bool {
-        match self {
-            Self::RealTime(rig) => rig.is_plugged(),
-            Self::Stepped(device) => device.is_plugged(),
-        }
-    }
-
-    /// Does what is due. `is_awaited`: the host waits for a transfer from the device.
-    fn poll(&mut self, is_awaited: bool) {
-        match self {
-            Self::RealTime(rig) => rig.poll(),
-            Self::Stepped(device) if is_awaited => device.wait(),
-            Self::Stepped(_) => {}
-        }
-    }
-
-    /// How long to wait without traffic. `is_awaited`: the host waits for a transfer from the device.
-    fn pause(&self, is_awaited: bool) -> Duration {
-        match self {
-            Self::RealTime(_) => PAUSE,
-            Self::Stepped(device) if device.is_opening() && is_awaited => Duration::ZERO,
-            Self::Stepped(device) if device.is_opening() => PAUSE,
-            Self::Stepped(_) => LONG_PAUSE,
-        }
-    }
-
-    fn execute(&mut self, command: BenchCommand) -> Reply {
-        if let (Self::Stepped(_), BenchCommand::Plug { seed }) = (&self, command) {
-            *self = Self::RealTime(Box::new(Rig::new(seed)));
-            return Reply::Ok;
-        }
-        match self {
-            Self::RealTime(rig) => rig.execute(command),
-            Self::Stepped(_) if command == BenchCommand::End => Reply::Ok,
-            Self::Stepped(_) => Reply::Unknown,
-        }
-    }
-
-    fn request(&mut self, request: RigRequest) -> Reply {
-        if let (Self::RealTime(_), RigRequest::NewDevice { seed }) = (&self, &request) {
-            *self = Self::Stepped(Box::new(Stepped::new(*seed)));
-        }
-        match self {
-            Self::RealTime(_) => Reply::Unknown,
-            Self::Stepped(device) => Reply::Rig(device.execute(request)),
-        }
-    }
-}
-
-impl UsbDevice for BusDevice {
-    fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
-        match self {
-            Self::RealTime(rig) => rig.control(setup, data),
-            Self::Stepped(device) => device.control(setup, data),
-        }
-    }
-
-    fn bulk_out(&mut self, bytes: &[u8]) -> Result<usize, Stall> {
-        match self {
-            Self::RealTime(rig) => rig.bulk_out(bytes),
-            Self::Stepped(device) => device.bulk_out(bytes),
-        }
-    }
-
-    fn bulk_in(&mut self, max: usize) -> Result<Option<Vec<u8>>, Stall> {
-        match self {
-            Self::RealTime(rig) => rig.bulk_in(max),
-            Self::Stepped(device) => device.bulk_in(max),
-        }
-    }
-}
-
 fn json_line(reply: &Reply) -> Vec<u8> {
     let mut line = serde_json::to_vec(reply).expect("plain data");
     line.push(b'\n');
@@ -208,11 +114,9 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
     let mut bus = PolledSocket::listen(&options.usbredir)?;
     let mut control = options.control.as_deref().map(PolledSocket::listen).transpose()?;
     // Without a command socket the guest is to see the device at once.
-    let rig = if control.is_some() { Rig::unplugged() } else { Rig::new(0) };
-    let (mut session, mut rig) = (Session::new(), BusDevice::RealTime(Box::new(rig)));
+    let mut rig = if control.is_some() { Rig::unplugged() } else { Rig::new(0) };
+    let mut session = Session::new();
     let mut commands = Vec::new();
-    // A reply that waits until the driver has processed the device's output, and its time.
-    let mut pending_reply: Option<(Vec<u8>, Instant)> = None;
     writeln!(log, "listening")?;
     let ended = loop {
         if start.elapsed() >= options.longest {
@@ -220,7 +124,7 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
         }
         let mut busy = false;
         if bus.is_open()? {
-            rig.poll(session.has_pending_in());
+            rig.poll();
             if session.is_handshake_done() && rig.is_plugged() != session.is_connected() {
                 if session.is_connected() {
                     session.disconnect();
@@ -258,30 +162,11 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
                 Err(error) => return Err(error),
             }
             let mut end = false;
-            if let Some((answer, since)) = &pending_reply {
-                // No transfer arrives from a device that is unplugged.
-                if session.has_pending_in() || !session.is_connected() {
-                    control.write(answer)?;
-                    (pending_reply, busy) = (None, true);
-                } else if since.elapsed() > MAX_WAIT {
-                    break "the driver posts no transfer";
-                }
-            }
             while let Some(at) = commands.iter().position(|byte| *byte == b'\n') {
                 let line: Vec<u8> = commands.drain(..=at).collect();
                 busy = true;
                 let answer = match serde_json::from_slice(&line) {
-                    Ok(Request::Rig(request)) => {
-                        let waits = matches!(request, RigRequest::Advance { wait_for_driver: true, .. });
-                        let answer = json_line(&rig.request(request));
-                        if waits {
-                            pending_reply = Some((answer, Instant::now()));
-                        } else {
-                            control.write(&answer)?;
-                        }
-                        continue;
-                    }
-                    Ok(Request::Bench(command)) => {
+                    Ok(command) => {
                         end |= command == BenchCommand::End;
                         if matches!(command, BenchCommand::Plug { .. }) && session.is_connected() {
                             session.disconnect();
@@ -301,9 +186,7 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
             }
         }
         if !busy {
-            let lines = [Some(&bus), control.as_ref()];
-            let is_full = lines.iter().flatten().any(|line| line.is_full());
-            wait(&lines, if is_full { PAUSE } else { rig.pause(session.has_pending_in()) })?;
+            wait(&[Some(&bus), control.as_ref()], PAUSE)?;
         }
     };
     writeln!(log, "[{:9.3}] {ended}: {:?}", start.elapsed().as_secs_f64(), session.traffic())?;

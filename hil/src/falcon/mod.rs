@@ -21,7 +21,6 @@ pub mod image;
 pub mod kinematics;
 pub mod loader;
 pub mod memory;
-pub mod socket;
 pub mod uart;
 
 pub use chip::{Chip, Setup, Stall};

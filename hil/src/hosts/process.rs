@@ -1,9 +1,7 @@
 //! The processes: a host that renders a force, with a guard or without, and the guard.
 
-use crate::falcon::socket::SocketFtdi;
 use palpate_core::Vec3;
 use palpate_host::DeviceErrorKind;
-use palpate_host::device::falcon::{Falcon, FalconConfig, Mode};
 use palpate_host::device::link::{Link, LinkConfig};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
@@ -26,22 +24,19 @@ const BAUD: u32 = 1_000_000;
 pub enum Device {
     /// A Polhem on a pseudo terminal.
     Polhem,
-    /// A Falcon whose chip is at the other end of a socket.
-    Falcon,
     /// A controller of the device link on a pseudo terminal.
     Link,
 }
 
 impl Device {
     /// All devices.
-    pub const ALL: [Self; 3] = [Self::Polhem, Self::Falcon, Self::Link];
+    pub const ALL: [Self; 2] = [Self::Polhem, Self::Link];
 
     /// Name of device and link in the table.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Polhem => "polhem-pty",
-            Self::Falcon => "falcon-socket",
             Self::Link => "link-pty",
         }
     }
@@ -55,7 +50,6 @@ impl Device {
     pub fn profile(self) -> Profile {
         let name = match self {
             Self::Polhem => "polhem",
-            Self::Falcon => "falcon",
             Self::Link => "link",
         };
         Profile::bundled(name).expect("bundled")
@@ -66,13 +60,6 @@ impl Device {
             Self::Polhem => Polhem::open(address, PolhemConfig::default())
                 .map(|device| Box::new(device) as _)
                 .map_err(|error| error.to_string()),
-            Self::Falcon => {
-                let chip = SocketFtdi::connect(address).map_err(|error| error.to_string())?;
-                let config = FalconConfig { mode: Mode::Polled, ..FalconConfig::default() };
-                Falcon::start(Arc::new(chip), config, None)
-                    .map(|device| Box::new(device) as _)
-                    .map_err(|error| error.to_string())
-            }
             Self::Link => {
                 let config =
                     LinkConfig::of(&self.profile(), TIMEOUT).ok_or("the profile has no [capstan]")?;

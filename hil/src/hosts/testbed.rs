@@ -2,10 +2,8 @@
 
 use super::host::{Host, happens_within};
 use super::process::{Device, Role, command};
-use crate::falcon::{EmulatedFalcon, FalconConfig, MemoryFtdi, socket};
 use crate::force_record::ForceRecord;
 use crate::link::EmulatedLink;
-use crate::mechanism::Waypoint;
 use crate::polhem::EmulatedPolhem;
 use crate::rig::SerialDevice;
 use crate::transport::PtyTransport;
@@ -14,7 +12,7 @@ use palpate_host::device::profile::Profile;
 use palpate_host::sys::{self, RtRequest};
 use serialport::{SerialPort, TTYPort};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -113,33 +111,6 @@ fn terminal_device<E: SerialDevice>() -> (Box<dyn ObservedDevice>, String) {
     (Box::new(TerminalDevice { device, link, requests_before_reset: 0, _driver_end: driver_end }), address)
 }
 
-struct SocketDevice {
-    chip: MemoryFtdi,
-    listener: std::os::unix::net::UnixListener,
-}
-
-impl ObservedDevice for SocketDevice {
-    fn poll(&mut self, _now_us: u64) {
-        if let Ok((stream, _)) = self.listener.accept() {
-            let chip = self.chip.open_again().expect("it is plugged in");
-            // Ends with its driver; that error is not one of the testbed.
-            std::thread::spawn(move || drop(socket::serve(stream, &chip)));
-        }
-    }
-
-    fn force_record(&self) -> ForceRecord {
-        *self.chip.falcon().force_record()
-    }
-
-    fn reset_record(&mut self) {
-        self.chip.falcon().reset_record();
-    }
-
-    fn requests(&self) -> u64 {
-        self.chip.falcon().firmware().map_or(0, |firmware| firmware.requests())
-    }
-}
-
 /// An emulated device and the thread that serves it.
 pub struct Testbed {
     device: Device,
@@ -160,18 +131,6 @@ impl Testbed {
         let (observed_device, address): (Box<dyn ObservedDevice>, String) = match device {
             Device::Polhem => terminal_device::<EmulatedPolhem>(),
             Device::Link => terminal_device::<EmulatedLink>(),
-            Device::Falcon => {
-                static NUMBER: AtomicU64 = AtomicU64::new(0);
-                let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-                let address = format!("palpate-hil-{}-{number}", std::process::id());
-                let listener = socket::listen(&address).expect("the name is unique");
-                // Held outside the indices, then pushed in, which homes it.
-                let at = |t_us, z| Waypoint { t_us, position_m: [0.0, 0.0, z] };
-                let path = vec![at(0, 0.145), at(100_000, 0.12)];
-                let config = FalconConfig { path, firmware_runs: true, ..FalconConfig::default() };
-                let chip = MemoryFtdi::in_real_time(EmulatedFalcon::new(config));
-                (Box::new(SocketDevice { chip, listener }), address)
-            }
         };
         let seen = Observation {
             force_n: vec3::ZERO,
@@ -240,7 +199,6 @@ impl Testbed {
             let before = self.observed().requests;
             std::thread::sleep(Duration::from_millis(20));
             let seen = self.observed();
-            // The torques of a Falcon were computed for an earlier position of the grip.
             let error_n = vec3::distance(seen.force_n, force_n);
             error_n <= 0.1 * vec3::norm(force_n) && seen.requests > before
         })

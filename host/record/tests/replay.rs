@@ -6,7 +6,7 @@ use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::model::{self, TouchMemory};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::{BlobFile, Device, DeviceError, DeviceErrorKind, DeviceInfo};
-use palpate_record::replay::{Pace, ReplayError, ReplaySummary};
+use palpate_record::replay::{Pace, ReplaySummary};
 use palpate_record::{Header, Recording, TickWriter, replay};
 
 /// Holes, branch jumps and every method.
@@ -206,51 +206,6 @@ fn a_replay_ends_at_missing_records_and_reports_them() {
         assert!(
             !summary.is_identical() && summary.to_string().contains("5 records are missing"),
             "{summary}"
-        );
-    });
-}
-
-#[test]
-fn a_truncated_recording_is_replayed_up_to_its_end() {
-    with_organ(|organ, blob| {
-        let file = session(organ, blob, Method::Hybrid).file();
-        let mut recording = Recording::open(&file[..file.len() / 2]).expect("a beginning");
-        let go = AtomicBool::new(false);
-        let summary = replay(
-            &[organ],
-            &[blob.into()],
-            &mut recording,
-            None,
-            &go,
-            &mut |_: &TickRecord| (),
-            Pace::Unseen,
-        )
-        .expect("it can be replayed");
-        assert!(summary.is_cut && summary.different == 0 && summary.ticks > TICKS / 3, "{summary}");
-        assert!(summary.to_string().contains("is truncated here"), "{summary}");
-    });
-}
-
-#[test]
-fn another_blob_is_refused() {
-    with_organ(|organ, blob| {
-        let file = session(organ, blob, Method::Hybrid).file();
-        let mut recording = Recording::open(file.as_slice()).expect("valid");
-        let go = AtomicBool::new(false);
-        let refused = replay(
-            &[organ],
-            &["00".repeat(32)],
-            &mut recording,
-            None,
-            &go,
-            &mut |_: &TickRecord| (),
-            Pace::Unseen,
-        );
-        let error = refused.expect_err("not the blob");
-        assert!(matches!(error, ReplayError::OtherBlob { .. }));
-        assert!(
-            error.to_string().contains("another blob") && error.to_string().contains(&blob[..12]),
-            "{error}"
         );
     });
 }

@@ -2,7 +2,7 @@
 //!
 //!     cargo run --release -p palpate-viewer --example window -- [sim|mouse] [SECONDS] [FOLDER]
 //!
-//! The device is a simulated hand or the mouse. Screenshots and films are written to the folder.
+//! The device is a simulated hand or the mouse. Screenshots are written to the folder.
 //! tests/viewer/check-window runs it on a virtual X server.
 
 #[path = "../../tests/common/synthetic.rs"]

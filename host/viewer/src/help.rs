@@ -30,7 +30,6 @@ const KEYS: &[[&str; 2]] = &[
     ["T", "shape at rest"],
     ["G", "reachable region"],
     ["Space", "screenshot (PNG)"],
-    ["V", "film (GIF): on, off"],
     ["H", "this help"],
     ["Esc", "end"],
 ];

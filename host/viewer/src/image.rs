@@ -44,25 +44,6 @@ impl Image {
         if x < self.width { self.pixels.get(y * self.width + x).copied() } else { None }
     }
 
-    /// Half the width and height: each pixel is the mean of four, channel by channel as stored.
-    #[must_use]
-    pub fn halved(&self) -> Self {
-        let mut half = Self::new(self.width / 2, self.height / 2);
-        for y in 0..half.height {
-            let [above, below] =
-                [2 * y, 2 * y + 1].map(|row| &self.pixels[row * self.width..(row + 1) * self.width]);
-            for x in 0..half.width {
-                let four = [above[2 * x], above[2 * x + 1], below[2 * x], below[2 * x + 1]];
-                // Two channels at a time, with room for the sum of four between them. Adding 2 rounds to
-                // nearest.
-                let red_blue: u32 = four.iter().map(|pixel| pixel & 0xff_00ff).sum::<u32>() + 0x02_0002;
-                let green: u32 = four.iter().map(|pixel| pixel >> 8 & 0xff).sum::<u32>() + 2;
-                half.pixels[y * half.width + x] = (red_blue >> 2 & 0xff_00ff) | (green >> 2) << 8;
-            }
-        }
-        half
-    }
-
     /// Blends `colour` over one pixel. Pixels outside the picture are ignored.
     pub fn blend(&mut self, x: i32, y: i32, colour: u32, alpha: f32) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
@@ -202,16 +183,6 @@ mod tests {
         assert_eq!(mix(0x12_3456, 0xfe_dcba, 0.0), 0x12_3456);
         assert_eq!(mix(0x12_3456, 0xfe_dcba, 1.0), 0xfe_dcba);
         assert_eq!(mix(0x00_0000, 0xff_ffff, 0.5), 0x7f_7f7f);
-    }
-
-    #[test]
-    fn a_halved_picture_has_the_means() {
-        let mut image = Image::new(5, 3);
-        image.pixels_mut()[..2].copy_from_slice(&[0x00_0000, 0xff_ff00]);
-        image.pixels_mut()[5..7].copy_from_slice(&[0x00_ff00, 0x00_ff10]);
-        let half = image.halved();
-        assert_eq!((half.width(), half.height()), (2, 1));
-        assert_eq!(half.pixels(), [0x40_bf04, 0]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
-//! The viewer: the deformed organ, the tool, the force and text, in a window, as PNG frames or as a film.
+//! The viewer: the deformed organ, the tool, the force and text, in a window or as PNG frames.
 //!
 //! ```text
-//! session (palpate-host) -> Observer: newest record, 30 Hz -> Renderer -> Image -> window | PNG | GIF
+//! session (palpate-host) -> Observer: newest record, 30 Hz -> Renderer -> Image -> window | PNG
 //!                                     every record         -> Live (charts, timing)
 //! ```
 //!
@@ -15,11 +15,9 @@
 //! Depends on palpate-core and palpate-host. Needs no GPU.
 #![forbid(unsafe_code)]
 
-pub mod animation;
 mod arming;
 pub mod camera;
 mod charts;
-pub mod comparison;
 pub mod deformation;
 mod error;
 pub mod font;
@@ -35,7 +33,6 @@ mod occlusion;
 pub mod overlay;
 pub mod palette;
 pub mod pick;
-mod quantise;
 pub mod raster;
 mod reach;
 pub mod renderer;
@@ -53,7 +50,6 @@ mod window_controller;
 #[path = "../../tests/common/synthetic.rs"]
 mod synthetic;
 
-pub use animation::GifWriter;
 pub use error::ViewerError;
 pub use frames::FrameWriter;
 pub use help::Help;

@@ -1,6 +1,5 @@
 //! The screen of a session or a replay: a window, files, or nothing, driven by the calling thread.
 
-use super::animation::GifWriter;
 use super::error::ViewerError;
 use super::frames::FrameWriter;
 use super::live::Live;
@@ -13,9 +12,7 @@ use palpate_core::{Method, Organ, vec3};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::rt::{Controls, TickRecord};
 use palpate_host::session::Observer;
-use std::fs::File;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Output of the viewer during the session.
@@ -33,34 +30,15 @@ pub enum View {
         /// Size and sampling.
         picture: RendererConfig,
     },
-    /// An animated GIF.
-    Gif {
-        /// The file. It must not exist, unless it is a device.
-        file: PathBuf,
-        /// Frames per second; fewer if drawing takes longer.
-        rate_hz: f32,
-        /// Size and sampling.
-        picture: RendererConfig,
-    },
     /// A window.
     Window {
-        /// Directory of screenshots and films.
+        /// Directory of screenshots.
         screenshots: PathBuf,
         /// Size and sampling.
         picture: RendererConfig,
         /// The mouse device whose tool the window moves.
         mouse: Option<MouseHandle>,
     },
-}
-
-/// Creates the file of a film. A device is opened as it is.
-fn film_file(path: &Path) -> io::Result<File> {
-    match File::create_new(path) {
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && !path.metadata()?.is_file() => {
-            File::create(path)
-        }
-        made => made,
-    }
 }
 
 /// The pictures of a session.
@@ -118,7 +96,6 @@ impl<const N: usize> fmt::Debug for Screen<'_, '_, N> {
 enum Output {
     Nothing,
     Frames(FrameWriter),
-    Gif(Box<GifWriter>),
     Window(Box<WindowController>),
 }
 
@@ -141,10 +118,6 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
             View::Nothing => nothing(organs),
             View::Frames { directory, rate_hz, picture } => {
                 let output = Output::Frames(FrameWriter::new(directory)?);
-                Self::of(organs, output, interval(*rate_hz), Some(renderer(picture)))
-            }
-            View::Gif { file, rate_hz, picture } => {
-                let output = Output::Gif(Box::new(GifWriter::new(film_file(file)?)));
                 Self::of(organs, output, interval(*rate_hz), Some(renderer(picture)))
             }
             View::Window { screenshots, picture, mouse } => {
@@ -195,7 +168,6 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
         let written = match &self.output {
             Output::Nothing => 0,
             Output::Frames(frames) => frames.written(),
-            Output::Gif(film) => film.written(),
             Output::Window(controller) => controller.written(),
         };
         let mean_ms =
@@ -203,19 +175,14 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
         Frames { written, mean_ms }
     }
 
-    /// Completes a film. A drop completes it as well, but cannot report a full disk.
+    /// The pictures of the session.
     ///
     /// # Errors
     ///
-    /// The first failure of the output, which ended the session, or that of the film's end.
+    /// The first failure of the output, which ended the session.
     pub fn finish(mut self) -> Result<Frames, ViewerError> {
         if let Some(error) = self.failure.take() {
             return Err(error);
-        }
-        match &mut self.output {
-            Output::Gif(film) => film.finish()?,
-            Output::Window(controller) => controller.finish()?,
-            Output::Nothing | Output::Frames(_) => {}
         }
         Ok(self.frames())
     }
@@ -234,7 +201,6 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
             Output::Frames(frames) => {
                 frames.write(renderer.image())?;
             }
-            Output::Gif(film) => film.write(renderer.image(), record.t_us)?,
             Output::Window(controller) => {
                 let requests = controller.show(renderer, organ, record)?;
                 if requests.arm {

@@ -31,8 +31,6 @@ pub struct WindowEvents {
     pub ghost: bool,
     /// G: reachable region on and off.
     pub reach: bool,
-    /// V: film on and off.
-    pub film: bool,
 }
 
 /// Keys pressed since the last frame, including those released again: a tap may be shorter than a frame.
@@ -88,7 +86,6 @@ impl ViewWindow {
             help: pressed(Key::H),
             ghost: pressed(Key::T),
             reach: pressed(Key::G),
-            film: pressed(Key::V),
             next_model: pressed(Key::N),
         };
         self.held = self.window.get_keys();

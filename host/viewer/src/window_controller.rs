@@ -1,6 +1,5 @@
-//! Controller of a window: navigation, keys, screenshots and films.
+//! Controller of a window: navigation, keys and screenshots.
 
-use super::animation::GifWriter;
 use super::arming::ArmingChord;
 use super::error::ViewerError;
 use super::frames::FrameWriter;
@@ -13,17 +12,8 @@ use core::time::Duration;
 use palpate_core::Organ;
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::rt::TickRecord;
-use std::fs::File;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// Time between two frames of a film.
-const FILM_INTERVAL: Duration = Duration::from_millis(80);
-/// Largest number of films in a directory.
-const MAX_FILMS: u64 = 1000;
-/// Colour of the recording mark.
-const FILM_COLOUR: u32 = 0xff_4a3d;
 
 /// A window and the actions of its keys and mouse.
 pub(super) struct WindowController {
@@ -33,8 +23,6 @@ pub(super) struct WindowController {
     hand: Option<MouseTool>,
     directory: PathBuf,
     screenshots: Option<FrameWriter>,
-    film: Option<Film>,
-    films: u64,
     arming: ArmingChord,
     /// Time of the last picture.
     shown: Instant,
@@ -55,11 +43,6 @@ pub(super) struct Requests {
     pub quit: bool,
 }
 
-struct Film {
-    writer: GifWriter,
-    due: Instant,
-}
-
 impl WindowController {
     pub(super) fn open(
         title: &str,
@@ -73,8 +56,6 @@ impl WindowController {
             hand: mouse.map(MouseTool::new),
             directory: directory.to_owned(),
             screenshots: None,
-            film: None,
-            films: 0,
             arming: ArmingChord::Spent,
             shown: Instant::now(),
         })
@@ -85,9 +66,9 @@ impl WindowController {
         if self.hand.is_some() { Help::KeysAndHand } else { Help::Keys }
     }
 
-    /// Number of screenshots and films.
+    /// Number of screenshots.
     pub(super) fn written(&self) -> u64 {
-        self.films + self.screenshots.as_ref().map_or(0, FrameWriter::written)
+        self.screenshots.as_ref().map_or(0, FrameWriter::written)
     }
 
     /// Shows the renderer's picture and performs the user's actions; returns the requests to the session.
@@ -97,25 +78,13 @@ impl WindowController {
         organ: &Organ<'_, N>,
         record: &TickRecord,
     ) -> Result<Requests, ViewerError> {
-        self.add_to_film(renderer, record)?;
-        let (events, pointer) = if self.film.is_some() {
-            // The mark is shown in the window only, not in the film.
-            let mut marked = renderer.image().clone();
-            let size = marked.height() as i32 / 60;
-            marked.fill_rect(marked.width() as i32 / 2, size, size, size, FILM_COLOUR, 1.0);
-            self.window.show(&marked)?
-        } else {
-            self.window.show(renderer.image())?
-        };
+        let (events, pointer) = self.window.show(renderer.image())?;
         if events.screenshot {
             let writer = match &mut self.screenshots {
                 Some(writer) => writer,
                 none => none.insert(FrameWriter::new(&self.directory)?),
             };
             writer.write(renderer.image())?;
-        }
-        if events.film {
-            self.toggle_film()?;
         }
         let taken =
             self.hand.as_mut().is_some_and(|hand| hand.update(&renderer.view(), organ, &pointer, record));
@@ -145,45 +114,5 @@ impl WindowController {
         }
         let arm = self.arming.update(events.arming_chord, step, record);
         Requests { arm, disarm, reset, next_model, quit }
-    }
-
-    /// Completes a film in progress.
-    pub(super) fn finish(&mut self) -> Result<(), ViewerError> {
-        match self.film.take() {
-            Some(mut film) => Ok(film.writer.finish()?),
-            None => Ok(()),
-        }
-    }
-
-    fn toggle_film(&mut self) -> Result<(), ViewerError> {
-        if self.film.is_some() {
-            return self.finish();
-        }
-        std::fs::create_dir_all(&self.directory)?;
-        let file = self.new_film()?;
-        self.film = Some(Film { writer: GifWriter::new(file), due: Instant::now() });
-        self.films += 1;
-        Ok(())
-    }
-
-    /// Creates the file of the next film under the first free number.
-    fn new_film(&self) -> io::Result<File> {
-        for number in self.films..MAX_FILMS {
-            match File::create_new(self.directory.join(format!("film_{number:03}.gif"))) {
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                made => return made,
-            }
-        }
-        Err(io::ErrorKind::AlreadyExists.into())
-    }
-
-    fn add_to_film(&mut self, renderer: &Renderer, record: &TickRecord) -> Result<(), ViewerError> {
-        let Some(film) = &mut self.film else { return Ok(()) };
-        let now = Instant::now();
-        if now >= film.due {
-            film.due = (film.due + FILM_INTERVAL).max(now);
-            film.writer.write(&renderer.image().halved(), record.t_us)?;
-        }
-        Ok(())
     }
 }

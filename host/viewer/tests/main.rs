@@ -3,5 +3,5 @@
 #[path = "../../tests/common/synthetic.rs"]
 mod synthetic;
 
-mod film;
+mod frames;
 mod picture;

@@ -3,11 +3,11 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use palpate_core::{ConfigTag, DisplacementPlanes, DisplacementTable, Organ, Space};
+use palpate_core::{ConfigTag, DisplacementPlanes, DisplacementTable, Space};
 use serde::{Deserialize, Serialize};
 
 use super::branch_jump::has_branch_jump;
-use crate::fit::{FitError, Kernel, Misfit, PackedModes, Sample, SurfaceRbf};
+use crate::fit::{Misfit, PackedModes, Sample};
 use crate::space::{Kind, Store, StoreError, SurfaceMotion};
 
 /// Measurements of the displacements of one space.
@@ -168,41 +168,6 @@ fn each_truth(
             see(at, &exact, truth.equilibrium().is_some_and(|at| at.switched) || has_branch_jump(space, at));
         }
     })
-}
-
-/// Errors of radial basis functions of the grid's configurations at the positions away from branch jumps, and
-/// the median time to evaluate one surface, us.
-pub fn surface_by_rbf(
-    store: &Store,
-    active: usize,
-    organ: &Organ<'_>,
-    space: &Space<'_>,
-    kernel: Kernel,
-) -> Result<Result<(SurfaceDistances, f64), FitError>, StoreError> {
-    let motion = SurfaceMotion::new(store, active, organ.surface.node)?;
-    let spacing_m = f64::from(space.lattice().spacing_m());
-    let mut configurations = Vec::new();
-    for record in store.records(active)?.iter().filter(|r| r.tag().is_solved()) {
-        let moved = motion.at(record.index, record.attempt)?.displacement_m;
-        configurations.push((record.index.map(f64::from), moved));
-    }
-    let fit = match SurfaceRbf::fit(kernel, &configurations) {
-        Ok(fit) => fit,
-        Err(error) => return Ok(Err(error)),
-    };
-    let (mut apart, mut times) = (SurfaceDistances::default(), Vec::new());
-    each_truth(store, active, space, &motion, |at, exact, has_branch_jump| {
-        if has_branch_jump {
-            return;
-        }
-        let start = Instant::now();
-        let found = fit.at(at.map(|x| f64::from(x) / spacing_m));
-        times.push(start.elapsed().as_secs_f64() * 1e6);
-        let differences: Vec<f64> = exact.iter().zip(found).map(|(a, b)| f64::from(*a) - b).collect();
-        apart.add(Misfit::of(&differences));
-    })?;
-    times.sort_by(f64::total_cmp);
-    Ok(Ok((apart, times.get(times.len() / 2).copied().unwrap_or(f64::NAN))))
 }
 
 /// Size of all planes.

@@ -13,7 +13,7 @@ mod probes;
 mod reference;
 
 pub(crate) use displacement::modes_and_digits;
-pub use displacement::{DisplacementCertificate, SurfaceDistances, surface_by_rbf};
+pub use displacement::{DisplacementCertificate, SurfaceDistances};
 pub use errors::{Compared, Errors, Within, certified_share};
 pub use health::{Health, Reason, Verdict};
 pub(crate) use measure::{Truth, answered, clear_positions, truths};

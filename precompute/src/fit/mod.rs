@@ -28,7 +28,7 @@ pub(crate) use kernel_planes::KernelPlanes;
 pub(crate) use modes::PackedModes;
 pub(crate) use motion::ScatteredMotion;
 pub(crate) use motion::displacement_of_fit;
-pub(crate) use rbf_weights::{FitError, SurfaceRbf};
+pub(crate) use rbf_weights::FitError;
 pub use rbf_weights::{Kernel, RbfFit, fit_rbf};
 
 use crate::num::jet::EnergyJet;

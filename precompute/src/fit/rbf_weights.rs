@@ -146,62 +146,10 @@ fn solve(kernel: Kernel, positions: &[[f64; 3]], values: &Mat<f64>) -> (Mat<f64>
     (weights, misfit)
 }
 
-/// Interpolation of the whole surface by radial basis functions, which the paper proposes for displacements
-/// too. For comparison only: no blob contains it, because every vertex would sum over all configurations.
-#[derive(Debug, Clone)]
-pub(crate) struct SurfaceRbf {
-    kernel: Kernel,
-    positions: Vec<[f64; 3]>,
-    /// One row per centre, one column per component.
-    weights: Mat<f64>,
-}
-
-impl SurfaceRbf {
-    /// Fits these configurations, each with its position in cells.
-    pub(crate) fn fit(kernel: Kernel, configurations: &[([f64; 3], Vec<f32>)]) -> Result<Self, FitError> {
-        let positions: Vec<[f64; 3]> = configurations.iter().map(|(at, _)| *at).collect();
-        let components = configurations.first().map_or(0, |(_, moved)| moved.len());
-        let values = Mat::from_fn(positions.len(), components, |i, k| f64::from(configurations[i].1[k]));
-        let (weights, misfit) = solve(kernel, &positions, &values);
-        if misfit.is_nan() || misfit > MISFIT * values.norm_max().max(f64::MIN_POSITIVE) {
-            return Err(FitError::Singular { kernel, centres: positions.len(), misfit_n: misfit });
-        }
-        Ok(Self { kernel, positions, weights })
-    }
-
-    /// x, y, z of every node at a position in cells, m.
-    pub(crate) fn at(&self, position: [f64; 3]) -> Vec<f64> {
-        let values: Vec<f64> = self.positions.iter().map(|&c| self.kernel.between(c, position)).collect();
-        let component = |column: faer::ColRef<'_, f64>| column.iter().zip(&values).map(|(w, v)| w * v).sum();
-        self.weights.col_iter().map(component).collect()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::spec::SpaceGrid;
-
-    /// A surface of one node is a force field.
-    #[test]
-    fn a_surface_is_met_and_continued_like_a_force() {
-        let centres = centres(2);
-        let moved: Vec<([f64; 3], Vec<f32>)> =
-            centres.iter().map(|c| (c.position, c.force_n.map(|h| h as f32).to_vec())).collect();
-        for kernel in [Kernel::Linear, Kernel::Cubic] {
-            let surface = SurfaceRbf::fit(kernel, &moved).unwrap();
-            let force = fit_rbf(kernel, &centres, 1).unwrap();
-            let between = [0.3, -0.7, 1.1];
-            let expected: Vec<f64> = force
-                .weights
-                .iter()
-                .map(|w| centres.iter().zip(w).map(|(c, w)| w * kernel.between(c.position, between)).sum())
-                .collect();
-            assert!(surface.at(between).iter().zip(expected).all(|(a, b): (_, f64)| (a - b).abs() < 1e-4));
-            let (at, exact) = &moved[7];
-            assert!(surface.at(*at).iter().zip(exact).all(|(a, b)| (a - f64::from(*b)).abs() < 1e-9));
-        }
-    }
 
     fn field(position: [f64; 3]) -> Centre {
         let [x, y, z] = position.map(|n| n / 3.0);

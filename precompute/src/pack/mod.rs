@@ -102,16 +102,6 @@ pub struct PackOptions<'m> {
 
 /// Packs every solved space of `store`.
 pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackError> {
-    pack_with(store, options, |_| true)
-}
-
-/// [`pack`] without the points that `keep` rejects, as if they were unsolved: measures the quality of tables
-/// with gaps.
-pub fn pack_with(
-    store: &Store,
-    options: &PackOptions<'_>,
-    keep: impl Fn(GridIndex) -> bool,
-) -> Result<Packed, PackError> {
     let identity = store.identity()?;
     let (mut mesh, fixed) = store.body()?;
     // The rest shape of the surface includes the sag under the body force. It comes from the first solved
@@ -126,8 +116,7 @@ pub fn pack_with(
     let mut selected = Vec::new();
     let mut nodes_without_data = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
-        let mut records = store.records(active)?;
-        records.retain(|record| record.index == REST || keep(record.index));
+        let records = store.records(active)?;
         // The rest point alone does not make a space.
         if records.iter().filter(|record| record.tag().is_solved()).count() > 1 {
             selected.push(SelectedSpace { active, name, node, records });

@@ -1,7 +1,6 @@
 //! Hard cases, reported as a table of results. A solve that converges must have the right numbers; one that
 //! does not must report its reason. `cargo test --release -p palpate-tests hard:: -- --nocapture` prints
-//! the rows. `PALPATE_HARD_TABLE=FILE` writes them as Markdown. `PALPATE_REFERENCE_DIR=DIR` adds a mesh that
-//! the project cannot distribute.
+//! the rows.
 
 mod bad_elements;
 mod branches;
@@ -11,8 +10,6 @@ mod held_pressure;
 mod meshes;
 mod near_incompressible;
 mod organ_pull;
-mod real_mesh;
-mod shares;
 mod support;
 mod table;
 mod tables;

@@ -1,12 +1,9 @@
-//! The table of results: printed row by row, and written as Markdown to the file `PALPATE_HARD_TABLE`.
-
-use std::fmt::Write;
-use std::sync::{Mutex, PoisonError};
+//! The table of results, printed row by row as Markdown.
 
 use palpate_precompute::fem::Configuration;
 
 /// The cases, in the order of the table.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy)]
 pub(crate) enum Case {
     NearlyIncompressible,
     Compression,
@@ -17,7 +14,6 @@ pub(crate) enum Case {
     Support,
     Branches,
     HeldPressure,
-    RealMesh,
 }
 
 impl Case {
@@ -32,7 +28,6 @@ impl Case {
             Self::Support => "support",
             Self::Branches => "perturbed starts",
             Self::HeldPressure => "held pressures",
-            Self::RealMesh => "poor real mesh",
         }
     }
 }
@@ -53,53 +48,11 @@ impl Cost {
     }
 }
 
-#[derive(Debug)]
-struct Row {
-    case: Case,
-    cells: [String; 7],
-}
-
-static ROWS: Mutex<Vec<Row>> = Mutex::new(Vec::new());
-
-const HEAD: [&str; 8] =
-    ["case", "tried", "equations", "iterations", "factorisations", "increments", "result", "verdict"];
-
-/// Prints a row and rewrites the Markdown file, so that the file is complete after any test.
+/// Prints a row: case, what was tried, equations, iterations, factorisations, increments, result, verdict.
 pub(crate) fn row(case: Case, tried: &str, cost: Cost, result: &str, verdict: &str) {
-    let count = |n: u64| if n == 0 { "-".to_owned() } else { n.to_string() };
-    let cells = [
-        tried.to_owned(),
-        count(cost.equations as u64),
-        count(cost.iterations.into()),
-        count(cost.factorisations.into()),
-        count(cost.increments.into()),
-        result.to_owned(),
-        verdict.to_owned(),
-    ];
-    println!("{} | {}", case.title(), cells.join(" | "));
-    let mut rows = ROWS.lock().unwrap_or_else(PoisonError::into_inner);
-    rows.push(Row { case, cells });
-    let Some(path) = std::env::var_os("PALPATE_HARD_TABLE") else { return };
-    // A stable sort keeps the rows of a case in order.
-    rows.sort_by_key(|row| row.case);
-    std::fs::write(&path, markdown(&rows)).expect("the file PALPATE_HARD_TABLE is writable");
-}
-
-fn markdown(rows: &[Row]) -> String {
-    let mut text = format!("| {} |\n|{}\n", HEAD.join(" | "), "---|".repeat(HEAD.len()));
-    for Row { case, cells } in rows {
-        let cells = cells.each_ref().map(|cell| cell.replace('|', "\\|"));
-        writeln!(text, "| {} | {} |", case.title(), cells.join(" | "))
-            .expect("writing to a string cannot fail");
-    }
-    text
-}
-
-#[test]
-fn markdown_has_a_cell_for_every_column() {
-    let row = Row { case: Case::Units, cells: std::array::from_fn(|i| format!("|{i}")) };
-    let text = markdown(&[row]);
-    let cells = |line: &str| line.replace("\\|", "").matches('|').count();
-    assert_eq!(text.lines().count(), 3);
-    assert!(text.lines().all(|line| cells(line) == HEAD.len() + 1), "{text}");
+    let Cost { equations, iterations, factorisations, increments } = cost;
+    let title = case.title();
+    println!(
+        "| {title} | {tried} | {equations} | {iterations} | {factorisations} | {increments} | {result} | {verdict} |"
+    );
 }

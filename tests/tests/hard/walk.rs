@@ -22,12 +22,6 @@ pub(crate) struct Walk {
     pub(crate) failure: Option<SolveFailure>,
     /// Where an element was first inverted, m.
     pub(crate) inverted_at_m: Option<f64>,
-    /// Where the tangent first had a negative eigenvalue, m.
-    pub(crate) unstable_at_m: Option<f64>,
-    /// Steps that were split into increments.
-    pub(crate) split_steps: u32,
-    /// Steps with a branch jump.
-    pub(crate) switches: u32,
     /// Work of the tool along the path, J, by the corrected trapezoidal rule with the stiffness at both ends,
     /// of fourth order.
     pub(crate) work_j: f64,
@@ -98,9 +92,6 @@ pub(crate) fn walk(
         last: rest,
         failure: None,
         inverted_at_m: None,
-        unstable_at_m: None,
-        split_steps: 0,
-        switches: 0,
         work_j: 0.0,
         cost: Cost { equations, ..Cost::default() },
     };
@@ -123,8 +114,6 @@ impl Walk {
         self.cost.iterations += next.iterations;
         self.cost.factorisations += next.factorisations;
         self.cost.increments += next.increments;
-        self.split_steps += u32::from(next.increments > 1);
-        self.switches += u32::from(next.switched);
         let step_m = at_m - self.reached_m;
         let force = |c: &Configuration| Vector3::from(c.jet().force_n).dot(along);
         let slope = |c: &Configuration| along.dot(&(c.jet().stiffness_n_m * along));
@@ -132,9 +121,6 @@ impl Walk {
             + step_m * step_m / 12.0 * (slope(&self.last) - slope(&next));
         if next.inverted > 0 {
             self.inverted_at_m.get_or_insert(at_m);
-        }
-        if next.unstable_modes != Some(0) {
-            self.unstable_at_m.get_or_insert(at_m);
         }
         self.reached_m = at_m;
         self.last = next;

@@ -306,7 +306,6 @@ fn palpate(
         profile: None,
         rate_hz: None,
         timing: Timing::default(),
-        gif: None,
         mouse: None,
         has_motors: false,
         control: None,

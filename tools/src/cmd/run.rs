@@ -102,18 +102,9 @@ pub(crate) struct Args {
     /// Print only the summary, as one JSON object
     #[arg(long)]
     json: bool,
-    /// Frames per second without a window; 0 for none; if not given 2, and 12.5 in a film
+    /// Frames per second without a window; 0 for none; 2 if not given
     #[arg(long, value_name = "HZ", value_parser = frame_rate, hide_short_help = true, help_heading = "Pictures")]
     frame_rate: Option<f32>,
-    /// With --headless: an animated GIF instead of PNG frames; the file must not exist yet
-    #[arg(
-        long,
-        value_name = "FILE.gif",
-        requires = "headless",
-        hide_short_help = true,
-        help_heading = "Pictures"
-    )]
-    gif: Option<PathBuf>,
     /// Folder for frames and screenshots; existing ones stay, and the numbers continue
     #[arg(
         long,
@@ -243,16 +234,12 @@ fn check(args: &Args) -> Result<(), Failure> {
             "--change-every goes from one blob to the next, and there is only one: name another, or leave it out",
         ));
     }
-    if args.gif.is_some() && args.frame_rate == Some(0.0) {
-        return Err(Failure::input("--frame-rate 0 leaves no frame for --gif: leave one of them out"));
-    }
     Ok(())
 }
 
 /// Files of a session other than its numbered pictures.
 struct Outputs {
     record: Option<Output>,
-    gif: Option<Output>,
     histograms: Option<Output>,
 }
 
@@ -266,7 +253,6 @@ impl Outputs {
         Files::not_a_file("--pictures", &args.pictures)?;
         Ok(Self {
             record: args.record.as_ref().map(|path| files.write_new("--record", path)).transpose()?,
-            gif: args.gif.as_ref().map(|path| files.write_new("--gif", path)).transpose()?,
             histograms: args
                 .histograms
                 .as_ref()
@@ -288,7 +274,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let organs: Vec<&Organ<'_>> = organs.iter().collect();
     let blob_blake3: Vec<String> = files.iter().map(BlobFile::blake3).collect();
     if let DeviceSpec::Replay { file } = &args.device {
-        return run_replay(args, &outputs, &organs, &blob_blake3, file);
+        return run_replay(args, &organs, &blob_blake3, file);
     }
     let method = args.method.or_else(|| blob::preferred(&organs)).ok_or_else(|| {
         Failure::input(format!(
@@ -317,7 +303,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         profile: profile.as_ref(),
         mouse: handle.as_ref(),
         control: control.as_ref(),
-        ..show(args, &outputs, record)
+        ..show(args, record)
     };
     let mut resident = Resident::start();
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
@@ -383,7 +369,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     touch::judge(&touched.summary)
 }
 
-fn show<'a>(args: &'a Args, outputs: &'a Outputs, record: Option<touch::Record<'a>>) -> touch::Show<'a> {
+fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a> {
     touch::Show {
         seconds: args.seconds,
         headless: args.headless,
@@ -394,7 +380,6 @@ fn show<'a>(args: &'a Args, outputs: &'a Outputs, record: Option<touch::Record<'
         profile: None,
         rate_hz: args.frame_rate,
         timing: args.timing,
-        gif: outputs.gif.as_ref(),
         mouse: None,
         has_motors: args.device.hardware().is_some(),
         control: None,
@@ -404,7 +389,6 @@ fn show<'a>(args: &'a Args, outputs: &'a Outputs, record: Option<touch::Record<'
 /// Replays a recording on its blob. It needs no certificate, because the forces drive no device.
 fn run_replay(
     args: &Args,
-    outputs: &Outputs,
     organs: &[&Organ<'_>],
     blob_blake3: &[String],
     path: &Path,
@@ -427,7 +411,7 @@ fn run_replay(
     let mut recording =
         Recording::open(BufReader::new(source)).map_err(|error| Failure::input(named(&error)))?;
     replay::check_blobs(recording.header(), blob_blake3).map_err(|error| Failure::input(named(&error)))?;
-    let show = show(args, outputs, None);
+    let show = show(args, None);
     let method = args.method.unwrap_or(recording.header().config.method);
     let had_folder = show.pictures.exists();
     let mut screen = show.screen(organs, method)?;

@@ -5,7 +5,6 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use palpate_precompute::write_atomically;
-use tempfile::TempDir;
 
 use super::{FileKind, beside};
 use crate::failure::Failure;
@@ -25,7 +24,8 @@ impl Output {
     }
 
     /// A file in a temporary folder of this process.
-    pub(crate) fn in_scratch(folder: &TempDir, name: &str) -> Self {
+    #[cfg(test)]
+    pub(crate) fn in_scratch(folder: &tempfile::TempDir, name: &str) -> Self {
         let path = folder.path().join(name);
         Self::at(&path, &path)
     }

@@ -17,14 +17,13 @@ use std::process::{Command, Output};
 use palpate_precompute::num::{SPLIT_MIX_STEP, split_mix, unit_interval};
 use palpate_tests::write_beam_scene;
 
-const LAW: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
-/// 124 points: a tenth of a second.
-const SMALL: &str = "radius_m = 0.01\nspacing_m = 0.005";
+use crate::GRID as SMALL;
+
 /// 1014 points: a second.
 const LARGE: &str = "radius_m = 0.01\nspacing_m = 0.002";
 
 fn scene(folder: &Path, grid: &str) -> PathBuf {
-    write_beam_scene(folder, LAW, grid, 100.0)
+    write_beam_scene(folder, crate::MR, grid, 100.0)
 }
 
 fn palpate() -> Command {
@@ -49,15 +48,7 @@ fn succeeds(command: Command) {
 
 /// Runs a command that must end with `code` and one line that contains every word. Returns the line.
 fn fails(command: Command, code: i32, words: &[&str]) -> String {
-    let shown = format!("{command:?}");
-    let output = output(command);
-    let line = String::from_utf8_lossy(&output.stderr).trim().to_string();
-    assert_eq!(output.status.code(), Some(code), "{shown}: {line}");
-    assert_eq!(line.lines().count(), 1, "one line, not: {line}");
-    for word in words {
-        assert!(line.contains(word), "`{word}` is not in: {line}");
-    }
-    line
+    crate::refusal(&output(command), code, words)
 }
 
 /// `palpate inspect --csv` of a store, every attempt or only those that count, as sorted rows. The table is

@@ -1,7 +1,7 @@
 //! The serial line to the bench: one line out, one line back.
 
 use crate::Outcome;
-use palpate_hil::bench::{BenchCommand, Reply, Report, Request};
+use palpate_hil::bench::{BenchCommand, Reply, Report};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 
@@ -15,9 +15,9 @@ impl Line {
         opened.map(Self).map_err(|error| format!("{path}: {error}"))
     }
 
-    pub(crate) fn request(&mut self, request: &Request) -> Outcome<Reply> {
+    fn request(&mut self, command: BenchCommand) -> Outcome<Reply> {
         let failed = |error: std::io::Error| format!("the line to the bench: {error}");
-        let mut line = serde_json::to_vec(request).map_err(|error| error.to_string())?;
+        let mut line = serde_json::to_vec(&command).map_err(|error| error.to_string())?;
         line.push(b'\n');
         self.0.write_all(&line).map_err(failed)?;
         // Each request has one reply line, so nothing follows its end.
@@ -33,14 +33,14 @@ impl Line {
     }
 
     pub(crate) fn command(&mut self, command: BenchCommand) -> Outcome<()> {
-        match self.request(&Request::Bench(command))? {
+        match self.request(command)? {
             Reply::Ok => Ok(()),
             other => Err(format!("the bench answers {other:?} to {command:?}")),
         }
     }
 
     pub(crate) fn report(&mut self) -> Outcome<Report> {
-        match self.request(&Request::Bench(BenchCommand::Report))? {
+        match self.request(BenchCommand::Report)? {
             Reply::Report(report) => Ok(report),
             other => Err(format!("the bench answers {other:?} to a report request")),
         }

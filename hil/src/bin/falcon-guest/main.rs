@@ -1,15 +1,14 @@
 //! The test inside the virtual machine: the host's real driver on a Falcon on the guest's USB, from
 //! enumeration to unplugging.
 //!
-//! `falcon-guest no-usb` runs before the machine has USB. Then follow `run LINE FIRST LAST EXCHANGES`,
-//! `contract LINE` or `hosts LINE`, where LINE is the serial line to the bench; `end LINE` ends the bench.
-//! `falcon-guest faults` prints the number of faults, which is the number of seeds that inject each fault
-//! once. Prints one line for each step, run or check, and a last line that begins with `summary`, `contract`
-//! or `hosts` and `PASS` or `FAIL`. See `hil/bench/run`.
+//! `falcon-guest no-usb` runs before the machine has USB. Then follow `run LINE FIRST LAST EXCHANGES` or
+//! `hosts LINE`, where LINE is the serial line to the bench; `end LINE` ends the bench. `falcon-guest faults`
+//! prints the number of faults, which is the number of seeds that inject each fault once. Prints one line for
+//! each step or run, and a last line that begins with `summary` or `hosts` and `PASS` or `FAIL`. See
+//! `hil/bench/run`.
 
 mod killed_hosts;
 mod line;
-mod remote_rig;
 mod runs;
 mod timeout_ftdi;
 mod wait_for_reply;
@@ -17,13 +16,11 @@ mod wait_for_reply;
 use line::Line;
 use palpate_core::{Aligned, Organ};
 use palpate_hil::bench::{BenchCommand, BenchRun};
-use palpate_hil::contract::CHECKS;
 use palpate_hil::fault::FaultKind;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError};
 use runs::Bench;
 use std::ops::RangeInclusive;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -46,13 +43,13 @@ fn main() -> ExitCode {
             (Ok(first), Ok(last), Ok(exchanges)) => run(line, first..=last, exchanges),
             _ => Err("FIRST, LAST and EXCHANGES must be integers".into()),
         },
-        ["contract", line] => contract(line),
         ["hosts", line] => killed_hosts::killed_hosts(line),
         ["end", line] => Line::open(line).and_then(|mut line| line.command(BenchCommand::End).map(drop)),
         ["host"] => killed_hosts::host(),
         ["guard"] => killed_hosts::guard(),
-        _ => Err("falcon-guest no-usb | faults | run LINE FIRST LAST EXCHANGES | contract LINE | hosts LINE | end LINE"
-            .into()),
+        _ => {
+            Err("falcon-guest no-usb | faults | run LINE FIRST LAST EXCHANGES | hosts LINE | end LINE".into())
+        }
     };
     match passed {
         Ok(()) => ExitCode::SUCCESS,
@@ -79,27 +76,6 @@ fn no_usb() -> Outcome<()> {
         Err(error) => Err(format!("no-usb: unexpected error: {error}")),
         Ok(_) => Err("no-usb: a Falcon was opened without USB".into()),
     }
-}
-
-/// Runs the contract checks on the driver.
-fn contract(line: &str) -> Outcome<()> {
-    let start = Instant::now();
-    let kind = remote_rig::kind(Line::open(line)?);
-    let mut failed = 0;
-    for check in CHECKS {
-        let since = Instant::now();
-        // A broken line to the bench panics in the rig.
-        let result =
-            catch_unwind(AssertUnwindSafe(|| check.run(kind).map_err(|violation| violation.to_string())));
-        let result = result.unwrap_or_else(|_| Err("panicked".into()));
-        failed += u32::from(result.is_err());
-        let (word, why) =
-            result.map_or_else(|why| ("FAIL", format!(": {why}")), |()| ("PASS", String::new()));
-        println!("check {word} {:.1} s {}{why}", since.elapsed().as_secs_f64(), check.name);
-    }
-    let (word, all) = (if failed == 0 { "PASS" } else { "FAIL" }, CHECKS.len());
-    println!("contract {word} checks={all} failed={failed} seconds={:.1}", start.elapsed().as_secs_f64());
-    Ok(())
 }
 
 fn run(line: &str, seeds: RangeInclusive<u64>, exchanges: u64) -> Outcome<()> {

@@ -143,7 +143,7 @@ impl<'o> Bench<'o> {
         let until = Instant::now() + TIMEOUT;
         let open = || {
             let chip = UsbFtdi::open().map_err(FalconError::Usb)?;
-            Falcon::start(Arc::new(TimeoutFtdi::new(chip, write, Duration::MAX)), self.config(), Some(&image))
+            Falcon::start(Arc::new(TimeoutFtdi::new(chip, write)), self.config(), Some(&image))
         };
         loop {
             match open() {

@@ -1,17 +1,14 @@
-//! `palpate paper compare`: the same pull of a body with several laws, in one picture.
+//! `palpate paper compare`: the same pull of a body with several laws.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args as ClapArgs;
+use palpate_precompute::fem::Solver;
 use palpate_precompute::fem::material::LAWS;
-use palpate_precompute::fem::{Configuration, Solver};
-use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::norm;
 use palpate_precompute::pipeline::Analysis;
-use palpate_viewer::comparison::{Comparison, DeformedShape, draw};
-use palpate_viewer::frames::still;
 use serde::Serialize;
 
 use crate::analysis;
@@ -22,7 +19,7 @@ use crate::interrupt::stop_flag;
 use crate::output::{self, Csv, Table};
 use crate::progress::WorkProgress;
 
-/// Pull one body with several laws; draw the shapes in one picture.
+/// Pull one body with several laws; compare force and volume.
 ///
 /// The active node moves from rest along DIRECTION in steps of about 1 mm (the solver halves a step that does
 /// not converge), once per law. The laws agree at small strain, so only the law differs: each takes the
@@ -30,13 +27,11 @@ use crate::progress::WorkProgress;
 /// the laws without a pressure, as in the paper (or nu from `bulk_pa`, where the scene has it); from Lame's
 /// constants, C10 = C01 = mu / 4.
 ///
-/// In the picture the scene's own law (or the last of --laws) is solid. Each other law is transparent, in its
-/// own colour, with its outline, and its mesh outside the solid. The grey outline is the shape at rest. The
-/// camera shows the pull from the side. A law that fails is drawn, and tabled, at its last converged step;
-/// the exit code is 1. Ctrl-C keeps the rows of the laws so far, the last one at its last converged step; no
-/// picture is drawn.
+/// The figures of a law that fails are those of its last converged step; the exit code is 1. Ctrl-C keeps the
+/// rows of the laws so far, the last one at its last converged step. `palpate path --displacements` with a
+/// scene of each law gives the shapes for ParaView.
 ///
-/// Example: palpate paper compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
+/// Example: palpate paper compare liver.toml --active A1 --direction=0,0,1 --length-mm 40
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -58,12 +53,6 @@ pub(crate) struct Args {
         default_value = "linear,st-venant-kirchhoff,mooney-rivlin"
     )]
     laws: Vec<String>,
-    /// PNG file to write
-    #[arg(long, value_name = "FILE.png")]
-    out: PathBuf,
-    /// Size of the picture in pixels
-    #[arg(long, value_name = "WxH", value_parser = size, default_value = "1280x720")]
-    size: (usize, usize),
     /// Also write the figures to this file
     #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
@@ -72,14 +61,6 @@ pub(crate) struct Args {
     json: bool,
     #[command(flatten)]
     replace: Replace,
-}
-
-fn size(text: &str) -> Result<(usize, usize), String> {
-    let sides = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
-    match sides {
-        Some((w @ 320..=4096, h @ 240..=4096)) => Ok((w, h)),
-        _ => Err("give width x height in pixels, as in 1280x720, from 320x240 to 4096x4096".into()),
-    }
 }
 
 /// Longest step of the loading, mm.
@@ -105,20 +86,11 @@ struct Row {
     newton_iterations: u32,
 }
 
-/// A solved law: its figures and the position of every mesh vertex.
-struct Outcome {
-    row: Row,
-    rest_m: Vec<[f64; 3]>,
-    position_m: Vec<[f64; 3]>,
-}
-
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     check(args)?;
-    let (width, height) = args.size;
     let mut files = Files::new(args.replace);
     files.read_scene(&args.scene)?;
-    let png = files.write("--out", &args.out, FileKind::Png)?;
     let csv = args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
     let stop = stop_flag()?;
     let bench = analysis::load(&args.scene)?;
@@ -126,25 +98,22 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let benches =
         args.laws.iter().map(|law| Ok((law, by_law(&bench, law)?))).collect::<Result<Vec<_>, Failure>>()?;
     let pull = Pull { node: active.node, direction: args.direction, length_m: 1e-3 * args.length_mm };
-    let mut outcomes = Vec::new();
+    let mut rows = Vec::new();
     let mut progress = WorkProgress::new("compare", "steps");
     for (n, (law, bench)) in benches.iter().enumerate() {
         let doing = format!("law {} of {}: {law}", n + 1, benches.len());
         let mut step = |done| progress.steps(&doing, n * pull.steps() + done, benches.len() * pull.steps());
-        outcomes.push(pull.solve(law, bench, &stop, &mut step)?);
+        rows.push(pull.solve(law, bench, &stop, &mut step)?);
         if stop.load(Ordering::Relaxed) {
             progress.finish();
-            write_rows(&outcomes, csv.as_ref(), args.json)?;
-            return Err(Failure::work("interrupted; the rows so far are kept, no picture is drawn"));
+            write_rows(&rows, csv.as_ref(), args.json)?;
+            return Err(Failure::work("interrupted; the rows so far are kept"));
         }
     }
-    progress.phase("picture");
-    let image = draw(&picture(&bench, &pull, &outcomes), width, height);
-    png.put(&still(&image).map_err(|error| png.failure(&error))?)?;
     progress.finish();
-    write_rows(&outcomes, csv.as_ref(), args.json)?;
-    let rows = outcomes.iter().map(|o| &o.row);
-    let failed: Vec<&str> = rows.filter(|row| row.status != "ok").map(|row| row.law.as_str()).collect();
+    write_rows(&rows, csv.as_ref(), args.json)?;
+    let failed: Vec<&str> =
+        rows.iter().filter(|row| row.status != "ok").map(|row| row.law.as_str()).collect();
     if failed.is_empty() {
         return Ok(());
     }
@@ -156,15 +125,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Writes the figures to the CSV file, if requested, and to standard output.
-fn write_rows(outcomes: &[Outcome], csv: Option<&Output>, as_json: bool) -> Result<(), Failure> {
+fn write_rows(rows: &[Row], csv: Option<&Output>, as_json: bool) -> Result<(), Failure> {
     if let Some(file) = csv {
-        file.put(&table(outcomes)?)?;
+        file.put(&table(rows)?)?;
     }
-    let rows: Vec<&Row> = outcomes.iter().map(|o| &o.row).collect();
     if as_json {
         return output::json(&rows);
     }
-    output::line(text(&rows))
+    output::line(text(rows))
 }
 
 /// Checks the arguments before the solves.
@@ -189,12 +157,6 @@ fn check(args: &Args) -> Result<(), Failure> {
         return Err(Failure::input(
             "--laws: a comparison needs two laws; give two or more, separated by commas",
         ));
-    }
-    if !args.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
-        return Err(Failure::input(format!(
-            "--out {}: the picture is a PNG; end it with .png",
-            args.out.display()
-        )));
     }
     Ok(())
 }
@@ -234,7 +196,7 @@ impl Pull {
         bench: &Analysis,
         stop: &AtomicBool,
         solved: &mut dyn FnMut(usize),
-    ) -> Result<Outcome, Failure> {
+    ) -> Result<Row, Failure> {
         let nodes = &bench.scene.active;
         let active = nodes.iter().find(|a| a.node == self.node).expect("every law has the scene's nodes");
         let mut solver = Solver::new(bench.problem(active));
@@ -262,13 +224,13 @@ impl Pull {
                     status = "failed";
                     let mm = 1e3 * length_m;
                     eprintln!(
-                        "palpate: {law}: {failure} on the way to {mm:.1} mm; the last converged state is shown"
+                        "palpate: {law}: {failure} on the way to {mm:.1} mm; its row is that of the last converged step"
                     );
                     break;
                 }
             }
         }
-        let row = Row {
+        Ok(Row {
             law: law.to_string(),
             status,
             length_m: norm(here.seed.pose.displacement_m),
@@ -279,107 +241,21 @@ impl Pull {
             min_jacobian: here.min_jacobian,
             inverted: here.inverted,
             newton_iterations: iterations,
-        };
-        Ok(Outcome { row, rest_m: positions(bench, &rest), position_m: positions(bench, &here) })
-    }
-}
-
-/// Positions of the mesh vertices.
-fn positions(bench: &Analysis, c: &Configuration) -> Vec<[f64; 3]> {
-    let moved = c.seed.state.as_chunks::<3>().0;
-    let vertices = bench.scene.mesh.nodes_m.iter();
-    vertices.zip(moved).map(|(rest, u)| std::array::from_fn(|axis| rest[axis] + u[axis])).collect()
-}
-
-fn picture(bench: &Analysis, pull: &Pull, outcomes: &[Outcome]) -> Comparison {
-    let &Pull { node, direction, length_m } = pull;
-    let scene = &bench.scene;
-    let skin = Surface::of(&scene.mesh);
-    let on_skin = |all: &[[f64; 3]]| -> Vec<[f32; 3]> {
-        skin.nodes.iter().map(|&node| all[node as usize].map(|x| x as f32)).collect()
-    };
-    let vertex =
-        |node: &u32| skin.nodes.binary_search(node).expect("corners are among the skin's nodes") as u32;
-    let own = scene.materials[0].material.name();
-    let solid = outcomes.iter().position(|o| o.row.law == own).unwrap_or(outcomes.len() - 1);
-    // The state at rest depends on the law if there is a body force; that of the solid is drawn.
-    let rest_m = &outcomes[solid].rest_m;
-    let from = rest_m[node as usize];
-    let to: [f64; 3] = std::array::from_fn(|axis| from[axis] + length_m * direction[axis]);
-    let name = scene.active.iter().find(|a| a.node == node).map_or("", |a| a.name.as_str());
-    let [x, y, z] = direction;
-    let shapes = outcomes.iter().map(|Outcome { row, position_m, .. }| DeformedShape {
-        name: row.law.clone(),
-        position_m: on_skin(position_m),
-        values: vec![
-            ["force |h|".into(), format!("{:.2} N", row.force_norm_n)],
-            ["volume".into(), percent(row.volume_change)],
-            ["smallest J".into(), format!("{:.2}", row.min_jacobian).replace('-', "\u{2212}")],
-        ],
-        note: note(row),
-    });
-    Comparison {
-        title: "one pull, several laws".into(),
-        subtitle: vec![format!(
-            "{}  \u{b7}  {name} moved by {} mm along ({}, {}, {})",
-            scene.name,
-            figure(1e3 * length_m),
-            figure(x),
-            figure(y),
-            figure(z)
-        )],
-        triangles: skin.triangles.iter().map(|t| t.each_ref().map(vertex)).collect(),
-        fixed: skin.nodes.iter().map(|node| scene.fixed.binary_search(node).is_ok()).collect(),
-        pull_m: [from, to].map(|p| p.map(|x| x as f32)),
-        outward: skin.normal(node).unwrap_or_default().map(|x| x as f32),
-        shapes: shapes.collect(),
-        rest_m: on_skin(rest_m),
-        solid,
-    }
-}
-
-/// Additional information on a law for the reader of the picture.
-fn note(row: &Row) -> Option<String> {
-    if row.status != "ok" {
-        return Some(format!("failed: shown at {:.1} mm", 1e3 * row.length_m));
-    }
-    match row.inverted {
-        0 => None,
-        1 => Some("1 inverted element".into()),
-        n => Some(format!("{n} inverted elements")),
-    }
-}
-
-/// Two decimals, without a minus sign before zero.
-fn figure(value: f64) -> String {
-    let text = format!("{value:.2}");
-    if text == "-0.00" {
-        "0".into()
-    } else {
-        text.trim_end_matches('0').trim_end_matches('.').replace('-', "\u{2212}")
-    }
-}
-
-/// A signed percentage; a value that rounds to zero has no sign.
-fn percent(share: f64) -> String {
-    let text = format!("{:+.2} %", 100.0 * share);
-    match text.as_str() {
-        "+0.00 %" | "-0.00 %" => "0.00 %".into(),
-        _ => text.replace('-', "\u{2212}"),
+        })
     }
 }
 
 const HEADER: &str = "law,status,length_m,asked_m,fx_n,fy_n,fz_n,force_n,volume_change,min_jacobian,inverted,newton_iterations";
 
-fn table(outcomes: &[Outcome]) -> Result<Vec<u8>, Failure> {
+fn table(rows: &[Row]) -> Result<Vec<u8>, Failure> {
     let mut table = Csv::new(HEADER.split(','))?;
-    for Outcome { row, .. } in outcomes {
+    for row in rows {
         table.row(row)?;
     }
     table.finish()
 }
 
-fn text(rows: &[&Row]) -> Table {
+fn text(rows: &[Row]) -> Table {
     let header = ["law", "status", "pull, mm", "|h|, N", "volume, %", "smallest J", "inverted", "iterations"];
     let mut table = Table::new(2, header);
     for row in rows {

@@ -24,7 +24,7 @@ pub(crate) struct Args {
     /// Folder for the page, its tables and their solutions
     #[arg(long, value_name = "DIR")]
     pub(super) out: PathBuf,
-    /// Coarse grids and few held-out solutions: takes a minute
+    /// Coarse grids and few held-out solutions: takes less than a minute
     #[arg(long)]
     pub(super) small: bool,
     /// Grid points of each grid; 514,1418,4168,14146 if not given

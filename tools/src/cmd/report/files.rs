@@ -33,12 +33,6 @@ pub(super) fn write(report: &Report, out: &Folder) -> Result<(), Failure> {
     both(out, "along", &all().flat_map(along).collect::<Vec<_>>())?;
     both(out, "left-out", &all().flat_map(|case| &case.left_out).collect::<Vec<_>>())?;
     both(out, "curves", &report.curves)?;
-    both(out, "bodies", &report.bodies)?;
-    both(out, "hard", &report.hard)?;
-    both(out, "parts", &report.parts.0)?;
-    both(out, "surfaces", &report.parts.1)?;
-    both(out, "ledger", &report.ledger)?;
-    both(out, "forms", &report.forms)?;
     let certificates: Vec<_> = all().flat_map(|case| &case.certificates).collect();
     json(out, "certificates", &certificates)?;
     json(out, "machine", &report.machine)

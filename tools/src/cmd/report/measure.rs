@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::plan::{Case, Family, Plan};
 use super::solve::solved;
 use super::steps::Steps;
-use super::tables::{Choice, Fitted, LeftOut, fitted};
+use super::tables::{Fitted, LeftOut, fitted};
 use crate::failure::Failure;
 
 /// Cost of a space (the paper's Fig. 7).
@@ -164,8 +164,7 @@ pub(super) fn measured(
     let path = solved(plan, case, &plan.draw(family.radius_m()), sibling, steps)?;
     steps.next(&format!("{}: tables and certificates", case.name))?;
     let store = Store::open(&path)?;
-    let choice = Choice { name: &case.name, keep: &|_| true, again };
-    let (fitted, left_out) = fitted(plan, &store, &choice, |_| steps.go_on())?;
+    let (fitted, left_out) = fitted(plan, &store, (&case.name, again), |_| steps.go_on())?;
     let origin = |fitted: &Fitted| fitted.certificate.origin.clone();
     let Some((origin, first)) = fitted.first().map(|f| (origin(f), f.space().clone())) else {
         return Err(Failure::input(format!(
@@ -286,7 +285,7 @@ impl Measured {
 }
 
 /// A value over `count` positions; NaN if there are none.
-pub(super) fn some(count: usize, value: f64) -> f64 {
+fn some(count: usize, value: f64) -> f64 {
     if count > 0 { value } else { f64::NAN }
 }
 

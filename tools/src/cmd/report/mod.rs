@@ -1,22 +1,17 @@
 //! `palpate report`: errors and cost of every method, as tables, plots and one page.
 //!
 //! [`plan`] defines the cases. [`solve`] makes the spaces and held-out solutions, [`tables`] the blobs with
-//! their certificates, [`measure`] the rows of the main tables. [`bodies`], [`curves`], [`hard`], [`parts`],
-//! [`ledger`] and [`forms`] make the other tables. [`files`] writes CSV and JSON, and [`page`] the page with
-//! the drawings of [`plot`]. The code contains no result that the page shows.
+//! their certificates, [`measure`] the rows of the main tables, [`curves`] the finite-element curves by law.
+//! [`files`] writes CSV and JSON, and [`page`] the page with the drawings of [`plot`]. The code contains no
+//! result that the page shows.
 
 mod args;
-mod bodies;
 mod curves;
 mod files;
-mod forms;
-mod hard;
-mod ledger;
 mod machine;
 mod measure;
 mod outputs;
 mod page;
-mod parts;
 mod plan;
 mod plot;
 mod results;
@@ -49,16 +44,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (started, ticks) = (Instant::now(), Ticks::now());
     let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let plan = Plan::new(args, threads)?;
-    let cases = 3 * plan.families.len() * plan.grids.len();
-    let total = cases
-        + bodies::steps(&plan)
-        + 1
-        + hard::steps(&plan)
-        + parts::STEPS
-        + ledger::STEPS
-        + forms::STEPS
-        + 2;
-    let mut steps = Steps::new(total, stop);
+    let cases = plan.families.len() * plan.grids.len();
+    let mut steps = Steps::new(3 * cases + 3, stop);
     let mut measured = Vec::new();
     for family in &plan.families {
         let (mut of_family, mut sibling) = (Vec::new(), None);
@@ -70,21 +57,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
         measured.push(of_family);
     }
-    let first = &plan.families[0];
-    let curves = curves::measured(&plan, first, &mut steps)?;
-    let bodies = bodies::measured(&plan, &mut steps)?;
-    let hard = hard::measured(&plan, plan.grids[0], args.again, &mut steps)?;
-    let parts = parts::measured(&plan, &plan.families[0], plan.grids[0], &mut steps)?;
-    let case = first.on_grid(plan.grids[0])?;
-    let ledger = ledger::measured(&plan, &case, &measured[0][0], &mut steps)?;
-    let forms = forms::measured(&plan, first, &mut steps)?;
+    let curves = curves::measured(&plan, &plan.families[0], &mut steps)?;
     steps.next("times of the queries")?;
     for case in measured.iter_mut().flatten() {
         case.time(ROUNDS)?;
     }
     steps.next("tables and page")?;
     let machine = Machine::here(threads, ticks, started.elapsed().as_secs_f64());
-    let report = Report { plan, cases: measured, bodies, curves, hard, parts, ledger, forms, machine };
+    let report = Report { plan, cases: measured, curves, machine };
     files::write(&report, &report.plan.out)?;
     let page = report.plan.out.file(PAGE);
     page::write(&report, &page)?;

@@ -6,10 +6,7 @@ use crate::files::FileKind;
 pub(super) const PAGE: &str = "report.html";
 
 /// Tables that are written both as CSV and as JSON.
-const TABLES: [&str; 13] = [
-    "methods", "spaces", "paths", "means", "along", "left-out", "curves", "bodies", "hard", "parts",
-    "surfaces", "ledger", "forms",
-];
+const TABLES: [&str; 7] = ["methods", "spaces", "paths", "means", "along", "left-out", "curves"];
 /// Outputs that are written as JSON only.
 const FIGURES: [&str; 2] = ["certificates", "machine"];
 

@@ -44,8 +44,6 @@ pub(super) struct Case {
 pub(super) struct Plan {
     /// The bodies.
     pub families: Vec<Family>,
-    /// Finer meshes of the same bodies, if any.
-    pub finer: Vec<Family>,
     /// Number of grid points and of cells along the radius.
     pub grids: Vec<(u32, u32)>,
     /// Methods.
@@ -60,17 +58,11 @@ pub(super) struct Plan {
     pub small: bool,
 }
 
-const ORGANS: [(&str, &str, &str); 2] = [
-    (
-        "liver-small",
-        include_str!("../../../../assets/liver-small.toml"),
-        include_str!("../../../../assets/liver-small.msh"),
-    ),
-    (
-        "liver-large",
-        include_str!("../../../../assets/liver-large.toml"),
-        include_str!("../../../../assets/liver-large.msh"),
-    ),
+/// Scene and mesh of the bundled organ.
+const ORGAN: &str = "liver-small";
+const ORGAN_FILES: [(&str, &str); 2] = [
+    ("toml", include_str!("../../../../assets/liver-small.toml")),
+    ("msh", include_str!("../../../../assets/liver-small.msh")),
 ];
 
 /// Changes of every scene.
@@ -89,7 +81,7 @@ const MAX_CELLS: u32 = 20;
 
 /// Number of grid points of a ball with this number of cells along its radius, without rest: 514 for 5,
 /// 14,146 for 15.
-pub(super) fn points_of(cells: u32) -> u32 {
+fn points_of(cells: u32) -> u32 {
     let n = cells as i32;
     let mut points = 0;
     for i in -n..=n {
@@ -154,14 +146,10 @@ impl Plan {
             }
         }
         let (out, work) = folders(args)?;
-        let mut finer = Vec::new();
         if families.is_empty() {
-            families = bundled(&work, 0, &wish)?;
-            if !args.small {
-                finer = bundled(&work, 1, &wish)?;
-            }
+            families = bundled(&work, &wish)?;
         }
-        Ok(Self { families, finer, grids, methods, out, work, threads, small: args.small })
+        Ok(Self { families, grids, methods, out, work, threads, small: args.small })
     }
 
     /// Number of held-out solutions for each space of a ball of this radius.
@@ -190,16 +178,15 @@ fn folders(args: &Args) -> Result<(Folder, Folder), Failure> {
     Ok((out, work))
 }
 
-/// A bundled organ with the paper's two laws.
-fn bundled(work: &Folder, which: usize, wish: &Wish<'_>) -> Result<Vec<Family>, Failure> {
-    let (name, scene, mesh) = ORGANS[which];
-    for (extension, text) in [("toml", scene), ("msh", mesh)] {
-        work.file(&format!("{name}.{extension}")).put(text.as_bytes())?;
+/// The bundled organ with the paper's two laws.
+fn bundled(work: &Folder, wish: &Wish<'_>) -> Result<Vec<Family>, Failure> {
+    for (extension, text) in ORGAN_FILES {
+        work.file(&format!("{ORGAN}.{extension}")).put(text.as_bytes())?;
     }
-    let incompressible = Family::load(&work.path().join(format!("{name}.toml")), wish)?;
+    let incompressible = Family::load(&work.path().join(format!("{ORGAN}.toml")), wish)?;
     // The same modulus at small strain: E = 6 (C10 + C01).
     let law = [("law", "st-venant-kirchhoff".into()), ("young_pa", 15480.0.into()), ("poisson", 0.49.into())];
-    let compressible = incompressible.with_law(&format!("{name}-stvk"), &law)?;
+    let compressible = incompressible.with_law(&format!("{ORGAN}-stvk"), &law)?;
     Ok(vec![incompressible, compressible])
 }
 
@@ -253,83 +240,10 @@ impl Family {
 
     /// The family on a grid of `cells` along its radius.
     pub(super) fn on_grid(&self, (points, cells): (u32, u32)) -> Result<Case, Failure> {
-        self.case(&format!("{}-{points}", self.name), (points, cells), |_| {})
-    }
-
-    /// A grid with `cells` along the scaled radius, with or without the scene's force limit.
-    pub(super) fn wider(
-        &self,
-        word: &str,
-        factor: f64,
-        (points, cells): (u32, u32),
-        limited: bool,
-    ) -> Result<Case, Failure> {
-        self.case(&format!("{}-{word}-{points}", self.name), (points, cells), |table| {
-            if !limited {
-                table.remove("device");
-            }
-            grid_of(table, factor * self.radius_m(), cells);
-        })
-    }
-
-    /// The body with adaptive sampling to the just-noticeable difference instead of a grid.
-    pub(super) fn sampled_within_tolerance(&self) -> Result<Case, Failure> {
-        self.case(&format!("{}-felt", self.name), (0, 1), |table| {
-            let grid = [("radius_m", self.radius_m().into()), ("cannot_be_felt", Value::from(true))];
-            let grid = grid.map(|(key, value): (&str, Value)| (key.to_string(), value));
-            table.insert("grid".into(), Table::from_iter(grid).into());
-        })
-    }
-
-    /// A grid with transitions of this number of increments, whose states are stored, and with displacements
-    /// for display.
-    pub(super) fn in_parts(&self, parts: u32, (points, cells): (u32, u32)) -> Result<Case, Failure> {
-        self.case(&format!("{}-parts-{points}", self.name), (points, cells), |table| {
-            table.remove("needs");
-            if let Some(Value::Table(grid)) = table.get_mut("grid") {
-                grid.insert("increments".into(), i64::from(parts).into());
-            }
-        })
-    }
-
-    fn case(
-        &self,
-        name: &str,
-        (points, cells): (u32, u32),
-        change: impl FnOnce(&mut Table),
-    ) -> Result<Case, Failure> {
         let mut table = self.table.clone();
         grid_of(&mut table, self.radius_m(), cells);
-        change(&mut table);
-        Ok(Case { name: file_name(name), points, bench: Arc::new(variant(&self.bench, &table)?) })
-    }
-
-    /// The body with its tool on a patch of this radius, or on the node alone, with another order and
-    /// pressure field, and without a force limit.
-    pub(super) fn discretised(
-        &self,
-        order: u8,
-        stabilised: bool,
-        patch_m: Option<f64>,
-    ) -> Result<Analysis, Failure> {
-        let mut table = self.table.clone();
-        table.remove("device");
-        if let Some(Value::Table(mesh)) = table.get_mut("mesh") {
-            mesh.insert("order".into(), i64::from(order).into());
-        }
-        if stabilised {
-            let solver = table.entry("solver").or_insert_with(|| Table::new().into());
-            if let Value::Table(solver) = solver {
-                solver.insert("pressure".into(), "stabilised".into());
-            }
-        }
-        if let (Some(radius_m), Some(Value::Array(nodes))) = (patch_m, table.get_mut("active"))
-            && let Some(Value::Table(node)) = nodes.first_mut()
-        {
-            node.remove("patch");
-            node.insert("patch_radius_m".into(), radius_m.into());
-        }
-        variant(&self.bench, &table)
+        let name = file_name(&format!("{}-{points}", self.name));
+        Ok(Case { name, points, bench: Arc::new(variant(&self.bench, &table)?) })
     }
 
     /// The body with all its active nodes, fixed at a group of its mesh, if the mesh has it, or as in the

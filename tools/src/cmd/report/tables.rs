@@ -4,9 +4,8 @@ use palpate_core::{Method, Organ, Space};
 use palpate_host::BlobFile;
 use palpate_precompute::certificate::{Certificate, MethodCertificate, SpaceCertificate, certify};
 use palpate_precompute::held_out::Summary;
-use palpate_precompute::pack::{PackError, PackOptions, Packed, pack_with};
+use palpate_precompute::pack::{PackError, PackOptions, Packed, pack};
 use palpate_precompute::space::Store;
-use palpate_precompute::spec::GridIndex;
 
 use super::plan::Plan;
 use crate::failure::Failure;
@@ -57,27 +56,16 @@ pub(super) struct LeftOut {
     pub why: String,
 }
 
-/// The points of a space that are fitted, and the names of the files.
-pub(super) struct Choice<'c> {
-    /// Prefix of the names of the blobs.
-    pub name: &'c str,
-    /// Points of the fit.
-    pub keep: &'c dyn Fn(GridIndex) -> bool,
-    /// Whether to fit again if the files exist.
-    pub again: bool,
-}
-
 /// Fits and measures each method separately, unless a blob of the same space, held-out solutions and version
-/// exists.
+/// exists and is not to be fitted `again`. `name` begins the names of the blobs.
 pub(super) fn fitted(
     plan: &Plan,
     store: &Store,
-    choice: &Choice<'_>,
+    (name, again): (&str, bool),
     mut before: impl FnMut(Method) -> Result<(), Failure>,
 ) -> Result<(Vec<Fitted>, Vec<LeftOut>), Failure> {
-    let keep = |index: GridIndex| (choice.keep)(index);
     let packed = |methods: &[Method]| {
-        pack_with(store, &PackOptions { methods, use_intermediate_states: true, threads: plan.threads }, keep)
+        pack(store, &PackOptions { methods, use_intermediate_states: true, threads: plan.threads })
     };
     let solved = store.records(0)?.iter().filter(|r| r.tag().is_solved()).count();
     let truths: u32 = Summary::of(store, 0)?.values().map(|sum| sum.positions).sum();
@@ -85,15 +73,15 @@ pub(super) fn fitted(
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     for &method in &plan.methods {
         before(method)?;
-        let blob = plan.work.file(&format!("{}-{}.blob", choice.name, method.name()));
-        let there = if choice.again { None } else { reusable(&blob, store, method, solved, truths)? };
+        let blob = plan.work.file(&format!("{name}-{}.blob", method.name()));
+        let there = if again { None } else { reusable(&blob, store, method, solved, truths)? };
         let fitted = match there {
             Some(there) => there,
             None => match packed(&[method]) {
                 Ok(packed) => measured(&blob, store, method, packed)?,
                 Err(PackError::Fit { error, .. }) => {
                     let why = error.to_string();
-                    left_out.push(LeftOut { case: choice.name.into(), method: method.name(), why });
+                    left_out.push(LeftOut { case: name.into(), method: method.name(), why });
                     continue;
                 }
                 Err(error) => return Err(error.into()),

@@ -3,9 +3,8 @@
 
 #[cfg(feature = "peers")]
 mod peers;
-mod surface;
-pub(super) mod tables;
-pub(super) mod timing;
+mod tables;
+mod timing;
 
 use std::path::PathBuf;
 
@@ -28,8 +27,7 @@ use timing::{Run, Timing};
 /// The positions are uniform in the ball, in random order. The methods run interleaved in small batches, so
 /// that other load affects all of them. Medians and minima are shown. `waits` is the median of dependent
 /// queries, each of which needs the result of the one before. `off` is the largest difference from the same
-/// interpolant in f64. A build with `--features peers` also measures the crates interpn and rbf-interp. The
-/// last line is the time of one displayed surface.
+/// interpolant in f64. A build with `--features peers` also measures the crates interpn and rbf-interp.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Numbers of points of the synthetic grids: 514, 1418, 4168, 14146
@@ -59,8 +57,6 @@ struct Figures {
     pinned: String,
     rounds: usize,
     rows: Vec<Row>,
-    /// Time in the viewer's thread, not in the loop.
-    surface: surface::SurfaceTime,
 }
 
 /// One method with one instruction set, or a peer.
@@ -89,7 +85,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         pinned: format!("to {}", args.pinned.pin()),
         rounds: args.rounds.max(1),
         rows: Vec::new(),
-        surface: surface::measure(args.rounds.max(1))?,
     };
     if let Some(path) = &args.blob {
         let file = blob::load(path)?;
@@ -160,7 +155,7 @@ fn largest_difference(space: &Space<'_>, run: &mut Run<'_>, queries: &[Vec3]) ->
 }
 
 /// Bytes of the tables of a method.
-pub(super) fn bytes(space: &Space<'_>, method: Method) -> usize {
+fn bytes(space: &Space<'_>, method: Method) -> usize {
     let slots = space.lattice().slots();
     let planes = space.planes();
     let force = slots * size_of::<Vec3>();
@@ -186,7 +181,7 @@ fn processor() -> String {
 }
 
 fn table(figures: &Figures) -> String {
-    let Figures { processor, built_for, best, pinned, rounds, rows, surface } = figures;
+    let Figures { processor, built_for, best, pinned, rounds, rows } = figures;
     let mut text = format!(
         "processor  {processor}\nbuilt for  {built_for}; the widest here is {best}\npinned     {pinned}\nbatches    {rounds} each\n\n\
          grid   method               on             median      min    waits ns    off mN      bytes"
@@ -204,10 +199,6 @@ fn table(figures: &Figures) -> String {
             row.bytes
         );
     }
-    let surface::SurfaceTime { vertices, modes, median_us, min_us } = surface;
-    text += &format!(
-        "\n\nsurface of {vertices} nodes, {modes} modes with slopes: median {median_us:.0} us, min {min_us:.0}"
-    );
     text + &ratios(rows)
 }
 

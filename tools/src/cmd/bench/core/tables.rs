@@ -15,8 +15,7 @@ const RADIUS_M: f64 = 0.05;
 const MAX_FITTED: usize = 5_000;
 
 /// The data that a space refers to.
-#[derive(Clone)]
-pub(in crate::cmd::bench) struct Tables {
+pub(super) struct Tables {
     grid: SpaceGrid,
     values: LatticeValues,
     linear: [Vec<Vec<f32>>; 2],
@@ -28,7 +27,7 @@ pub(in crate::cmd::bench) struct Tables {
 
 impl Tables {
     /// Tables of one of the paper's grids.
-    pub(in crate::cmd::bench) fn made_up(points: usize) -> Result<Self, Failure> {
+    pub(super) fn made_up(points: usize) -> Result<Self, Failure> {
         let cells = match points {
             514 => 5.0,
             1418 => 7.0,
@@ -61,7 +60,7 @@ impl Tables {
     }
 
     /// The view of the tables that the loop uses.
-    pub(in crate::cmd::bench) fn space(&self) -> Space<'_> {
+    pub(super) fn space(&self) -> Space<'_> {
         let planes = SpacePlanes {
             flags: &self.values.flags,
             force_n: Some(&self.values.force_n),

@@ -14,29 +14,29 @@ const BATCH_NS: f64 = 40_000.0;
 type Batch<'r> = Box<dyn FnMut(&[Vec3], &mut [Vec3]) + 'r>;
 
 /// A function to be timed.
-pub(in crate::cmd::bench) struct Run<'r> {
+pub(super) struct Run<'r> {
     /// Its name; the last word is that of the project's method.
-    pub(in crate::cmd::bench) name: String,
+    pub(super) name: String,
     /// Its instruction set.
-    pub(in crate::cmd::bench) instructions: &'static str,
+    pub(super) instructions: &'static str,
     /// The project's method with the same interpolant.
-    pub(in crate::cmd::bench) compared: Method,
+    pub(super) compared: Method,
     /// Bytes of its tables.
-    pub(in crate::cmd::bench) bytes: usize,
+    pub(super) bytes: usize,
     batch: Batch<'r>,
     chain: Batch<'r>,
 }
 
 /// The timing of a run.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::cmd::bench) struct Timing {
-    pub(in crate::cmd::bench) median_ns: f64,
-    pub(in crate::cmd::bench) min_ns: f64,
-    pub(in crate::cmd::bench) waits_ns: Option<f64>,
+pub(super) struct Timing {
+    pub(super) median_ns: f64,
+    pub(super) min_ns: f64,
+    pub(super) waits_ns: Option<f64>,
 }
 
 impl<'r> Run<'r> {
-    pub(in crate::cmd::bench) fn new(
+    pub(super) fn new(
         name: String,
         instructions: &'static str,
         compared: Method,
@@ -65,7 +65,7 @@ impl<'r> Run<'r> {
     }
 
     /// One query.
-    pub(in crate::cmd::bench) fn ask(&mut self, query: &Vec3) -> Vec3 {
+    pub(super) fn ask(&mut self, query: &Vec3) -> Vec3 {
         let mut answer = [[0.0; 3]];
         (self.batch)(std::slice::from_ref(query), &mut answer);
         answer[0]
@@ -73,7 +73,7 @@ impl<'r> Run<'r> {
 }
 
 /// Uniform positions in the ball with a fixed seed, none on the rim.
-pub(in crate::cmd::bench) fn queries(radius_m: f32) -> Vec<Vec3> {
+pub(super) fn queries(radius_m: f32) -> Vec<Vec3> {
     let mut seed = 7_u64;
     let mut next = || {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -87,11 +87,7 @@ pub(in crate::cmd::bench) fn queries(radius_m: f32) -> Vec<Vec3> {
 }
 
 /// Runs `rounds` batches of each function, interleaved.
-pub(in crate::cmd::bench) fn interleave(
-    runs: &mut [Run<'_>],
-    queries: &[Vec3],
-    rounds: usize,
-) -> Vec<Timing> {
+pub(super) fn interleave(runs: &mut [Run<'_>], queries: &[Vec3], rounds: usize) -> Vec<Timing> {
     let mut answers = vec![[0.0; 3]; queries.len()];
     let mut next = 0;
     let mut batch = |run: &mut Run<'_>, count: usize, chained: bool| -> f64 {

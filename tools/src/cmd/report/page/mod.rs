@@ -1,16 +1,10 @@
 //! The page: one HTML file that contains its style and drawings.
 
-mod bodies;
 mod cost;
-mod figures;
 mod footer;
-mod forms;
-mod hard;
 mod html;
-mod ledger;
 mod overview;
 mod paper;
-mod parts;
 
 use palpate_core::Method;
 
@@ -28,19 +22,9 @@ const STYLE: &str = include_str!("style.css");
 pub(super) fn write(report: &Report, file: &Output) -> Result<(), Failure> {
     let names: Vec<String> = report.plan.families.iter().map(|family| family.name.clone()).collect();
     let title = format!("Palpate: speed against error, {}", words::list(&names));
-    let body = [
-        overview::section(report),
-        cost::sections(report),
-        paper::section(report),
-        bodies::section(report),
-        hard::section(report),
-        parts::section(report),
-        figures::section(report),
-        ledger::section(report),
-        forms::section(report),
-        footer::section(report),
-    ]
-    .concat();
+    let body =
+        [overview::section(report), cost::sections(report), paper::section(report), footer::section(report)]
+            .concat();
     let page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n\
