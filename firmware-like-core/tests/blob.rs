@@ -221,6 +221,42 @@ fn numbers_of_the_header() {
     assert!(matches!(error, BlobError::Lattice { space: 0, error: LatticeError::TooFine { .. } }), "{error}");
 }
 
+/// Contact points are the vertices of a surface that names spaces.
+#[test]
+fn a_contact_surface_names_existing_spaces() {
+    let with = |spaces: [u32; 3], triangles: [[u32; 3]; 1]| {
+        let recipe = Recipe { nodes: vec![[0.0; 3]; 2], ..small() };
+        recipe.blob_with(|draft| {
+            let area = &mut draft.area;
+            draft.preamble.contact = format::SurfaceHeader {
+                node: area.push(&spaces),
+                position_m: [0.0_f32, 0.1, 0.2].map(|x| area.push(&[x, 0.5 * x, 0.1 - x])),
+                triangles: area.push(&triangles),
+                fixed: area.push(&[0_u8; 3]),
+            };
+        })
+    };
+    let blob = with([1, 0, 1], [[0, 1, 2]]);
+    let organ = Small::read(&blob).expect("good");
+    assert_eq!((organ.contact.node, organ.contact.triangles), (&[1, 0, 1][..], &[[0, 1, 2]][..]));
+    let error = refusal(&with([1, 0, 2], [[0, 1, 2]]));
+    assert!(matches!(error, BlobError::Plane { space: None, .. }), "{error}");
+    assert!(error.to_string().contains("contact space"), "{error}");
+    let error = refusal(&with([1, 0, 1], [[0, 1, 3]]));
+    assert!(error.to_string().contains("triangles"), "{error}");
+    let tip = format::Fingertip { radius_m: 0.01, stiffness_n_m: 500.0 };
+    let known = small().blob_with(|draft| draft.preamble.fingertip = Some(tip));
+    assert_eq!(Small::read(&known).expect("good").fingertip, Some(tip));
+    for bad in [0.0, f32::NAN, f32::INFINITY] {
+        let tips =
+            [format::Fingertip { radius_m: bad, ..tip }, format::Fingertip { stiffness_n_m: bad, ..tip }];
+        for tip in tips {
+            let refused = spoiled(|draft| draft.preamble.fingertip = Some(tip));
+            assert_eq!(refused, BlobError::Value { what: "fingertip", space: None });
+        }
+    }
+}
+
 /// A message is one line with the fix.
 #[test]
 fn messages_name_the_fix() {
@@ -251,7 +287,7 @@ fn the_layout_byte_by_byte() {
     let bytes = blob;
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
     assert_eq!(&bytes[..8], b"PALPATE\0");
-    assert_eq!(u32_at(8), 5);
+    assert_eq!(u32_at(8), 6);
     let header_len = u32_at(12) as usize;
     assert_eq!(u64::from_le_bytes(bytes[16..24].try_into().expect("eight bytes")), bytes.len() as u64);
     // A string is its length and its bytes; a float has four bytes.

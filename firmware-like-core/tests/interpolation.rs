@@ -329,3 +329,37 @@ fn a_method_that_was_not_packed_is_not_answered() {
     assert_eq!(space.force(Method::Trilinear, [0.0; 3]), None);
     assert!(!space.displacement_into([0.01, 0.0, 0.0], &mut [[1.0; 3]; 4]));
 }
+
+/// The energy alone is that of the estimate; outside it is continued by the work of the force along the ray.
+#[test]
+fn the_energy_continues_along_the_ray() {
+    let blob = Recipe { radius_m: 0.03, ..Recipe::default() }.blob();
+    let organ = read(&blob);
+    let space = &organ.spaces[0];
+    let mut random = Random(15);
+    let (mut inside, mut outside) = (0, 0);
+    for _ in 0..500 {
+        let d = random.point(0.05);
+        let Some(energy_j) = space.energy_j(Method::Energy, d) else { continue };
+        let here = space.estimate(Method::Energy, d).expect("packed");
+        if let Some(estimated_j) = here.energy_j {
+            inside += 1;
+            assert!(
+                (energy_j - estimated_j).abs() <= 1e-6 * estimated_j.abs() + 1e-9,
+                "{energy_j} {estimated_j}"
+            );
+            continue;
+        }
+        let (along, step_m) = (vec3::normalize_or_zero(d), 2e-4);
+        let beside = [-step_m, step_m].map(|s| vec3::add(d, vec3::scale(along, s)));
+        let [Some(low_j), Some(high_j)] = beside.map(|d| space.energy_j(Method::Energy, d)) else { continue };
+        if space.lattice().locate(beside[0]).inside {
+            continue;
+        }
+        outside += 1;
+        let (slope_n, force_n) = ((high_j - low_j) / (2.0 * step_m), vec3::dot(here.force_n, along));
+        assert!((slope_n - force_n).abs() < 0.01 * force_n.abs() + 2e-3, "{slope_n} {force_n} at {d:?}");
+    }
+    assert!(inside > 50 && outside > 50, "{inside} {outside}");
+    assert_eq!(space.energy_j(Method::Trilinear, [0.01, 0.0, 0.0]), None);
+}

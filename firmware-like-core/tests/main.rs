@@ -16,5 +16,6 @@ mod grid;
 mod interpolation;
 mod kernel;
 mod sessions;
+mod slip;
 mod stale;
 mod touch_surface;

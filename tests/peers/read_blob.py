@@ -18,7 +18,7 @@ import zlib
 import numpy as np
 
 MAGIC = b"PALPATE\0"
-VERSION = 5
+VERSION = 6
 ALIGNMENT = 64
 SOLVED, TERMINATING, INVERTED, CELL, SUPERCELL, INTERIOR, BRANCH_JUMP, SMOOTH = (1 << n for n in range(8))
 
@@ -98,6 +98,12 @@ class Blob:
         self.position_m = np.stack([self.plane(p, "<f4") for p in (x, y, z)], axis=1)
         self.triangles = self.plane(triangles, "<u4", 3)
         self.fixed = self.plane(fixed, "u1")
+        # Contact points of a tool with a size: the space of each vertex, and triangles between them.
+        space, x, y, z, triangles, _ = header.planes(6)
+        self.contact_space = self.plane(space, "<u4")
+        self.contact_m = np.stack([self.plane(p, "<f4") for p in (x, y, z)], axis=1)
+        self.contact_triangles = self.plane(triangles, "<u4", 3)
+        self.fingertip = header.optional(lambda: header.f32s(2))
         certificate = header.optional(header.plane)
         self.certificate = certificate and json.loads(self.plane(certificate, "u1").tobytes())
         self.spaces = [Space(self, header) for _ in range(header.varint())]

@@ -37,11 +37,12 @@ pub struct Cover {
 const COARSE: f64 = 0.75;
 /// Largest number of divisions of a triangle's edges.
 const MAX_DIVISIONS: u32 = 2;
-/// Share of the tolerance that the predicted difference between contact points may use; the rest is for the
-/// fits of the spaces and for what the third order does not show.
-const SHARE: f64 = 0.5;
+/// Share of the tolerance that the predicted difference may use at the removed candidates, where it is largest,
+/// in the worst of the pushes. Measured on the bundled organ with a pad of 15 mm: half of it needs 754 points
+/// instead of 402.
+const SHARE: f64 = 1.0;
 /// Largest distance of a removed candidate from the triangles, as a share of the radius of the pad.
-const LARGEST_SAG: f64 = 0.04;
+const LARGEST_SAG: f64 = 0.05;
 /// Largest edge of a triangle, in radii of the pad.
 const LONGEST_EDGE: f64 = 2.0;
 /// Least sine of the angles of a triangle.
@@ -70,15 +71,10 @@ pub(crate) fn choose(
     body: &Arc<Body>,
     threads: usize,
 ) -> Result<(Vec<ActiveNode>, Vec<[u32; 3]>), SolveFailure> {
-    let linear = ResolvedScene { order: 1, active: Vec::new(), ..scene.clone() };
-    let (linear, body) = match scene.order {
-        1 => (linear, body.clone()),
-        _ => match linear.body() {
-            Ok(body) => (linear, Arc::new(body)),
-            // A body that only second order can solve.
-            Err(_) => (ResolvedScene { active: Vec::new(), ..scene.clone() }, body.clone()),
-        },
-    };
+    let linear = (scene.order > 1).then(|| ResolvedScene { order: 1, ..scene.clone() });
+    // A body that only second order can solve keeps its order.
+    let linear = linear.and_then(|scene| Some((Arc::new(scene.body().ok()?), scene)));
+    let (body, solved_scene) = linear.as_ref().map_or((body, scene), |(body, scene)| (body, scene));
     let tolerance = scene
         .grid
         .as_ref()
@@ -95,7 +91,7 @@ pub(crate) fn choose(
     let solve = |&at: &SkinPoint| -> Result<Candidate, SolveFailure> {
         let active = named(at);
         let normal = active.normal(&skin).unwrap_or_default();
-        let rest = Solver::new(Arc::new(linear.problem(&body, &active))).rest()?;
+        let rest = Solver::new(Arc::new(solved_scene.problem(body, &active))).rest()?;
         let jet = rest.jet().as_rest();
         let pushes =
             pushes(normal, &jet, scene.max_force_n, tip).map(|d| (d, jet.taylor_force_n(d))).collect();
@@ -358,20 +354,93 @@ impl Net {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Scene;
+    use crate::fem::PadProfile;
+    use nalgebra::Matrix3;
+
+    const TIP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile: PadProfile::Quartic };
+
+    /// A plane of cells of 5 mm whose stiffness varies along x.
+    fn plane(stiffness_n_m: impl Fn(f64) -> f64) -> Net {
+        let cells = 8;
+        let mut candidates = Vec::new();
+        for j in 0..=cells {
+            for i in 0..=cells {
+                let place_m = [5e-3 * f64::from(i), 5e-3 * f64::from(j), 0.0];
+                let jet = EnergyJet {
+                    control_m: [0.0; 3],
+                    energy_j: 0.0,
+                    force_n: [0.0; 3],
+                    stiffness_n_m: Matrix3::from_diagonal_element(stiffness_n_m(place_m[0])),
+                    third_n_m2: [0.0; 10],
+                };
+                let pushes = pushes([0.0, 0.0, 1.0], &jet, 4.0, &TIP).map(|d| (d, jet.taylor_force_n(d)));
+                let at = SkinPoint { triangle: [0; 3], weights: [1.0, 0.0, 0.0] };
+                candidates.push(Candidate { at, place_m, pushes: pushes.collect(), jet });
+            }
+        }
+        let at = |i: i32, j: i32| (j * (cells + 1) + i) as usize;
+        let mut triangles = Vec::new();
+        for j in 0..cells {
+            for i in 0..cells {
+                triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+                triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            }
+        }
+        Net::new(candidates, triangles, Tolerance::IMPERCEPTIBLE, &TIP)
+    }
+
+    fn kept(net: &Net) -> usize {
+        net.around.iter().filter(|around| !around.is_empty()).count()
+    }
+
+    /// Area of all triangles, and whether all keep the side of the plane.
+    fn area(net: &Net) -> (f64, bool) {
+        let areas = net.triangles.values().map(|corners| {
+            let [a, b, c] = corners.map(|corner| net.candidates[corner].place_m);
+            0.5 * cross(difference(b, a), difference(c, a))[2]
+        });
+        let areas: Vec<f64> = areas.collect();
+        (areas.iter().sum(), areas.iter().all(|area| *area > 0.0))
+    }
 
     #[test]
-    #[ignore]
-    fn experiment() {
-        for (order, radius) in [(1, 0.015), (1, 0.02), (2, 0.015), (2, 0.01), (2, 0.02)] {
-            let text = std::fs::read_to_string("/tmp/g.toml").unwrap().replace("radius_m=0.015", &format!("radius_m={radius}")).replace("[material]", &format!("order={order}\n[material]"));
-            let mut scene = Scene::parse(std::path::Path::new("/tmp/g.toml"), text).unwrap().resolve().unwrap();
-            let body = Arc::new(scene.body().unwrap());
-            let cover = scene.cover.take().unwrap();
-            let tip = *scene.tool.fingertip().unwrap();
-            let t = std::time::Instant::now();
-            let (points, triangles) = choose(&scene, &cover, &tip, &body, 2).unwrap();
-            println!("order {order} a {radius}: {} nodes, {} points {} triangles {:.1} s", cover.nodes.len(), points.len(), triangles.len(), t.elapsed().as_secs_f64());
+    fn equal_tissue_needs_few_points_and_an_edge_in_it_many() {
+        let mut equal = plane(|_| 300.0);
+        let mut edge = plane(|x| if x < 0.0201 { 300.0 } else { 900.0 });
+        let mut linear = plane(|x| 300.0 + 1e4 * x);
+        for net in [&mut equal, &mut edge, &mut linear] {
+            net.coarsen();
+            let (area_m2, keeps_its_side) = area(net);
+            assert!((area_m2 - 0.04 * 0.04).abs() < 1e-12 && keeps_its_side, "{area_m2}");
         }
+        let [a, b, c] = [kept(&equal), kept(&edge), kept(&linear)];
+        println!("{a} points for equal tissue, {b} with an edge, {c} for a slope");
+        // Limited by the longest edge, of two radii.
+        assert!((9..=24).contains(&a) && c <= a + 6, "{a} {b} {c}");
+        // No triangle spans the edge of the tissue but those from its last line to its first one.
+        for corners in edge.triangles.values() {
+            let x = corners.map(|corner| edge.candidates[corner].place_m[0]);
+            let (low, high) = (x.into_iter().fold(1.0, f64::min), x.into_iter().fold(0.0, f64::max));
+            assert!(high < 0.0201 || low > 0.0249 || (low > 0.0199 && high < 0.0251), "{x:?}");
+        }
+    }
+
+    /// Every removed candidate is within the tolerance of its triangle, after all collapses.
+    #[test]
+    fn no_removed_candidate_is_missed() {
+        let mut net = plane(|x| 300.0 * (1.0 + 0.3 * (x / 6e-3).sin()));
+        net.coarsen();
+        let mut checked = 0;
+        for (triangle, removed) in &net.removed {
+            let corners = net.triangles[triangle];
+            for &candidate in removed {
+                let places = corners.map(|corner| net.candidates[corner].place_m);
+                let (_, weights) = nearest_on_triangle(places, net.candidates[candidate].place_m);
+                assert!(net.error(candidate, corners, weights) <= SHARE);
+                checked += 1;
+            }
+        }
+        assert_eq!(checked + kept(&net), net.candidates.len());
+        assert!(checked > 10, "{checked}");
     }
 }
