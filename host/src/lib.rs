@@ -27,7 +27,6 @@ pub mod model;
 pub mod rt;
 pub mod session;
 pub mod settings;
-pub mod sliding;
 pub mod sys;
 
 #[cfg(test)]

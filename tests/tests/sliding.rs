@@ -4,11 +4,9 @@
 use std::path::Path;
 use std::time::Instant;
 
-use palpate_core::{
-    Config, ContactConfig, Controller, Method, Organ, Phase, Sample, State, TouchSurface, Vec3, vec3,
-};
+use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, State, TouchSurface, Vec3, vec3};
 use palpate_host::session::TouchStatistics;
-use palpate_host::{BlobFile, TickRecord, sliding};
+use palpate_host::{BlobFile, TickRecord};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::scene::{ActiveNode, Scene};
 use palpate_precompute::spec::SpaceGrid;
@@ -80,12 +78,7 @@ fn strokes_over_the_liver_have_no_force_jumps() {
     let mut memory = vec![0; TouchSurface::words(&organ)];
     let touch_surface = TouchSurface::new(&organ, &mut memory).expect("the surface is packed");
 
-    let report = sliding::report(&organ, &touch_surface, Method::Energy, ContactConfig::default().friction);
-    println!("{} active nodes; {report}", organ.spaces.len());
-    assert!(report.triangles >= 6 && report.edges >= 12, "{report:?}");
-    assert!(report.seam_n < 1e-4 && report.energy_j > 1e-4, "{report:?}");
-    assert!(report.friction_share < 1.0, "sliding would add energy: {report:?}");
-
+    println!("{} active nodes", organ.spaces.len());
     println!("stroke            step mN  first mN  peak N  contacts  work mJ  added mJ");
     for (name, friction) in [("slide", 0.3), ("slide, slippery", 0.05), ("stick", f32::INFINITY)] {
         let mut config = Config::new(Method::Energy);
@@ -137,8 +130,7 @@ fn strokes_over_a_whole_organ_have_no_force_jumps() {
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
     let mut memory = vec![0; TouchSurface::words(&organ)];
     let touch_surface = TouchSurface::new(&organ, &mut memory).expect("the surface is packed");
-    let report = sliding::report(&organ, &touch_surface, Method::Energy, ContactConfig::default().friction);
-    println!("{} active nodes; {report}", organ.spaces.len());
+    println!("{} active nodes", organ.spaces.len());
     let mut config = Config::new(Method::Energy);
     config.limits.ramp_s = 0.0;
     let controller = Controller::new(&organ, config).expect("packed").on_surface(Some(touch_surface));
@@ -176,7 +168,6 @@ fn strokes_over_a_whole_organ_have_no_force_jumps() {
         1e3 * given_j
     );
     assert!(found.len() > organ.spaces.len() / 2, "{} strokes", found.len());
-    assert!(report.seam_n < 1e-3, "{report:?}");
     // 0.1 mm per tick at up to 10 N/mm, which a loop of 1 kHz can render stably.
     let (from, to, worst) = &found[0];
     assert!(worst.figures.largest_step_n < 1.0, "{from} to {to}: {:?}", worst.figures);

@@ -168,7 +168,6 @@ const HOST: [&str; 24] = [
     "model",
     "doctor",
     "session",
-    "sliding",
 ];
 
 /// The viewer, lowest stratum first.

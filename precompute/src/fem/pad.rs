@@ -281,3 +281,71 @@ impl PadState {
         (self.force_n, self.torque_n_m, self.energy_j) = (force.into(), torque.into(), energy_j);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fem::material::{Material, NeoHookean};
+    use crate::fem::{Model, Order};
+    use crate::mesh::TetMesh;
+    use crate::mesh::testing::nodes_where;
+
+    fn body(mesh: &TetMesh, order: Order) -> Body {
+        let lame = crate::fem::material::Lame::from_young_poisson(1e4, 0.4);
+        let fixed = nodes_where(mesh, |x| x[0] == 0.0);
+        let model = Model { order, ..Model::uniform(Material::NeoHookean(NeoHookean { lame }), &fixed) };
+        Body::new(mesh, &model).expect("every element has volume")
+    }
+
+    fn tip(profile: PadProfile) -> Fingertip {
+        Fingertip { radius_m: 0.035, stiffness_pa_m: 1e6, profile }
+    }
+
+    /// On a plane k A is known; the quadrature is that of the check against the independent implementation.
+    #[test]
+    fn the_stiffness_on_a_plane_is_that_of_the_profile() {
+        let mesh = TetMesh::cuboid([10, 10, 2], 0.01);
+        for (profile, error) in [(PadProfile::Quartic, 1e-3), (PadProfile::Hertz, 1e-2)] {
+            for order in [Order::Linear, Order::Quadratic] {
+                let body = body(&mesh, order);
+                let pad = Pad::new(&body, tip(profile), [0.047, 0.052, 0.02]).expect("on the skin");
+                let share = pad.stiffness_n_m() / pad.tip.stiffness_on_a_plane_n_m();
+                assert!((share - 1.0).abs() < error, "{profile:?} {order:?}: {share}");
+                // The shape functions sum to one: the loads to k A, the pairs too.
+                let loads: f64 = pad.nodes.iter().map(|node| node.stiffness_n_m).sum();
+                let twice = |pair: &PadPair| if pair.nodes[0] == pair.nodes[1] { 1.0 } else { 2.0 };
+                let pairs: f64 = pad.pairs.iter().map(|pair| twice(pair) * pair.stiffness_n_m).sum();
+                assert!((loads / pad.stiffness_n_m() - 1.0).abs() < 1e-13);
+                assert!((pairs / pad.stiffness_n_m() - 1.0).abs() < 1e-13);
+            }
+        }
+    }
+
+    /// A rigid displacement of the finger and the skin alike stores nothing and needs no force.
+    #[test]
+    fn a_finger_that_moves_with_the_skin_feels_nothing() {
+        let mesh = TetMesh::cuboid([6, 6, 2], 0.01);
+        let body = body(&mesh, Order::Quadratic);
+        let pad = Pad::new(&body, tip(PadProfile::Quartic), [0.03, 0.03, 0.02]).expect("on the skin");
+        let d = [1e-3, -2e-3, 3e-3];
+        let state: Vec<f64> = body.nodes_m.iter().flat_map(|_| d).collect();
+        let mut found = PadState::default();
+        found.compute(&pad, &body, &state, d);
+        assert!(norm(found.force_n) < 1e-12 && found.energy_j.abs() < 1e-15, "{found:?}");
+        assert!(found.nodal_n.iter().all(|force| norm(*force) < 1e-12));
+        found.compute(&pad, &body, &body.rest_state, d);
+        let stiffness = pad.stiffness_n_m();
+        assert!((norm(found.force_n) / (stiffness * norm(d)) - 1.0).abs() < 1e-13);
+        assert!((found.energy_j / (0.5 * stiffness * norm(d).powi(2)) - 1.0).abs() < 1e-13);
+    }
+
+    /// The other side of a thin plate is near, but not connected within the radius.
+    #[test]
+    fn only_the_skin_round_the_contact_point_is_touched() {
+        let mesh = TetMesh::cuboid([12, 12, 1], 0.01);
+        let body = body(&mesh, Order::Linear);
+        let pad = Pad::new(&body, tip(PadProfile::Quartic), [0.06, 0.06, 0.01]).expect("on the skin");
+        assert!(pad.nodes.iter().all(|node| body.nodes_m[node.node as usize][2] == 0.01));
+        assert!(Pad::new(&body, tip(PadProfile::Quartic), [0.06, 0.06, 0.09]).is_none(), "off the skin");
+    }
+}

@@ -13,8 +13,7 @@ mod summarised;
 use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
-use palpate_core::{ContactConfig, Method, Organ, Space, TouchSurface};
-use palpate_host::sliding::{self, SlidingReport};
+use palpate_core::{Foot, Method, Organ, Space, TouchSurface};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
 use palpate_precompute::scene::{Scene, Unreachable};
 use palpate_precompute::space::Store;
@@ -226,8 +225,17 @@ fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     if organ.spaces.len() > shown {
         text.push_str(&format!("         and {} more nodes\n", organ.spaces.len() - shown));
     }
-    if let Some(report) = &sliding {
-        text.push_str(&format!("sliding  {report}\n"));
+    if let Some(tip) = organ.fingertip {
+        text.push_str(&format!(
+            "tool     fingertip, pad of {:.1} mm radius and {:.0} N/m\n",
+            1e3 * tip.radius_m,
+            tip.stiffness_n_m
+        ));
+    } else {
+        text.push_str("tool     point: its force depends on the mesh and goes to zero under refinement\n");
+    }
+    if let Some((triangles, all)) = sliding {
+        text.push_str(&format!("sliding  over {triangles} of {all} triangles\n"));
     }
     if let Some(certificate) = &certificate {
         text.push('\n');
@@ -246,10 +254,8 @@ fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
         "scene": organ.scene.as_str(), "law": organ.law.as_str(), "bytes": file.bytes().len(),
         "surface_vertices": organ.surface.node.len(), "triangles": organ.surface.triangles.len(),
         "max_force_n": organ.max_force_n, "spaces": spaces,
-        "sliding": sliding.map(|report| json!({
-            "triangles": report.triangles, "edges": report.edges, "seam_n": report.seam_n,
-            "energy_j": report.energy_j, "friction_share": report.friction_share,
-        })),
+        "sliding": sliding.map(|(triangles, all)| json!({ "triangles": triangles, "of": all })),
+        "fingertip": organ.fingertip.map(|tip| json!({ "radius_m": tip.radius_m, "stiffness_n_m": tip.stiffness_n_m })),
     });
     Ok((text.trim_end().into(), figures))
 }
@@ -282,12 +288,13 @@ fn space_figures(space: &Space<'_>) -> serde_json::Value {
     })
 }
 
-/// The cost of sliding with the method and friction that `run` would use; `None` without a triangle to slide
-/// on.
-fn sliding(organ: &Organ<'_>) -> Option<SlidingReport> {
-    let method = crate::blob::preferred(&[organ])?;
+/// Triangles that the tool slides over, and all triangles that it can meet; `None` if it slides nowhere.
+fn sliding(organ: &Organ<'_>) -> Option<(usize, usize)> {
     let mut memory = vec![0; TouchSurface::words(organ)];
     let surface = TouchSurface::new(organ, &mut memory)?;
-    let report = sliding::report(organ, &surface, method, ContactConfig::default().friction);
-    (report.triangles > 0).then_some(report)
+    let met = if organ.contact.triangles.is_empty() { organ.surface } else { organ.contact };
+    let foot = |triangle| Foot { triangle, weights: [1.0, 0.0, 0.0] };
+    let all = met.triangles.len();
+    let triangles = (0..all as u32).filter(|&at| surface.node_weights(&foot(at)).is_some()).count();
+    (triangles > 0).then_some((triangles, all))
 }

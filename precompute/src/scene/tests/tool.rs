@@ -1,0 +1,87 @@
+//! The tool of a scene: a point, or a fingertip and its contact points.
+
+use super::*;
+use crate::fem::PadProfile;
+
+/// The scene with a `[tool]` table, and its first active node replaced.
+fn scene(tool: &str, active: &str) -> String {
+    SCENE.replacen("node = 63", active, 1) + "[tool]\nshape = \"fingertip\"\n" + tool
+}
+
+#[test]
+fn a_fingertip_has_the_size_of_a_human_one() {
+    let bench = Bench::new();
+    assert_eq!(bench.resolve(SCENE).expect("sound").tool, Tool::Point);
+    // The cells have edges of 100 mm, so the pad of the tests is larger.
+    let found = bench.resolve(&scene("radius_m = 0.12", "node = 63")).expect("sound");
+    let tip = *found.tool.fingertip().expect("a fingertip");
+    assert_eq!((tip.radius_m, tip.stiffness_pa_m, tip.profile), (0.12, 5e6, PadProfile::Quartic));
+    let hard = "radius_m = 0.12\nstiffness_pa_m = 1e7\nprofile = \"hertz\"";
+    let found = bench.resolve(&scene(hard, "node = 63")).expect("sound");
+    let hard = *found.tool.fingertip().expect("a fingertip");
+    assert_eq!((hard.stiffness_pa_m, hard.profile), (1e7, PadProfile::Hertz));
+    assert!(hard.stiffness_on_a_plane_n_m() / tip.stiffness_on_a_plane_n_m() == 4.0);
+}
+
+#[test]
+fn a_point_is_projected_onto_the_skin_and_a_node_works_too() {
+    let bench = Bench::new();
+    let places = |active: &str| {
+        let scene = bench.resolve(&scene("radius_m = 0.12", active)).expect("sound");
+        (scene.active[0].place_m(&scene.mesh), scene.active[0].contact.is_some())
+    };
+    // 20 mm beside the face y = 0.3.
+    let (place_m, has_contact) = places("point = [0.17, 0.32, 0.12]");
+    assert!(has_contact);
+    assert!(place_m.iter().zip([0.17, 0.3, 0.12]).all(|(a, b)| (a - b).abs() < 1e-12), "{place_m:?}");
+    assert_eq!(places("node = 63"), ([0.3, 0.3, 0.3], true));
+    // Another place is another model; the same place of a point tool is, too.
+    let hash = |text: &str| bench.resolve(text).expect("sound").content_hash();
+    let at = |tool: &str, active: &str| hash(&scene(tool, active));
+    let first = at("radius_m = 0.12", "point = [0.17, 0.3, 0.12]");
+    assert_ne!(first, at("radius_m = 0.12", "point = [0.18, 0.3, 0.12]"));
+    assert_ne!(first, at("radius_m = 0.13", "point = [0.17, 0.3, 0.12]"));
+    assert_ne!(at("radius_m = 0.12", "node = 63"), hash(SCENE));
+}
+
+#[test]
+fn a_small_pad_is_a_warning() {
+    let bench = Bench::new();
+    let warned = |tool: &str| {
+        let scene = bench.resolve(&scene(tool, "point = [0.17, 0.3, 0.12]")).expect("sound");
+        scene.warnings.iter().any(|warning| warning.contains("the tool is smaller than its elements"))
+    };
+    assert!(warned("radius_m = 0.1") && !warned("radius_m = 0.14"));
+}
+
+#[test]
+fn a_tool_that_does_not_fit_is_refused() {
+    let bench = Bench::new();
+    let refuses = |tool: &str, active: &str, what: &str, fix: &str| {
+        let error = bench.resolve(&scene(tool, active)).expect_err("refused").to_string();
+        assert!(error.contains(what) && error.contains(fix) && !error.contains('\n'), "{error}");
+    };
+    let (good, face) = ("radius_m = 0.12", "point = [0.17, 0.3, 0.12]");
+    refuses("radius_m = 0.04", face, "is smaller than the elements under it", "refine the mesh there");
+    refuses("radius_m = 0.3", face, "is larger than the body", "`radius_m` in metres");
+    refuses("radius_m = 0.12\nstiffness_pa_m = 0.0", face, "is not a positive number", "correct the value");
+    refuses("radius_m = 0.12\nprofile = \"flat\"", face, "unknown word \"flat\"", "\"quartic\"");
+    refuses(good, "point = [0.0, 0.15, 0.15]", "is in the fixed set", "choose a point on the free skin");
+    refuses(good, "point = [9.0, 0.15, 0.15]", "from the body", "give it in metres");
+    refuses(good, "node = 63\npatch_radius_m = 0.1", "no rigid patch", "remove the patch");
+    let error = bench.with("node = 63", face).expect_err("refused").to_string();
+    assert!(error.contains("is for a tool with a size") && error.contains("[tool]"), "{error}");
+    let error =
+        bench.resolve(&scene(good, face).replace("fingertip", "probe")).expect_err("refused").to_string();
+    assert!(error.contains("unknown shape \"probe\"") && error.contains("\"fingertip\""), "{error}");
+}
+
+#[test]
+fn a_group_is_covered_by_contact_points() {
+    let bench = Bench::new();
+    let found = bench.resolve(&scene("radius_m = 0.12", "group = \"right\"")).expect("sound");
+    let cover = found.cover.expect("a group");
+    // The second active node stays a contact point of its own.
+    assert_eq!((cover.name.as_str(), cover.nodes.len(), found.active.len()), ("A1", 16, 1));
+    assert!(found.active[0].contact.is_some());
+}
