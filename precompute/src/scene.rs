@@ -9,6 +9,7 @@ mod cover;
 mod device;
 mod file;
 mod grid;
+mod lookup;
 mod material;
 mod nodes;
 mod place;

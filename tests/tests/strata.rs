@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 41] = [
+const PRECOMPUTE: [&str; 42] = [
     "error",
     "files",
     "num",
@@ -93,6 +93,7 @@ const PRECOMPUTE: [&str; 41] = [
     "fem::pressure",
     "fem::ordering",
     "fem::body",
+    "fem::pad",
     "fem::counterpart",
     "fem::boundary",
     "fem::solvability",
@@ -240,7 +241,7 @@ const HIL: [&str; 27] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 61] = [
+const TOOLS: [&str; 62] = [
     "memory",
     "resident",
     "timing",
@@ -248,6 +249,7 @@ const TOOLS: [&str; 61] = [
     "failure",
     "files",
     "output",
+    "points",
     "interrupt",
     "progress",
     "analysis",

@@ -4,6 +4,7 @@ mod command_line;
 mod doctor;
 mod documents;
 mod extremes;
+mod fingertip;
 mod guard;
 mod outputs;
 mod paper;

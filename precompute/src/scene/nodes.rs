@@ -7,9 +7,9 @@ use toml::Spanned;
 
 use super::cover::Cover;
 use super::file::{ActiveTable, BoxTable, FixedTable, tables};
+use super::lookup::Lookup;
 use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
-use super::resolve::Lookup;
 use super::{Scene, Unreachable};
 use crate::error::{InputError, count};
 use crate::mesh::surface;

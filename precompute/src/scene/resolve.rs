@@ -7,10 +7,11 @@ use palpate_core::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{BodyForceTable, Contact, NeedsTable, tables};
+use super::lookup::Lookup;
 use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
 use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, SolverOptions, device, material, reach, tool};
-use crate::error::{InputError, count, nearest_word};
+use crate::error::{InputError, count};
 use crate::fem::pressure::PressurePair;
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
 use crate::num::vector::{cross, difference, norm};
@@ -164,15 +165,6 @@ fn order(scene: &Scene) -> Result<u8, InputError> {
     })
 }
 
-pub(super) struct Lookup<'a> {
-    pub(super) place: &'a Place,
-    pub(super) mesh: &'a TetMesh,
-    pub(super) skin: &'a Surface,
-    /// The surface without the walls of cavities.
-    pub(super) seen: &'a Surface,
-    pub(super) warnings: Vec<String>,
-}
-
 impl Lookup<'_> {
     fn materials(&mut self, scene: &Scene) -> Result<Vec<MaterialRegion>, InputError> {
         let tables = tables(&scene.file.material);
@@ -214,26 +206,6 @@ impl Lookup<'_> {
             return Err(self.place.error(last.span.clone(), what, "add a [[material]] for the rest"));
         }
         Ok(regions)
-    }
-
-    /// Members of a named group; an error lists the existing groups.
-    pub(super) fn group<'g>(
-        &self,
-        groups: &'g BTreeMap<String, Vec<u32>>,
-        of: &str,
-        name: &Spanned<String>,
-    ) -> Result<&'g [u32], InputError> {
-        if let Some(members) = groups.get(name.get_ref()) {
-            return Ok(members);
-        }
-        let known: Vec<&str> = groups.keys().map(String::as_str).collect();
-        let fix = match nearest_word(name.get_ref(), known.iter().copied()) {
-            _ if known.is_empty() => "the mesh has none: add a physical group in the mesh generator".into(),
-            Some(guess) => format!("did you mean \"{guess}\"? (groups: {})", known.join(", ")),
-            None => format!("use one of: {}", known.join(", ")),
-        };
-        let what = format!("the mesh has no group of {of} named \"{}\"", name.get_ref());
-        Err(self.place.error(name.span(), what, fix))
     }
 
     /// Checks that the fixed nodes support every piece of the body; adds warnings about the mesh.

@@ -11,6 +11,7 @@ use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::doctor::wrapped;
 use palpate_precompute::plan::{PackedBlob, Plan, Prediction, Row, compare};
+use palpate_precompute::scene::Tool;
 use serde_json::json;
 
 use crate::analysis::{self, threads};
@@ -107,6 +108,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let recommended = format!("Recommended: {}: {why}.", words::row(&rows[*recommended]));
     output::line(format!("{}\n", wrapped(&recommended, WIDTH).join("\n  ")))?;
+    if analysis.scene.tool == Tool::Point {
+        output::line(
+            "The tool is a point: its force depends on the mesh, which no figure below includes. A fingertip has a \
+             size\n([tool] shape = \"fingertip\").\n",
+        )?;
+    }
     // Of each sampling the default method, unless all are asked for.
     let is_shown =
         |row: &&Row| args.verbose || row.recommended || row.asked || row.method == Method::Energy.name();
