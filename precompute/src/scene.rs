@@ -13,6 +13,7 @@ mod material;
 mod nodes;
 mod place;
 pub(crate) mod reach;
+mod regions;
 mod resolve;
 mod tool;
 

@@ -364,14 +364,24 @@ mod tests {
     #[ignore]
     fn experiment() {
         for (order, radius) in [(1, 0.015), (1, 0.02), (2, 0.015), (2, 0.01), (2, 0.02)] {
-            let text = std::fs::read_to_string("/tmp/g.toml").unwrap().replace("radius_m=0.015", &format!("radius_m={radius}")).replace("[material]", &format!("order={order}\n[material]"));
-            let mut scene = Scene::parse(std::path::Path::new("/tmp/g.toml"), text).unwrap().resolve().unwrap();
+            let text = std::fs::read_to_string("/tmp/g.toml")
+                .unwrap()
+                .replace("radius_m=0.015", &format!("radius_m={radius}"))
+                .replace("[material]", &format!("order={order}\n[material]"));
+            let mut scene =
+                Scene::parse(std::path::Path::new("/tmp/g.toml"), text).unwrap().resolve().unwrap();
             let body = Arc::new(scene.body().unwrap());
             let cover = scene.cover.take().unwrap();
             let tip = *scene.tool.fingertip().unwrap();
             let t = std::time::Instant::now();
             let (points, triangles) = choose(&scene, &cover, &tip, &body, 2).unwrap();
-            println!("order {order} a {radius}: {} nodes, {} points {} triangles {:.1} s", cover.nodes.len(), points.len(), triangles.len(), t.elapsed().as_secs_f64());
+            println!(
+                "order {order} a {radius}: {} nodes, {} points {} triangles {:.1} s",
+                cover.nodes.len(),
+                points.len(),
+                triangles.len(),
+                t.elapsed().as_secs_f64()
+            );
         }
     }
 }

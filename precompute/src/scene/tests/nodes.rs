@@ -108,7 +108,7 @@ fn active_nodes_in_every_way() {
     refuses("nearest = [nan, 1, 1]", "block.toml:15", "is not finite", "correct the value");
     refuses("group = \"left\"", "block.toml:15", "no free surface node", "not fixed");
     refuses("group = \"top\"", "block.toml:15", "no group of nodes named \"top\"", "use one of: all, corner");
-    refuses("", "block.toml:13", "\"A1\" has no position", "give `node`, `nearest` or `group`");
+    refuses("", "block.toml:13", "\"A1\" has no position", "give `node`, `nearest`, `point` or `group`");
     refuses("node = 63\ngroup = \"right\"", "block.toml:13", "has several positions", "keep one of");
     bench.refuses("\"A2\"", "\"A1\"", "block.toml:17", "two active nodes are named \"A1\"", "its own name");
     let none = SCENE.replacen("name = \"block\"", "active = []", 1);
