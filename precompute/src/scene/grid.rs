@@ -4,8 +4,8 @@ use toml::Spanned;
 
 use super::GRID_POINTS;
 use super::file::GridTable;
+use super::lookup::Lookup;
 use super::place::positive;
-use super::resolve::Lookup;
 use crate::error::InputError;
 use crate::spec::{
     Lattice, MAX_RADIUS_M, MIN_RADIUS_M, Sampling, Scattered, SpaceGrid, Tolerance, Workspace,

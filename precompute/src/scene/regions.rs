@@ -3,8 +3,8 @@
 use toml::Spanned;
 
 use super::file::{MeshTable, tables};
+use super::lookup::Lookup;
 use super::place::Place;
-use super::resolve::Lookup;
 use super::{MaterialRegion, Scene, material};
 use crate::error::{InputError, count, nearest_word};
 use crate::mesh::{self, CellData, LengthUnit, RegionFault, TetMesh};

@@ -7,10 +7,11 @@ use palpate_core::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{BodyForceTable, Contact, NeedsTable};
+use super::lookup::Lookup;
 use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
 use super::{ActiveNode, ResolvedScene, Scene, SolverOptions, device, reach, regions, tool};
-use crate::error::{InputError, count, nearest_word};
+use crate::error::{InputError, count};
 use crate::fem::pressure::PressurePair;
 use crate::mesh::{Surface, TetMesh, doubtful_for_pressure, surface};
 use crate::num::vector::{cross, difference, norm};
@@ -32,6 +33,8 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let is_stored = known_fixed.is_some();
     let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, is_stored, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
+    lookup.warn_of_size(file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));
+    lookup.warn_of_moduli(&materials);
     let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
     let grid_table = file.grid.as_ref().map(Spanned::get_ref);
     let workspace = grid_table.map_or(Ok(None), |table| reach::workspace(place, table))?;
@@ -139,38 +142,7 @@ fn order(scene: &Scene) -> Result<u8, InputError> {
     })
 }
 
-pub(super) struct Lookup<'a> {
-    pub(super) place: &'a Place,
-    pub(super) mesh: &'a TetMesh,
-    pub(super) skin: &'a Surface,
-    /// The surface without the walls of cavities.
-    pub(super) seen: &'a Surface,
-    /// Whether the mesh comes from a store, so that no file may be read.
-    pub(super) is_stored: bool,
-    pub(super) warnings: Vec<String>,
-}
-
 impl Lookup<'_> {
-    /// Members of a named group; an error lists the existing groups.
-    pub(super) fn group<'g>(
-        &self,
-        groups: &'g BTreeMap<String, Vec<u32>>,
-        of: &str,
-        name: &Spanned<String>,
-    ) -> Result<&'g [u32], InputError> {
-        if let Some(members) = groups.get(name.get_ref()) {
-            return Ok(members);
-        }
-        let known: Vec<&str> = groups.keys().map(String::as_str).collect();
-        let fix = match nearest_word(name.get_ref(), known.iter().copied()) {
-            _ if known.is_empty() => "the mesh has none: add a physical group in the mesh generator".into(),
-            Some(guess) => format!("did you mean \"{guess}\"? (groups: {})", known.join(", ")),
-            None => format!("use one of: {}", known.join(", ")),
-        };
-        let what = format!("the mesh has no group of {of} named \"{}\"", name.get_ref());
-        Err(self.place.error(name.span(), what, fix))
-    }
-
     /// Checks that the fixed nodes support every piece of the body; adds warnings about the mesh.
     ///
     /// Fixed nodes on one line permit a rotation about it. The tool at an active node prevents the rotation

@@ -14,6 +14,7 @@ mod device;
 mod grid;
 mod material;
 mod nodes;
+mod plausible;
 mod regions;
 
 /// The errors below contain line numbers, so tests replace lines and never insert one in the middle.

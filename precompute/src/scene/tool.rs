@@ -5,8 +5,8 @@ use std::ops::Range;
 use toml::Spanned;
 
 use super::file::{ActiveTable, ToolTable};
+use super::lookup::Lookup;
 use super::place::{Place, finite, positive};
-use super::resolve::Lookup;
 use crate::error::{InputError, count};
 use crate::fem::pad::under;
 use crate::fem::{Fingertip, PadProfile};
