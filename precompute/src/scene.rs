@@ -13,7 +13,9 @@ mod lookup;
 mod material;
 mod nodes;
 mod place;
+mod plausible;
 pub(crate) mod reach;
+mod regions;
 mod resolve;
 mod tool;
 

@@ -1,4 +1,4 @@
-//! Reader of Gmsh `.msh` files, versions 2.2 and 4.1, ASCII.
+//! Reader of Gmsh `.msh` files, versions 2.2 and 4.1, text and binary.
 //!
 //! No crate reads both versions and reports the line of an error. Sections without a mesh (`$Periodic`,
 //! `$NodeData`, ...) are skipped up to their `$End...`, as the format requires.
@@ -11,77 +11,40 @@
 //! `curve 7`, `surface 7` or `volume 7` by its tag. Groups with the same name and different dimensions are
 //! merged.
 
+mod elements;
 mod kind;
+mod tokens;
 
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::lines::{DAMAGED, Line, Lines, Words, excerpt};
+use super::lines::{DAMAGED, Line, excerpt};
 use super::mid_edge;
 use super::raw::{Origin, RawMesh};
-use super::tetrahedral::sorted;
 use crate::error::{InputError, count};
-use kind::{Kind, kind_of};
+use tokens::{Binary, TRUNCATED, Text, Tokens};
 
-const SAVE_ASCII: &str = "save it as ASCII, version 4.1 or 2.2 (Gmsh: `-format msh41`, without `-bin`)";
-const DIMENSION_NAMES: [&str; 4] = ["point", "curve", "surface", "volume"];
+const SAVE: &str = "save it with version 4.1 or 2.2 (Gmsh: `-format msh41`)";
 
 /// The sections that a mesh needs, each once.
 const NEEDED: [&str; 2] = ["Nodes", "Elements"];
 
 /// Reads a whole file. [`RawMesh::finish`] does the checks that all formats share.
 pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
+    if is_binary(bytes) {
+        return Reader::new(file, Binary::new(file, bytes)).read();
+    }
     // A group name in another encoding must not prevent reading the mesh.
     let text = String::from_utf8_lossy(bytes);
-    let mut lines = Lines::new(file, &text, None);
-    let version = read_format(file, &mut lines)?;
-    let mut reader = Reader {
-        version,
-        lines,
-        raw: RawMesh { edge_order: Some(mid_edge::GMSH_ORDER), ..RawMesh::new(file, file) },
-        names: HashMap::new(),
-        entities: HashMap::new(),
-        node_of_tag: HashMap::new(),
-        tet_of_vertices: HashMap::new(),
-    };
-    let mut seen = Vec::new();
-    while let Some(line) = reader.lines.next_line() {
-        let Some(section) = line.text.strip_prefix('$').filter(|name| !name.starts_with("End")) else {
-            let what = format!("expected the start of a section, found `{}`", excerpt(line.text));
-            return Err(line.error(what, DAMAGED));
-        };
-        if NEEDED.contains(&section) && seen.contains(&section) {
-            let what = format!("a second {} section", line.text);
-            return Err(line.error(what, "keep one mesh per file: export it again"));
-        }
-        seen.push(section);
-        match section {
-            "PhysicalNames" => reader.physical_names()?,
-            "Entities" if version == Version::V41 => reader.entities()?,
-            "PartitionedEntities" => {
-                return Err(
-                    line.error("the mesh is partitioned", "save it unpartitioned (Gmsh: Mesh > Unpartition)")
-                );
-            }
-            "Nodes" => reader.nodes()?,
-            "Elements" if !seen.contains(&"Nodes") => {
-                return Err(line.error("$Elements precedes $Nodes", "export the mesh again"));
-            }
-            "Elements" => reader.elements()?,
-            _ => {
-                skip(line, section, &mut reader.lines)?;
-                continue;
-            }
-        }
-        close(section, &mut reader.lines)?;
-    }
-    match NEEDED.iter().find(|section| !seen.contains(section)) {
-        None => Ok(reader.raw),
-        Some(section) => {
-            let what = format!("the file has no ${section} section");
-            Err(InputError::new(file, what, "it is truncated or holds no mesh: export it again"))
-        }
-    }
+    Reader::new(file, Text::new(file, &text)).read()
+}
+
+/// Whether the second word of the format's line is 1.
+fn is_binary(bytes: &[u8]) -> bool {
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(256)]);
+    let mut lines = head.lines().map(str::trim).filter(|line| !line.is_empty());
+    lines.next() == Some("$MeshFormat")
+        && lines.next().and_then(|format| format.split_whitespace().nth(1)) == Some("1")
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -90,59 +53,10 @@ enum Version {
     V41,
 }
 
-fn read_format(file: &Path, lines: &mut Lines<'_>) -> Result<Version, InputError> {
-    let head = lines.next_line().filter(|line| line.text == "$MeshFormat").ok_or_else(|| {
-        InputError::at(
-            file,
-            1,
-            "not a Gmsh file: it does not start with $MeshFormat",
-            "export the mesh again",
-        )
-    })?;
-    let line = lines.expect_line("the format version").map_err(|_| {
-        head.error("the file ends inside $MeshFormat", "it is truncated: export or copy it again")
-    })?;
-    let mut words = line.words();
-    let version: f64 = words.number("the format version")?;
-    let file_type: u32 = words.number("the file type (0 = ASCII)")?;
-    if file_type != 0 {
-        return Err(line.error("the file is binary Gmsh", SAVE_ASCII));
-    }
-    let version = match version {
-        v if (2.0..3.0).contains(&v) => Version::V22,
-        4.1 => Version::V41,
-        v => return Err(line.error(format!("Gmsh format {v} is not supported"), SAVE_ASCII)),
-    };
-    close("MeshFormat", lines)?;
-    Ok(version)
-}
-
-fn close(section: &str, lines: &mut Lines<'_>) -> Result<(), InputError> {
-    let end = format!("$End{section}");
-    let line = lines.expect_line(&end)?;
-    if line.text == end {
-        return Ok(());
-    }
-    Err(line.error(
-        format!("expected {end}, found `{}`", excerpt(line.text)),
-        "the section's count does not match its lines, or its end is missing: export the mesh again",
-    ))
-}
-
-fn skip(start: Line<'_>, section: &str, lines: &mut Lines<'_>) -> Result<(), InputError> {
-    let end = format!("$End{section}");
-    while let Some(line) = lines.next_line() {
-        if line.text == end {
-            return Ok(());
-        }
-    }
-    Err(start
-        .error(format!("section ${section} has no {end}"), "the file is truncated: export or copy it again"))
-}
-
-struct Reader<'a> {
+struct Reader<'a, T> {
+    file: &'a Path,
+    tokens: T,
     version: Version,
-    lines: Lines<'a>,
     raw: RawMesh,
     names: HashMap<(usize, i64), String>,
     /// Physical groups of each entity (version 4.1): (dimension, entity tag) -> physical tags.
@@ -152,19 +66,147 @@ struct Reader<'a> {
     tet_of_vertices: HashMap<[u32; 4], (u32, Vec<String>)>,
 }
 
-impl Reader<'_> {
+impl<'a, T: Tokens> Reader<'a, T> {
+    fn new(file: &'a Path, tokens: T) -> Self {
+        Self {
+            file,
+            tokens,
+            version: Version::V41,
+            raw: RawMesh { edge_order: Some(mid_edge::GMSH_ORDER), ..RawMesh::new(file, file) },
+            names: HashMap::new(),
+            entities: HashMap::new(),
+            node_of_tag: HashMap::new(),
+            tet_of_vertices: HashMap::new(),
+        }
+    }
+
+    fn read(mut self) -> Result<RawMesh, InputError> {
+        self.format()?;
+        let mut seen: Vec<String> = Vec::new();
+        while let Some(line) = self.tokens.line() {
+            let Some(section) = line.strip_prefix('$').filter(|name| !name.starts_with("End")) else {
+                let what = format!("expected the start of a section, found `{}`", excerpt(&line));
+                return Err(self.error(what, DAMAGED));
+            };
+            if NEEDED.contains(&section) && seen.iter().any(|name| name == section) {
+                let what = format!("a second {line} section");
+                return Err(self.error(what, "keep one mesh per file: export it again"));
+            }
+            seen.push(section.to_owned());
+            match section {
+                "PhysicalNames" => self.physical_names()?,
+                "Entities" if self.version == Version::V41 => self.entities()?,
+                "PartitionedEntities" => {
+                    let fix = "save it unpartitioned (Gmsh: Mesh > Unpartition)";
+                    return Err(self.error("the mesh is partitioned", fix));
+                }
+                "Nodes" => self.nodes()?,
+                "Elements" if !seen.iter().any(|name| name == "Nodes") => {
+                    return Err(self.error("$Elements precedes $Nodes", "export the mesh again"));
+                }
+                "Elements" => self.elements()?,
+                _ => {
+                    self.skip(section)?;
+                    continue;
+                }
+            }
+            self.close(section)?;
+        }
+        match NEEDED.into_iter().find(|section| !seen.iter().any(|name| name == section)) {
+            None => Ok(self.raw),
+            Some(section) => {
+                let what = format!("the file has no ${section} section");
+                Err(InputError::new(self.file, what, "it is truncated or holds no mesh: export it again"))
+            }
+        }
+    }
+
+    /// An error at the current line.
+    fn error(&self, what: impl Into<String>, fix: impl Into<String>) -> InputError {
+        self.error_at(self.tokens.at(), what, fix)
+    }
+
+    fn error_at(&self, line: Option<usize>, what: impl Into<String>, fix: impl Into<String>) -> InputError {
+        InputError { line, ..InputError::new(self.file, what, fix) }
+    }
+
+    /// The next line of text; an error at the end of the file names `wanted`.
+    fn line(&mut self, wanted: &str) -> Result<String, InputError> {
+        let last = self.tokens.at();
+        let what = || format!("the file ends where {wanted} should follow");
+        self.tokens.line().ok_or_else(|| self.error_at(last, what(), TRUNCATED))
+    }
+
+    /// Reads the words of a line of text.
+    fn words_of<'l>(&'l self, text: &'l str) -> super::lines::Words<'l> {
+        Line::new(self.file, self.tokens.at(), text).words()
+    }
+
+    /// A count that is a line of text also in a binary file.
+    fn count_line(&mut self, wanted: &str) -> Result<usize, InputError> {
+        let line = self.line(wanted)?;
+        Ok(self.words_of(&line).exactly(1, wanted)?[0])
+    }
+
+    fn format(&mut self) -> Result<(), InputError> {
+        if self.tokens.line().is_none_or(|line| line != "$MeshFormat") {
+            let what = "not a Gmsh file: it does not start with $MeshFormat";
+            return Err(InputError::at(self.file, 1, what, "export the mesh again"));
+        }
+        let head = self.tokens.at();
+        let Some(line) = self.tokens.line() else {
+            return Err(self.error_at(head, "the file ends inside $MeshFormat", TRUNCATED));
+        };
+        let mut words = self.words_of(&line);
+        let version: f64 = words.number("the format version")?;
+        let file_type: u32 = words.number("the file type (0 = ASCII, 1 = binary)")?;
+        let data_size: u32 = if T::IS_BINARY { words.number("the data size")? } else { 8 };
+        if file_type > 1 {
+            return Err(self.error(format!("Gmsh file type {file_type} is neither 0 nor 1"), SAVE));
+        }
+        if data_size != 8 {
+            return Err(self.error(format!("numbers of {data_size} bytes are not read"), SAVE));
+        }
+        self.version = match version {
+            v if (2.0..3.0).contains(&v) => Version::V22,
+            4.1 => Version::V41,
+            v => return Err(self.error(format!("Gmsh format {v} is not supported"), SAVE)),
+        };
+        self.tokens.byte_order()?;
+        self.close("MeshFormat")
+    }
+
+    fn close(&mut self, section: &str) -> Result<(), InputError> {
+        let end = format!("$End{section}");
+        let line = self.line(&end)?;
+        if line == end {
+            return Ok(());
+        }
+        Err(self.error(
+            format!("expected {end}, found `{}`", excerpt(&line)),
+            "the section's count does not match its lines, or its end is missing: export the mesh again",
+        ))
+    }
+
+    fn skip(&mut self, section: &str) -> Result<(), InputError> {
+        let (start, end) = (self.tokens.at(), format!("$End{section}"));
+        if self.tokens.skip(&end) {
+            return Ok(());
+        }
+        let what = format!("section ${} has no {}", excerpt(section), excerpt(&end));
+        Err(self.error_at(start, what, "the file is truncated: export or copy it again"))
+    }
+
     fn physical_names(&mut self) -> Result<(), InputError> {
-        let n: usize =
-            self.lines.expect_line("the number of names")?.words().number("the number of names")?;
-        for _ in 0..n {
-            let line = self.lines.expect_line("a physical name")?;
-            let mut words = line.words();
-            let dimension = dimension(&mut words)?;
+        for _ in 0..self.count_line("the number of names")? {
+            let line = self.line("a physical name")?;
+            let mut words = self.words_of(&line);
+            let dimension = words.number("a dimension (0 to 3)")?;
             let tag: i64 = words.number("a physical tag")?;
+            let dimension = self.at_most_three(dimension)?;
             // The name can contain blanks, so the quotes delimit it.
-            let name =
-                line.text.split_once('"').and_then(|(_, rest)| rest.rsplit_once('"')).map(|(name, _)| name);
-            let name = name.ok_or_else(|| line.error("a physical name has no quotes", DAMAGED))?;
+            let name = line.split_once('"').and_then(|(_, rest)| rest.rsplit_once('"')).map(|(name, _)| name);
+            let name = name.ok_or_else(|| self.error("a physical name has no quotes", DAMAGED))?;
             self.names.insert((dimension, tag), name.to_owned());
         }
         Ok(())
@@ -172,241 +214,149 @@ impl Reader<'_> {
 
     /// Reads the physical groups of each entity; the geometry is skipped.
     fn entities(&mut self) -> Result<(), InputError> {
-        let counts: Vec<usize> =
-            self.lines.expect_line("the entity counts")?.words().exactly(4, "an entity count")?;
-        for (dimension, &n) in counts.iter().enumerate() {
+        self.tokens.record("the entity counts")?;
+        let mut counts = [0_usize; 4];
+        for count in &mut counts {
+            *count = self.tokens.size("an entity count")?;
+        }
+        self.tokens.end()?;
+        for (dimension, n) in counts.into_iter().enumerate() {
             for _ in 0..n {
-                let line = self.lines.expect_line("an entity")?;
-                let mut words = line.words();
-                let tag: i64 = words.number("an entity tag")?;
-                // A point has a position; the other entities have a bounding box.
-                for _ in 0..if dimension == 0 { 3 } else { 6 } {
-                    words.number::<f64>("a coordinate of the entity")?;
-                }
-                let groups: usize = words.number("the number of physical groups")?;
-                let physical: Result<_, _> = (0..groups).map(|_| words.number("a physical tag")).collect();
-                self.entities.insert((dimension, tag), physical?);
+                self.entity(dimension)?;
             }
         }
+        Ok(())
+    }
+
+    fn entity(&mut self, dimension: usize) -> Result<(), InputError> {
+        let tokens = &mut self.tokens;
+        tokens.record("an entity")?;
+        let tag: i64 = tokens.int("an entity tag")?;
+        // A point has a position; the other entities have a bounding box.
+        for _ in 0..if dimension == 0 { 3 } else { 6 } {
+            tokens.real("a coordinate of the entity")?;
+        }
+        let groups: usize = tokens.size("the number of physical groups")?;
+        let physical = (0..groups).map(|_| tokens.int("a physical tag")).collect::<Result<_, _>>()?;
+        // Entities of lower dimension on the boundary; some writers leave them out of a text file.
+        if dimension > 0 && tokens.is_more() {
+            for _ in 0..tokens.size::<usize>("the number of boundary entities")? {
+                tokens.int::<i64>("the tag of a boundary entity")?;
+            }
+        }
+        self.entities.insert((dimension, tag), physical);
         Ok(())
     }
 
     fn nodes(&mut self) -> Result<(), InputError> {
-        let header = self.lines.expect_line("the number of nodes")?;
         match self.version {
             Version::V22 => {
-                let n: usize = header.words().exactly(1, "the number of nodes")?[0];
-                for _ in 0..n {
-                    let line = self.lines.expect_line("a node")?;
-                    let mut words = line.words();
-                    let tag = words.number("a node tag")?;
-                    let position = words.position()?;
-                    words.end()?;
-                    self.push_node(line, tag, position)?;
+                for _ in 0..self.count_line("the number of nodes")? {
+                    self.tokens.record("a node")?;
+                    let tag = self.tokens.int("a node tag")?;
+                    let position = self.position()?;
+                    self.tokens.end()?;
+                    self.push_node(tag, position)?;
                 }
+                Ok(())
             }
             Version::V41 => {
-                let [blocks, total] = counts(header, "node")?;
-                for _ in 0..blocks {
+                let header = self.counts("node")?;
+                for _ in 0..header.blocks {
                     self.node_block()?;
                 }
-                agree(header, total, self.raw.nodes.len(), "node")?;
+                self.agree(header, self.raw.nodes.len(), "node")
             }
         }
-        Ok(())
     }
 
     fn node_block(&mut self) -> Result<(), InputError> {
-        let line = self.lines.expect_line("a block of nodes")?;
-        let mut words = line.words();
-        let dimension = dimension(&mut words)?;
-        let _entity: i64 = words.number("an entity tag")?;
-        let parametric: u32 = words.number("the parametric flag")?;
-        let n: usize = words.number("the number of nodes in the block")?;
-        words.end()?;
+        self.tokens.record("a block of nodes")?;
+        let dimension = self.dimension()?;
+        let _entity: i64 = self.tokens.int("an entity tag")?;
+        let parametric: u32 = self.tokens.int("the parametric flag")?;
+        let n: usize = self.tokens.size("the number of nodes in the block")?;
+        self.tokens.end()?;
         let mut tags = Vec::new();
         for _ in 0..n {
-            let line = self.lines.expect_line("a node tag")?;
-            tags.push(line.words().exactly::<u64>(1, "a node tag")?[0]);
+            self.tokens.record("a node tag")?;
+            tags.push(self.tokens.size("a node tag")?);
+            self.tokens.end()?;
         }
         for tag in tags {
-            let line = self.lines.expect_line("a node's coordinates")?;
-            let mut words = line.words();
-            let position = words.position()?;
+            self.tokens.record("a node's coordinates")?;
+            let position = self.position()?;
             // Parametric coordinates u, v, w (as many as the entity's dimension) can follow.
-            if parametric == 0 || words.left() != dimension {
-                words.end()?;
+            if parametric != 0 && self.tokens.is_more() {
+                for _ in 0..dimension {
+                    self.tokens.real("a parametric coordinate")?;
+                }
             }
-            self.push_node(line, tag, position)?;
+            self.tokens.end()?;
+            self.push_node(tag, position)?;
         }
         Ok(())
     }
 
-    fn push_node(&mut self, line: Line<'_>, tag: u64, position: [f64; 3]) -> Result<(), InputError> {
+    fn push_node(&mut self, tag: u64, position: [f64; 3]) -> Result<(), InputError> {
         let index = self.raw.nodes.len() as u32;
         if let Some(first) = self.node_of_tag.insert(tag, index) {
             let what = format!("node {tag} occurs twice in the file (first as number {})", first + 1);
             return Err(
-                line.error(what, "renumber the mesh (Gmsh: Tools > Renumber) or remove one of the two")
+                self.error(what, "renumber the mesh (Gmsh: Tools > Renumber) or remove one of the two")
             );
         }
         self.raw.nodes.push(position);
-        self.raw.node_origins.push(Origin { tag, line: Some(line.number) });
+        self.raw.node_origins.push(Origin { tag, line: self.tokens.at() });
         Ok(())
     }
 
-    fn elements(&mut self) -> Result<(), InputError> {
-        let header = self.lines.expect_line("the number of elements")?;
-        match self.version {
-            Version::V22 => {
-                let n: usize = header.words().exactly(1, "the number of elements")?[0];
-                for _ in 0..n {
-                    self.element_22()?;
-                }
-            }
-            Version::V41 => {
-                let [blocks, total] = counts(header, "element")?;
-                let mut found = 0;
-                for _ in 0..blocks {
-                    found += self.element_block()?;
-                }
-                agree(header, total, found, "element")?;
-            }
+    fn position(&mut self) -> Result<[f64; 3], InputError> {
+        Ok([self.tokens.real("x")?, self.tokens.real("y")?, self.tokens.real("z")?])
+    }
+
+    fn dimension(&mut self) -> Result<usize, InputError> {
+        let dimension = self.tokens.int("a dimension (0 to 3)")?;
+        self.at_most_three(dimension)
+    }
+
+    fn at_most_three(&self, dimension: usize) -> Result<usize, InputError> {
+        if dimension > 3 {
+            let what = format!("expected a dimension from 0 to 3, found {dimension}");
+            return Err(self.error(what, DAMAGED));
         }
-        Ok(())
+        Ok(dimension)
     }
 
-    /// An element: tag, type, number of tags, tags (the first is the physical group, 0 for none), vertices.
-    fn element_22(&mut self) -> Result<(), InputError> {
-        let mut words = self.lines.expect_line("an element")?.words();
-        let tag = words.number("an element tag")?;
-        let element_type = words.number("an element type")?;
-        let tag_count: usize = words.number("the number of tags")?;
-        let tags = (0..tag_count).map(|_| words.number("a tag")).collect::<Result<Vec<i64>, _>>()?;
-        let physical: Vec<i64> = tags.first().copied().filter(|&p| p != 0).into_iter().collect();
-        self.push_element(&mut words, tag, element_type, &physical)
-    }
-
-    fn element_block(&mut self) -> Result<usize, InputError> {
-        let line = self.lines.expect_line("a block of elements")?;
-        let mut words = line.words();
-        let dimension = dimension(&mut words)?;
-        let entity: i64 = words.number("an entity tag")?;
-        let element_type = words.number("an element type")?;
-        let n = words.number("the number of elements in the block")?;
-        words.end()?;
-        let physical = self.entities.get(&(dimension, entity)).cloned().unwrap_or_default();
-        for _ in 0..n {
-            let mut words = self.lines.expect_line("an element")?.words();
-            let tag = words.number("an element tag")?;
-            self.push_element(&mut words, tag, element_type, &physical)?;
+    /// Reads the header of a 4.1 section: number of blocks, number of items, lowest and highest tag.
+    fn counts(&mut self, noun: &str) -> Result<Counts, InputError> {
+        let wanted = format!("the counts of {noun} blocks and {noun}s");
+        self.tokens.record(&wanted)?;
+        let line = self.tokens.at();
+        let mut numbers = [0; 4];
+        for number in &mut numbers {
+            *number = self.tokens.size(&wanted)?;
         }
-        Ok(n)
+        self.tokens.end()?;
+        Ok(Counts { blocks: numbers[0], items: numbers[1], line })
     }
 
-    fn push_element(
-        &mut self,
-        words: &mut Words<'_>,
-        tag: u64,
-        element_type: u32,
-        physical: &[i64],
-    ) -> Result<(), InputError> {
-        let line = words.line;
-        match kind_of(element_type) {
-            Kind::Tet { nodes } => {
-                let nodes = self.nodes_of(words, tag, nodes)?;
-                let groups = self.group_names(3, physical);
-                self.push_tet(line, tag, &nodes, groups)
-            }
-            Kind::Lower { dimension, vertices, nodes } => {
-                let nodes = self.nodes_of(words, tag, nodes)?;
-                for group in self.group_names(dimension, physical) {
-                    self.raw.node_groups.entry(group).or_default().extend(&nodes[..vertices]);
-                }
-                Ok(())
-            }
-            Kind::HigherOrder => Err(line.error(
-                format!("element {tag} is of an order or shape that is not read (Gmsh type {element_type})"),
-                "mesh the body with tetrahedra only, and save with order 1 or 2",
-            )),
-            Kind::Refused(shape) => Err(line.error(
-                format!("element {tag} is a {shape} (Gmsh type {element_type})"),
-                "mesh the body with tetrahedra only",
-            )),
+    fn agree(&self, header: Counts, found: usize, noun: &str) -> Result<(), InputError> {
+        if header.items == found {
+            return Ok(());
         }
-    }
-
-    fn nodes_of(&self, words: &mut Words<'_>, tag: u64, n: usize) -> Result<Vec<u32>, InputError> {
-        let line = words.line;
-        let look_up = |node: u64| {
-            self.node_of_tag.get(&node).copied().ok_or_else(|| {
-                line.error(
-                    format!("element {tag} names node {node}, which is not in $Nodes"),
-                    "the file is damaged: export it again",
-                )
-            })
-        };
-        words.exactly(n, "a vertex")?.into_iter().map(look_up).collect()
-    }
-
-    fn push_tet(
-        &mut self,
-        line: Line<'_>,
-        tag: u64,
-        nodes: &[u32],
-        groups: Vec<String>,
-    ) -> Result<(), InputError> {
-        let next = self.raw.tets.len() as u32;
-        let vertices = [nodes[0], nodes[1], nodes[2], nodes[3]];
-        let (index, known) = self.tet_of_vertices.entry(sorted(vertices)).or_insert((next, Vec::new()));
-        if *index == next {
-            self.raw.push_tet(nodes, Origin { tag, line: Some(line.number) }, &groups)?;
-        } else if groups.is_empty() || groups.iter().any(|group| known.contains(group)) {
-            let first = self.raw.tet_origins[*index as usize].tag;
-            let what = format!("element {tag} has the same four vertices as element {first}");
-            return Err(line.error(what, "remove one of the two"));
-        } else {
-            for group in &groups {
-                self.raw.tet_groups.entry(group.clone()).or_default().push(*index);
-                self.raw.node_groups.entry(group.clone()).or_default().extend(vertices);
-            }
-        }
-        known.extend(groups);
-        Ok(())
-    }
-
-    /// A negative tag denotes the same group with reversed orientation.
-    fn group_names(&self, dimension: usize, physical: &[i64]) -> Vec<String> {
-        let name = |tag: i64| match self.names.get(&(dimension, tag)) {
-            Some(name) => name.clone(),
-            None => format!("{} {tag}", DIMENSION_NAMES[dimension]),
-        };
-        physical.iter().map(|tag| name(tag.abs())).collect()
+        let announced = count(header.items, noun);
+        let what = format!("the section announces {announced} and its blocks contain {found}");
+        Err(self.error_at(header.line, what, DAMAGED))
     }
 }
 
-fn dimension(words: &mut Words<'_>) -> Result<usize, InputError> {
-    let dimension: usize = words.number("a dimension (0 to 3)")?;
-    if dimension > 3 {
-        let what = format!("expected a dimension from 0 to 3, found {dimension}");
-        return Err(words.line.error(what, DAMAGED));
-    }
-    Ok(dimension)
-}
-
-/// Reads the header of a 4.1 section: number of blocks, number of items, lowest and highest tag.
-fn counts(header: Line<'_>, noun: &str) -> Result<[usize; 2], InputError> {
-    let wanted = format!("the counts of {noun} blocks and {noun}s");
-    let numbers: Vec<usize> = header.words().exactly(4, &wanted)?;
-    Ok([numbers[0], numbers[1]])
-}
-
-fn agree(header: Line<'_>, promised: usize, found: usize, noun: &str) -> Result<(), InputError> {
-    if promised == found {
-        return Ok(());
-    }
-    let what = format!("the section announces {} and its blocks contain {found}", count(promised, noun));
-    Err(header.error(what, DAMAGED))
+/// The header of a section of version 4.1.
+#[derive(Clone, Copy)]
+struct Counts {
+    blocks: usize,
+    items: usize,
+    line: Option<usize>,
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ impl<'a> Lines<'a> {
             let text =
                 self.comment.and_then(|c| text.split_once(c)).map_or(text, |(before, _)| before).trim();
             if !text.is_empty() {
-                return Some(Line { file: self.file, number: index + 1, text });
+                return Some(Line { file: self.file, number: Some(index + 1), text });
             }
         }
         None
@@ -54,16 +54,21 @@ impl<'a> Lines<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct Line<'a> {
     file: &'a Path,
-    /// 1-based line number.
-    pub(crate) number: usize,
+    /// 1-based line number; `None` in a binary file.
+    pub(crate) number: Option<usize>,
     /// Without surrounding blanks and comments; never empty.
     pub(crate) text: &'a str,
 }
 
 impl<'a> Line<'a> {
+    /// A line of a file that has other content, too.
+    pub(crate) fn new(file: &'a Path, number: Option<usize>, text: &'a str) -> Self {
+        Self { file, number, text }
+    }
+
     /// An error at this line.
     pub(crate) fn error(&self, what: impl Into<String>, fix: impl Into<String>) -> InputError {
-        InputError::at(self.file, self.number, what, fix)
+        InputError { line: self.number, ..InputError::new(self.file, what, fix) }
     }
 
     /// Iterates over the words of the line.
@@ -133,9 +138,9 @@ mod tests {
     fn lines_skip_blanks_and_comments_and_keep_their_numbers() {
         let mut lines = Lines::new(Path::new("f"), "a\r\n\n  # all remark\n b c # tail\n", Some('#'));
         let first = lines.expect_line("a").expect("there");
-        assert_eq!((first.number, first.text), (1, "a"));
+        assert_eq!((first.number, first.text), (Some(1), "a"));
         let second = lines.expect_line("b").expect("there");
-        assert_eq!((second.number, second.text), (4, "b c"));
+        assert_eq!((second.number, second.text), (Some(4), "b c"));
         let error = lines.expect_line("the end").err().expect("nothing left");
         assert_eq!(
             error.to_string(),
@@ -145,7 +150,7 @@ mod tests {
 
     #[test]
     fn words_name_what_they_wanted() {
-        let line = Line { file: Path::new("f"), number: 3, text: "1 x 3" };
+        let line = Line { file: Path::new("f"), number: Some(3), text: "1 x 3" };
         let mut words = line.words();
         assert_eq!(words.number::<u32>("a tag"), Ok(1));
         let error = words.number::<f64>("x").unwrap_err();

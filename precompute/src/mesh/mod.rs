@@ -13,6 +13,7 @@ pub(crate) mod surface;
 pub(crate) mod tetrahedral;
 pub mod write;
 
+mod cell_data;
 mod gmsh;
 mod lines;
 mod mid_edge;
@@ -25,7 +26,9 @@ mod vtu;
 use std::path::Path;
 
 use crate::error::InputError;
+pub(crate) use cell_data::{CellData, RegionFault};
 pub use quality::{MeshReport, doubtful_for_pressure};
+use raw::RawMesh;
 pub(crate) use refine::Refined;
 pub use skin_point::SkinPoint;
 pub(crate) use skin_point::nearest_on_triangle;
@@ -73,33 +76,45 @@ impl LengthUnit {
     }
 }
 
-/// Reads a mesh file: Gmsh 2.2 or 4.1 ASCII, VTK legacy, VTU, or TetGen .node/.ele (`path` can be either
-/// file).
+/// Reads a mesh file: Gmsh 2.2 or 4.1, VTK legacy, VTU, or TetGen .node/.ele (`path` can be either file).
 ///
 /// Tets have four nodes, or ten with straight edges, of which the vertices are kept. The content determines
 /// the format if it is distinctive, otherwise the extension. An error names the file, the line or the element
 /// with the file's own tag, and the fix.
 pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
+    read_raw(path, false)?.finish(unit)
+}
+
+/// Reads a mesh file with the numbers of its cells; `None` if the format has none.
+pub(crate) fn read_with_cell_data(
+    path: &Path,
+    unit: LengthUnit,
+) -> Result<(TetMesh, Option<CellData>), InputError> {
+    let mut raw = read_raw(path, true)?;
+    let data = raw.cell_data.take();
+    Ok((raw.finish(unit)?, data))
+}
+
+fn read_raw(path: &Path, with_cell_data: bool) -> Result<RawMesh, InputError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if matches!(extension.as_str(), "node" | "ele") {
-        return tetgen::read(path)?.finish(unit);
+        return tetgen::read(path);
     }
     let bytes = std::fs::read(path).map_err(|e| InputError::unreadable(path, &e))?;
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(256)]).trim_start().to_lowercase();
-    let raw = if head.starts_with("$meshformat") || extension == "msh" {
-        gmsh::read(path, &bytes)?
+    if head.starts_with("$meshformat") || extension == "msh" {
+        gmsh::read(path, &bytes)
     } else if head.starts_with("# vtk") || extension == "vtk" {
-        vtk::read_legacy(path, &bytes)?
+        vtk::read_legacy(path, &bytes, with_cell_data)
     } else if head.starts_with("<?xml") || head.starts_with("<vtkfile") || extension == "vtu" {
-        vtu::read(path, &bytes)?
+        vtu::read(path, &bytes, with_cell_data)
     } else {
-        return Err(InputError::new(
+        Err(InputError::new(
             path,
             "the mesh format is not known from content or extension",
-            "save it as Gmsh .msh (2.2 or 4.1 ASCII), VTK .vtk, VTU .vtu or TetGen .node/.ele",
-        ));
-    };
-    raw.finish(unit)
+            "save it as Gmsh .msh (2.2 or 4.1), VTK .vtk, VTU .vtu or TetGen .node/.ele",
+        ))
+    }
 }
 
 #[cfg(test)]

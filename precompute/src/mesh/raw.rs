@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use super::cell_data::CellData;
 use super::lines::DAMAGED;
 use super::{LengthUnit, MeshFault, TetMesh};
 use crate::error::{InputError, count};
@@ -37,6 +38,8 @@ pub(crate) struct RawMesh {
     /// Unsorted and with repetitions; `finish` sorts and deduplicates.
     pub(crate) node_groups: BTreeMap<String, Vec<u32>>,
     pub(crate) tet_groups: BTreeMap<String, Vec<u32>>,
+    /// Numbers of the cells, if the format has them and they are read.
+    pub(crate) cell_data: Option<CellData>,
 }
 
 impl RawMesh {

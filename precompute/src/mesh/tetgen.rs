@@ -70,7 +70,7 @@ fn nodes(raw: &mut RawMesh, mut lines: Lines<'_>) -> Result<u64, InputError> {
         let marker: i64 = if markers > 0 { words.number("a boundary marker")? } else { 0 };
         words.end()?;
         raw.nodes.push(position);
-        raw.node_origins.push(Origin { tag, line: Some(line.number) });
+        raw.node_origins.push(Origin { tag, line: line.number });
         if marker != 0 {
             raw.node_groups.entry(format!("marker {marker}")).or_default().push(index as u32);
         }
@@ -114,7 +114,7 @@ fn tets(raw: &mut RawMesh, mut lines: Lines<'_>, base: u64) -> Result<(), InputE
             }
         }
         words.end()?;
-        raw.push_tet(&nodes[..per_tet], Origin { tag, line: Some(line.number) }, &groups)?;
+        raw.push_tet(&nodes[..per_tet], Origin { tag, line: line.number }, &groups)?;
     }
     nothing_more(&mut lines, "tetrahedron")
 }

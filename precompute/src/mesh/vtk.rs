@@ -3,11 +3,14 @@
 //! The crate vtkio is not used: its legacy parser stops at unknown attributes, its XML parser panics on a
 //! piece without points and cannot read raw appended data, which ParaView writes, and neither reports the
 //! line of an error. Tets have type 10, or all have type 24 (ten nodes) with straight edges; their mid-edge
-//! nodes are dropped (see `mid_edge.rs`: node indices count vertices only). Reading stops after CELL_TYPES;
-//! point and cell data are ignored.
+//! nodes are dropped (see `mid_edge.rs`: node indices count vertices only). Reading stops after CELL_TYPES
+//! unless the cell data are wanted, see `vtk/attributes.rs`.
+
+mod attributes;
 
 use std::path::Path;
 
+use super::cell_data::CellData;
 use super::lines::excerpt;
 use super::mid_edge;
 use super::raw::{Origin, RawMesh};
@@ -101,7 +104,7 @@ fn shape(cell_type: u8) -> &'static str {
 }
 
 /// Reads a legacy file. [`RawMesh::finish`] does the checks that all formats share.
-pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
+pub(super) fn read_legacy(file: &Path, bytes: &[u8], with_cell_data: bool) -> Result<RawMesh, InputError> {
     let mut cursor = Cursor { file, bytes, at: 0, line: 1, binary: false };
     let version = cursor.line("the version")?;
     if !version.to_lowercase().starts_with("# vtk datafile") {
@@ -140,14 +143,15 @@ pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputErr
                     return Err(cursor.error(what, DAMAGED));
                 }
                 cells.types = cell_types(&types);
-                return cells.into_raw(file, points);
-            }
-            ("METADATA", _) => while !cursor.raw_line().trim().is_empty() {},
-            ("FIELD", [_, n]) => {
-                for _ in 0..cursor.count(n)? {
-                    cursor.skip_field()?;
+                let mut raw = cells.into_raw(file, points)?;
+                if with_cell_data {
+                    let arrays = cursor.cell_arrays(n)?;
+                    raw.cell_data = Some(CellData { arrays, cell_of_tet: cells_of_tets(&raw) });
                 }
+                return Ok(raw);
             }
+            ("METADATA", _) => cursor.skip_metadata(),
+            ("FIELD", [_, n]) => cursor.fields(n, |_| {})?,
             _ => {
                 let what = format!("expected POINTS, CELLS or CELL_TYPES, found `{}`", excerpt(&header));
                 return Err(cursor.error(what, DAMAGED));
@@ -258,44 +262,6 @@ impl Cursor<'_> {
         numbers.into_iter().map(index).collect()
     }
 
-    /// Skips an array: name, components, tuples and type, then the data. METADATA of the preceding array can
-    /// come first.
-    fn skip_field(&mut self) -> Result<(), InputError> {
-        let mut header = self.line("a field array")?;
-        while header.to_uppercase().starts_with("METADATA") {
-            while !self.raw_line().trim().is_empty() {}
-            header = self.line("a field array")?;
-        }
-        let [_, components, tuples, scalar] = header.split_whitespace().collect::<Vec<_>>()[..] else {
-            return Err(self.error(format!("expected a field array, found `{}`", excerpt(&header)), DAMAGED));
-        };
-        let n = self.count(components)?.saturating_mul(self.count(tuples)?);
-        if scalar == "string" {
-            return (0..n).try_for_each(|_| self.skip_string());
-        }
-        self.numbers(n, scalar, "a field value").map(drop)
-    }
-
-    /// Skips a string: a line of text; in binary files the length in 6, 14, 30 or 62 bits (the two highest
-    /// bits give its size), then the bytes.
-    fn skip_string(&mut self) -> Result<(), InputError> {
-        if !self.binary {
-            return self.line("a string").map(drop);
-        }
-        let rest = &self.bytes[self.at..];
-        let size = rest.first().map_or(1, |first| 1usize << (3 - (first >> 6)));
-        let length = rest.get(..size).map(|bytes| {
-            let number = bytes.iter().fold(0u64, |number, &byte| number << 8 | u64::from(byte));
-            number & (u64::MAX >> (66 - 8 * size))
-        });
-        let end = length.and_then(|length| usize::try_from(length).ok()?.checked_add(size));
-        let Some(end) = end.filter(|&end| end <= rest.len()) else {
-            return Err(self.error("the file ends inside a string", DAMAGED));
-        };
-        self.advance(end);
-        Ok(())
-    }
-
     /// Reads `n` numbers of a VTK type: words in an ASCII file, big-endian bytes in a binary file.
     fn numbers(&mut self, n: usize, scalar: &str, wanted: &str) -> Result<Vec<f64>, InputError> {
         let Some(scalar) = Scalar::from_legacy(scalar) else {
@@ -323,6 +289,11 @@ impl Cursor<'_> {
             other => self.error(format!("expected {wanted}, found `{}`", excerpt(other)), DAMAGED),
         })
     }
+}
+
+/// The cell of each tet: a tet's tag is the position of its cell.
+pub(super) fn cells_of_tets(raw: &RawMesh) -> Vec<usize> {
+    raw.tet_origins.iter().map(|origin| origin.tag as usize).collect()
 }
 
 /// A number of a file as an integer, if it is one of this type.

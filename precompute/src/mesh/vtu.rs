@@ -11,13 +11,14 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use roxmltree::{Document, Node};
 
+use super::cell_data::{CellArray, CellData};
 use super::lines::excerpt;
 use super::raw::RawMesh;
-use super::vtk::{Cells, DAMAGED, Points, Scalar, cell_types, integer};
+use super::vtk::{Cells, DAMAGED, Points, Scalar, cell_types, cells_of_tets, integer};
 use crate::error::InputError;
 
 /// Reads a file with one piece. [`RawMesh::finish`] does the checks that all formats share.
-pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
+pub(super) fn read(file: &Path, bytes: &[u8], with_cell_data: bool) -> Result<RawMesh, InputError> {
     let (xml, appended) = split_appended(bytes);
     let text = std::str::from_utf8(&xml)
         .map_err(|_| InputError::new(file, "the XML part of the file is not UTF-8 text", DAMAGED))?;
@@ -52,7 +53,11 @@ pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
         let what = format!("the grid has {count} pieces");
         return Err(vtu.error(grid, what, "merge them into one (ParaView: Merge Blocks, then save again)"));
     }
-    vtu.piece(piece)
+    let mut raw = vtu.piece(piece)?;
+    if with_cell_data {
+        raw.cell_data = Some(CellData { arrays: vtu.cell_arrays(piece)?, cell_of_tet: cells_of_tets(&raw) });
+    }
+    Ok(raw)
 }
 
 /// Separates the bytes of `AppendedData`, because raw data are not XML.
@@ -124,6 +129,25 @@ impl<'a> Vtu<'a, '_> {
         let scalar = Scalar::from_xml(points.attribute("type").unwrap_or_default());
         let points = Points::new(&coordinates, scalar.expect("numbers of this type were read"));
         Cells { types, ends, nodes, lines: Vec::new() }.into_raw(self.file, points)
+    }
+
+    /// The arrays of numbers in `CellData`.
+    fn cell_arrays(&self, piece: Node<'a, 'a>) -> Result<Vec<CellArray>, InputError> {
+        let cell_count = self.count(piece, "NumberOfCells")?;
+        let is_number =
+            |array: &Node<'_, '_>| Scalar::from_xml(array.attribute("type").unwrap_or_default()).is_some();
+        let groups = piece.children().filter(|node| node.has_tag_name("CellData"));
+        let arrays = groups.flat_map(|data| data.children()).filter(|node| node.has_tag_name("DataArray"));
+        let read = |array: Node<'_, '_>| {
+            let name = array.attribute("Name").unwrap_or_default().to_owned();
+            let components = match array.attribute("NumberOfComponents") {
+                Some(_) => self.count(array, "NumberOfComponents")?,
+                None => 1,
+            };
+            let numbers = self.numbers(array, cell_count.saturating_mul(components))?;
+            Ok(CellArray { name, components, numbers })
+        };
+        arrays.filter(is_number).map(read).collect()
     }
 
     fn indices(&self, array: Node<'_, '_>, n: usize) -> Result<Vec<u32>, InputError> {

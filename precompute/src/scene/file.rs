@@ -39,6 +39,8 @@ pub(super) struct MeshTable {
     pub(super) file: Spanned<String>,
     pub(super) unit: Option<Spanned<String>>,
     pub(super) order: Option<Spanned<i64>>,
+    /// Name of the cell array that numbers the regions.
+    pub(super) regions: Option<Spanned<String>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

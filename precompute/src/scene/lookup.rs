@@ -1,4 +1,4 @@
-//! What the names of a scene refer to: its mesh, its skin, and the groups of the mesh.
+//! What the parts of a scene look up while it is resolved.
 
 use std::collections::BTreeMap;
 
@@ -8,13 +8,15 @@ use super::place::Place;
 use crate::error::{InputError, nearest_word};
 use crate::mesh::{Surface, TetMesh};
 
-/// The mesh of a scene with its surfaces, and the warnings so far.
+/// The scene's text, its mesh and the warnings so far.
 pub(super) struct Lookup<'a> {
     pub(super) place: &'a Place,
     pub(super) mesh: &'a TetMesh,
     pub(super) skin: &'a Surface,
     /// The surface without the walls of cavities.
     pub(super) seen: &'a Surface,
+    /// Whether the mesh comes from a store, so that no file may be read.
+    pub(super) is_stored: bool,
     pub(super) warnings: Vec<String>,
 }
 

@@ -140,6 +140,7 @@ impl Lookup<'_> {
         }
         let (mut all, mut unreachable): (Vec<ActiveNode>, _) = (Vec::new(), Unreachable::default());
         let (pieces, mut edges_m, mut cover) = (surface::pieces(self.mesh), Vec::new(), None);
+        let mut named: Vec<(String, u32)> = Vec::new();
         for table in &tables {
             let name = self.name(table)?;
             self.check_keys(table.table, name.get_ref(), tool)?;
@@ -164,6 +165,9 @@ impl Lookup<'_> {
                 }
             }
             for active in found {
+                if table.table.group.is_none() {
+                    named.push((active.name.clone(), active.node));
+                }
                 check_name(self.place, name.span(), &active.name, SPACE_NAME_LEN)?;
                 if all.iter().any(|other| other.name == active.name) {
                     let what = format!("two active nodes are named \"{}\"", active.name);
@@ -183,6 +187,7 @@ impl Lookup<'_> {
         if let Tool::Fingertip(tip) = tool {
             self.warn_of_coarse_skin(tip, &edges_m);
         }
+        self.warn_of_unequal_places(&named);
         let limit = Limits::PC.spaces;
         if all.len() > limit {
             let what = format!("the scene has {} active nodes, and a blob holds {limit}", all.len());

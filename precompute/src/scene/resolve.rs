@@ -6,14 +6,14 @@ use std::ops::Range;
 use palpate_core::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{BodyForceTable, Contact, NeedsTable, tables};
+use super::file::{BodyForceTable, Contact, NeedsTable};
 use super::lookup::Lookup;
 use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
-use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, SolverOptions, device, material, reach, tool};
+use super::{ActiveNode, ResolvedScene, Scene, SolverOptions, device, reach, regions, tool};
 use crate::error::{InputError, count};
 use crate::fem::pressure::PressurePair;
-use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
+use crate::mesh::{Surface, TetMesh, doubtful_for_pressure, surface};
 use crate::num::vector::{cross, difference, norm};
 use crate::spec::DisplacementBound;
 
@@ -26,12 +26,15 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let order = order(scene)?;
     let (mesh, known_fixed) = match kept {
         Some((mesh, fixed)) => (mesh, Some(fixed)),
-        None => (load_mesh(scene)?, None),
+        None => (regions::load_mesh(scene)?, None),
     };
     let skin = Surface::of(&mesh);
     let seen = skin.clone().seen(&mesh);
-    let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, warnings: Vec::new() };
+    let is_stored = known_fixed.is_some();
+    let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, is_stored, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
+    lookup.warn_of_size(file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));
+    lookup.warn_of_moduli(&materials);
     let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
     let grid_table = file.grid.as_ref().map(Spanned::get_ref);
     let workspace = grid_table.map_or(Ok(None), |table| reach::workspace(place, table))?;
@@ -128,32 +131,6 @@ fn solver(scene: &Scene, order: u8) -> Result<SolverOptions, InputError> {
     Ok(*table.get_ref())
 }
 
-fn load_mesh(scene: &Scene) -> Result<TetMesh, InputError> {
-    let place = &scene.place;
-    let table = scene.file.mesh.get_ref();
-    let unit = match &table.unit {
-        None => LengthUnit::Metre,
-        Some(word) => word.get_ref().parse().map_err(|_| {
-            place.error(
-                word.span(),
-                format!("unknown unit \"{}\"", word.get_ref()),
-                "use \"m\", \"cm\" or \"mm\"",
-            )
-        })?,
-    };
-    let path = scene.mesh_path();
-    // A missing file is an error in the scene; an invalid file is an error in the mesh.
-    if let Err(error) = std::fs::File::open(&path) {
-        let what = format!("cannot open the mesh {} ({error})", path.display());
-        return Err(place.error(
-            table.file.span(),
-            what,
-            "correct `file` (it is relative to the scene file)",
-        ));
-    }
-    mesh::read(&path, unit)
-}
-
 fn order(scene: &Scene) -> Result<u8, InputError> {
     let Some(order) = &scene.file.mesh.get_ref().order else { return Ok(1) };
     u8::try_from(*order.get_ref()).ok().filter(|order| (1..=2).contains(order)).ok_or_else(|| {
@@ -166,48 +143,6 @@ fn order(scene: &Scene) -> Result<u8, InputError> {
 }
 
 impl Lookup<'_> {
-    fn materials(&mut self, scene: &Scene) -> Result<Vec<MaterialRegion>, InputError> {
-        let tables = tables(&scene.file.material);
-        let mut owner: Vec<Option<usize>> = vec![None; self.mesh.tets.len()];
-        let mut regions = Vec::new();
-        for (index, table) in tables.iter().enumerate() {
-            let (law, bulk_modulus_pa) = material::law(self.place, table, &mut self.warnings)?;
-            let tets = match &table.table.group {
-                Some(group) => Some(self.group(&self.mesh.tet_groups, "volumes", group)?.to_vec()),
-                None if tables.len() > 1 => {
-                    let what = "one of several [[material]] tables has no `group`";
-                    return Err(self.place.error(table.span.clone(), what, "name the group of each region"));
-                }
-                None => None,
-            };
-            for &tet in tets.iter().flatten() {
-                if owner[tet as usize].replace(index).is_some() {
-                    let what =
-                        format!("tet {tet} (0-based) already has a material from another [[material]]");
-                    return Err(self.place.error(
-                        table.span.clone(),
-                        what,
-                        "let the groups share no element",
-                    ));
-                }
-            }
-            regions.push(MaterialRegion { material: law, bulk_modulus_pa, tets });
-        }
-        let Some(last) = tables.last() else {
-            return Err(self.place.error(
-                scene.file.material.span(),
-                "[[material]] is empty",
-                "add a [material]",
-            ));
-        };
-        let bare = owner.iter().filter(|owner| owner.is_none()).count();
-        if regions.iter().all(|region| region.tets.is_some()) && bare > 0 {
-            let what = format!("{} of the mesh without a material", count(bare, "tet"));
-            return Err(self.place.error(last.span.clone(), what, "add a [[material]] for the rest"));
-        }
-        Ok(regions)
-    }
-
     /// Checks that the fixed nodes support every piece of the body; adds warnings about the mesh.
     ///
     /// Fixed nodes on one line permit a rotation about it. The tool at an active node prevents the rotation

@@ -14,6 +14,8 @@ mod device;
 mod grid;
 mod material;
 mod nodes;
+mod plausible;
+mod regions;
 mod tool;
 
 /// The errors below contain line numbers, so tests replace lines and never insert one in the middle.
@@ -234,7 +236,7 @@ fn wrong_keys_and_syntax_name_the_key_and_what_is_allowed() {
         "colour",
         "block.toml:4",
         "unknown key `colour`",
-        "remove it (allowed here: file, unit, order)",
+        "remove it (allowed here: file, unit, order, regions)",
     );
     refuses("node = 63", "nodes = [63]", "block.toml:15", "unknown key `nodes`", "did you mean `node`?");
     refuses("[needs]", "[need]", "block.toml:24", "unknown key `need`", "did you mean `needs`?");

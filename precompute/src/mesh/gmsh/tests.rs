@@ -1,5 +1,7 @@
 //! Small Gmsh files, valid and damaged.
 
+mod binary;
+
 use std::path::Path;
 
 use crate::error::InputError;
@@ -254,7 +256,9 @@ fn truncation_anywhere_is_one_clear_line() {
 #[test]
 fn formats_that_are_not_read_say_which_to_save() {
     let error = broken(V41, "4.1 0 8", "4.1 1 8");
-    assert_says(&error, "body.msh:2", "binary", "save it as ASCII");
+    assert_says(&error, "body.msh", "expected the mark 1 of the byte order", "export it again");
+    let error = broken(V41, "4.1 0 8", "4.1 2 8");
+    assert_says(&error, "body.msh:2", "file type 2 is neither 0 nor 1", "4.1 or 2.2");
     let error = broken(V41, "4.1 0 8", "4 0 8");
     assert_says(&error, "body.msh:2", "Gmsh format 4 is not supported", "4.1 or 2.2");
     let error = broken(V22, "$MeshFormat\n", "");

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::read_legacy;
 use crate::error::InputError;
-use crate::mesh::{LengthUnit, TetMesh};
+use crate::mesh::{CellData, LengthUnit, RegionFault, TetMesh};
 
 const OLD: &str = "\
 # vtk DataFile Version 4.2
@@ -56,7 +56,7 @@ CELL_TYPES 3
 const POINTS: [f64; 15] = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1., 1., 1., 1.];
 
 fn read(bytes: &[u8]) -> Result<TetMesh, InputError> {
-    read_legacy(Path::new("body.vtk"), bytes)?.finish(LengthUnit::Metre)
+    read_legacy(Path::new("body.vtk"), bytes, false)?.finish(LengthUnit::Metre)
 }
 
 /// The same body in binary form; big-endian, as VTK writes it.
@@ -193,6 +193,118 @@ fn rubbish_is_refused_and_never_panics() {
                 damaged[at] = byte;
                 if let Err(error) = read(&damaged) {
                     assert!(!error.to_string().contains('\n'));
+                }
+            }
+        }
+    }
+}
+
+/// Attributes of the three cells and five points; the numbers of `part` are 2, 9, 1.
+const ATTRIBUTES: &str = "\
+POINT_DATA 5
+SCALARS height float
+LOOKUP_TABLE default
+0 0 1 0.5 1
+TENSORS stress double
+0 1 2 3 4 5 6 7 8 0 1 2 3 4 5 6 7 8 0 1 2 3 4 5 6 7 8 0 1 2 3 4 5 6 7 8 0 1 2 3 4 5 6 7 8
+CELL_DATA 3
+SCALARS part int 1
+LOOKUP_TABLE own
+2 9 1
+LOOKUP_TABLE own 1
+0 0 1 1
+COLOR_SCALARS rgb 3
+0 0 1 0 1 0 1 0 0
+VECTORS axis float
+1 0 0 1 0 0 1 0 0
+FIELD FieldData 3
+body%20part 1 3 double
+2 9 1.0
+METADATA
+INFORMATION 0
+
+density 1 3 float
+1.5 2.5 3.5
+label 1 3 string
+a
+b
+c
+";
+
+fn cell_data(bytes: &[u8]) -> Result<CellData, InputError> {
+    let raw = read_legacy(Path::new("body.vtk"), bytes, true)?;
+    Ok(raw.cell_data.expect("VTK files have cell data"))
+}
+
+fn with_attributes(attributes: &str) -> String {
+    OLD.replacen("CELL_DATA 3\nSCALARS anything string 1\n", attributes, 1)
+}
+
+/// The binary file with the same numbers of the cells.
+fn binary_with_attributes(new_layout: bool) -> Vec<u8> {
+    let mut out = binary(new_layout);
+    out.truncate(out.len() - "CELL_DATA 3\n".len());
+    out.extend(b"POINT_DATA 5\nVECTORS at float\n");
+    out.extend(POINTS.iter().flat_map(|&x| (x as f32).to_be_bytes()));
+    out.extend(b"\nCELL_DATA 3\nSCALARS part short 1\nLOOKUP_TABLE own\n");
+    out.extend([2_i16, 9, 1].iter().flat_map(|n| n.to_be_bytes()));
+    out.extend(b"\nLOOKUP_TABLE own 2\n\0\x0a\x0a\xff\xff\x0a\x0a\xff\nCOLOR_SCALARS rgb 1\n\x0a\x0a\x0a\n");
+    out.extend(b"FIELD FieldData 2\nbody%20part 1 3 double\n");
+    out.extend([2.0_f64, 9.0, 1.0].iter().flat_map(|x| x.to_be_bytes()));
+    out.extend(b"\nlabel 1 3 string\n\xc1a\xc1b\xc1c\n");
+    out
+}
+
+#[test]
+fn numbers_of_the_cells_are_read_from_text_and_binary() {
+    let text = with_attributes(ATTRIBUTES);
+    let parts = [("1".to_owned(), vec![1]), ("2".to_owned(), vec![0])];
+    let data = cell_data(text.as_bytes()).expect("sound");
+    assert_eq!(data.names(), ["part", "rgb", "axis", "body part", "density"]);
+    assert_eq!(data.regions("axis"), Err(RegionFault::Components(3)));
+    assert_eq!(data.regions("density"), Err(RegionFault::Fraction { cell: 0, number: 1.5 }));
+    let no_table = with_attributes(&ATTRIBUTES.replacen("LOOKUP_TABLE own\n", "", 1));
+    for bytes in [
+        text.into_bytes(),
+        no_table.into_bytes(),
+        binary_with_attributes(false),
+        binary_with_attributes(true),
+    ] {
+        let data = cell_data(&bytes).expect("sound");
+        assert_eq!(data.regions("part"), Ok(parts.clone().into()));
+        assert_eq!(data.regions("body part"), Ok(parts.clone().into()));
+        assert!(read(&bytes).expect("sound").tet_groups.is_empty(), "only a scene asks for the regions");
+    }
+    assert_eq!(cell_data(NEW.as_bytes()).expect("sound").names(), [""; 0]);
+}
+
+#[test]
+fn damaged_attributes_are_refused_by_line() {
+    let says = |from: &str, to: &str, place: &str, what: &str| {
+        assert!(ATTRIBUTES.contains(from), "nothing to break: {from:?}");
+        let text = with_attributes(&ATTRIBUTES.replacen(from, to, 1));
+        let error = cell_data(text.as_bytes()).expect_err("planted fault").to_string();
+        assert!(error.starts_with(place) && error.contains(what) && error.contains("; "), "{error}");
+        assert!(read(text.as_bytes()).is_ok(), "attributes that nobody asks for do not matter");
+    };
+    says("CELL_DATA 3", "CELL_DATA 4", "body.vtk:31: ", "CELL_DATA of 4 cells, of 3");
+    says("2 9 1\n", "2 9\n", "body.vtk:35: ", "expected a value, found `LOOKUP_TABLE`");
+    says("VECTORS axis float", "SPINORS axis float", "body.vtk:39: ", "`SPINORS axis float` is not read");
+    says("POINT_DATA 5\n", "", "body.vtk:25: ", "`SCALARS height float` is not read");
+    says("density 1 3 float\n1.5 2.5 3.5", "density 1 2 float\n1.5 2.5", "body.vtk", "no number for every");
+    says("part 1 3 double", "part 1 x double", "body.vtk:42: ", "expected a count");
+}
+
+#[test]
+fn damaged_binary_attributes_never_panic() {
+    for bytes in [with_attributes(ATTRIBUTES).into_bytes(), binary_with_attributes(true)] {
+        for at in 0..bytes.len() {
+            let _ = cell_data(&bytes[..at]).map_err(|error| assert!(!error.to_string().contains('\n')));
+            for byte in [b' ', b'9', b'-', b'\n', b'%', 0xff] {
+                let mut damaged = bytes.clone();
+                damaged[at] = byte;
+                if let Ok(data) = cell_data(&damaged) {
+                    let _ = data.names().into_iter().map(|name| data.regions(name)).count();
                 }
             }
         }

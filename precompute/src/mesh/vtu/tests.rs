@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 
 use super::read as read_raw;
 use crate::error::InputError;
-use crate::mesh::{LengthUnit, TetMesh};
+use crate::mesh::{CellData, LengthUnit, RegionFault, TetMesh};
 
 const ASCII: &str = r#"<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian">
@@ -37,7 +37,7 @@ const ASCII: &str = r#"<?xml version="1.0"?>
 "#;
 
 fn read(bytes: &[u8]) -> Result<TetMesh, InputError> {
-    read_raw(Path::new("body.vtu"), bytes)?.finish(LengthUnit::Metre)
+    read_raw(Path::new("body.vtu"), bytes, false)?.finish(LengthUnit::Metre)
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -61,6 +61,7 @@ fn binary(place: Where, zlib: bool, wide: bool, little: bool) -> Vec<u8> {
         ("connectivity", "Int32", bytes_of(&[0, 1, 2, 3, 0, 1, 2, 1, 2, 3, 4], 4)),
         ("offsets", "UInt16", bytes_of(&[4, 7, 11], 2)),
         ("types", "UInt8", vec![10, 5, 10]),
+        ("part", "Int16", bytes_of(&[2, 9, 1], 2)),
     ];
     let header = if wide { 8 } else { 4 };
     let mut appended = Vec::new();
@@ -100,14 +101,14 @@ fn binary(place: Where, zlib: bool, wide: bool, little: bool) -> Vec<u8> {
         };
         format!("<DataArray type=\"{scalar}\" Name=\"{name}\" {format}>\n  {text}\n</DataArray>\n")
     });
-    let [points, connectivity, offsets, types] = elements;
+    let [points, connectivity, offsets, types, part] = elements;
     let order = if little { "LittleEndian" } else { "BigEndian" };
     let width = if wide { "UInt64" } else { "UInt32" };
     let compressor = if zlib { "compressor=\"vtkZLibDataCompressor\"" } else { "" };
     let mut file = format!(
         "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"{order}\" header_type=\"{width}\" {compressor}>\n\
          <UnstructuredGrid><Piece NumberOfPoints=\"5\" NumberOfCells=\"3\">\n<Points>{points}</Points>\n\
-         <Cells>{connectivity}{offsets}{types}</Cells></Piece></UnstructuredGrid>\n"
+         <Cells>{connectivity}{offsets}{types}</Cells><CellData>{part}</CellData></Piece></UnstructuredGrid>\n"
     )
     .into_bytes();
     if place != Where::Inline {
@@ -253,4 +254,43 @@ fn a_block_that_swells_beyond_what_is_due_is_cut_off() {
     );
     let error = read(file.as_bytes()).expect_err("a megabyte for three cells").to_string();
     assert!(error.contains("body.vtu:20: `types` holds 4 bytes where 3 are due; "), "{error}");
+}
+
+/// The text file with arrays of cells in front of the points.
+fn with_arrays(arrays: &str) -> String {
+    ASCII.replacen("<Points>", &format!("<CellData Scalars=\"part\">{arrays}</CellData><Points>"), 1)
+}
+
+fn cell_data(bytes: &[u8]) -> Result<CellData, InputError> {
+    Ok(read_raw(Path::new("body.vtu"), bytes, true)?.cell_data.expect("VTU files have cell data"))
+}
+
+#[test]
+fn every_encoding_gives_the_numbers_of_the_cells() {
+    let text = with_arrays(
+        "<DataArray type=\"String\" Name=\"label\" format=\"ascii\">97 0 98 0 99 0</DataArray>\n\
+         <DataArray type=\"Float32\" Name=\"part\" format=\"ascii\">2 0.5 1.0</DataArray>\n\
+         <DataArray type=\"Float64\" Name=\"v\" NumberOfComponents=\"2\" format=\"ascii\">1 2 3 4 5 6</DataArray>",
+    );
+    let data = cell_data(text.as_bytes()).expect("sound");
+    assert_eq!(data.names(), ["part", "v"]);
+    assert_eq!(data.regions("v"), Err(RegionFault::Components(2)));
+    let parts = [("1".to_owned(), vec![1]), ("2".to_owned(), vec![0])];
+    for bytes in every_encoding().into_iter().chain([text.into_bytes()]) {
+        let regions = cell_data(&bytes).expect("sound").regions("part");
+        assert_eq!(regions, Ok(parts.clone().into()));
+        assert_eq!(read(&bytes).expect("sound").tet_groups.len(), 0, "only a scene asks for the regions");
+    }
+    assert_eq!(cell_data(ASCII.as_bytes()).expect("sound").names(), [""; 0]);
+}
+
+#[test]
+fn damaged_numbers_of_cells_are_refused() {
+    let short = with_arrays("<DataArray type=\"Int32\" Name=\"part\" format=\"ascii\">1 2</DataArray>");
+    let error = cell_data(short.as_bytes()).expect_err("planted fault").to_string();
+    assert!(error.starts_with("body.vtu:6: `part` holds 2 numbers where 3 are due; "), "{error}");
+    assert!(read(short.as_bytes()).is_ok(), "cell data that nobody asks for do not matter");
+    let word = short.replace(">1 2<", ">1 2 x<");
+    let error = cell_data(word.as_bytes()).expect_err("planted fault").to_string();
+    assert!(error.contains("expected a number of `part`, found `x`"), "{error}");
 }
