@@ -146,7 +146,7 @@ fn orders(
             sampling,
             scene.max_force_n,
             tolerance,
-            (positions[active], scene.active[active].normal(&surface)),
+            (positions[active], scene.active[active].normal(surface)),
         ),
         surface: if scene.visual { surface.nodes.clone() } else { Vec::new() },
         step_m: sampling.lattice().map_or(sampling.radius_m() / CELLS_PER_STEP, |l| l.grid.spacing_m),
