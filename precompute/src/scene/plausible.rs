@@ -51,8 +51,9 @@ impl Lookup<'_> {
         let cause =
             if modulus_pa < MODULI_PA[0] { "is it in kPa or MPa?" } else { "is a power of ten wrong?" };
         self.warnings.push(format!(
-            "a material (law \"{}\") has a shear modulus of {modulus_pa} Pa at rest: {cause} moduli are in Pa",
-            regions[moduli_pa.iter().position(|of| *of == modulus_pa).unwrap_or_default()].material.name()
+            "a material (law \"{}\") has a shear modulus of {} Pa at rest: {cause} moduli are in Pa",
+            regions[moduli_pa.iter().position(|of| *of == modulus_pa).unwrap_or_default()].material.name(),
+            three_digits(modulus_pa)
         ));
     }
 
@@ -87,11 +88,13 @@ impl Lookup<'_> {
     }
 }
 
-/// A length in metres from 1 m on, otherwise in millimetres, with three digits.
+/// A length in metres from 1 m on, otherwise in millimetres.
 fn length(metres: f64) -> String {
-    let (value, unit) = if metres >= 1.0 { (metres, "m") } else { (1e3 * metres, "mm") };
+    if metres >= 1.0 { three_digits(metres) + " m" } else { three_digits(1e3 * metres) + " mm" }
+}
+
+fn three_digits(value: f64) -> String {
     let digits = (2 - value.log10().floor() as i32).clamp(0, 6) as usize;
     let text = format!("{value:.digits$}");
-    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    format!("{text} {unit}")
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
 }
