@@ -191,7 +191,8 @@ impl ResolvedScene {
     pub fn body(&self) -> Result<Body, BodyError> {
         let body = Body::new(&self.mesh, &self.model()).map_err(BodyError::Degenerate)?;
         for active in &self.active {
-            body.check_pressures(active.on(&self.tool, &body).handle())
+            let held = active.contact.is_none().then(|| active.handle());
+            body.check_pressures(held.as_ref())
                 .map_err(|fault| BodyError::Pressure(active.name.clone(), fault))?;
         }
         solve_body_force(body).map_err(BodyError::NoRest)

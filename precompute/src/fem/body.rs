@@ -7,8 +7,7 @@ use crate::fem::element::{EDGES, LINEAR, Order, Point, QUADRATIC, Tetrahedron};
 use crate::fem::material::Material;
 use crate::fem::ordering::nested_dissection;
 use crate::fem::pressure::{PressurePair, pressure_block};
-use crate::mesh::surface::FACES;
-use crate::mesh::tetrahedral::sorted;
+use crate::mesh::surface::boundary;
 use crate::mesh::{Edges, MeshFault, TetMesh};
 
 /// Index of a value that is prescribed to zero or does not exist.
@@ -276,27 +275,17 @@ impl Body {
     /// the second and the third, the third and the first.
     pub(crate) fn skin(&self) -> std::slice::Chunks<'_, u32> {
         let faces = self.skin.get_or_init(|| {
-            let mut uses: HashMap<[u32; 3], u32> = HashMap::with_capacity(2 * self.elements.len() + 2);
-            let of = |nodes: &[u32], face: [usize; 3]| sorted(face.map(|v| nodes[v]));
-            for nodes in self.element_nodes() {
-                for face in FACES {
-                    *uses.entry(of(nodes, face)).or_default() += 1;
-                }
-            }
             let mut faces = Vec::new();
-            for nodes in self.element_nodes() {
-                for face in FACES.into_iter().filter(|&face| uses[&of(nodes, face)] == 1) {
-                    faces.extend(face.map(|v| nodes[v]));
-                    if self.order == Order::Quadratic {
-                        let [a, b, c] = face;
-                        let middle = |ends: [usize; 2]| {
-                            let edge = EDGES
-                                .iter()
-                                .position(|edge| edge.contains(&ends[0]) && edge.contains(&ends[1]));
-                            nodes[4 + edge.expect("an edge of the tet")]
-                        };
-                        faces.extend([[a, b], [b, c], [c, a]].map(middle));
-                    }
+            for (element, face) in boundary(self.element_nodes()).0 {
+                let nodes = self.nodes_of(element);
+                faces.extend(face.map(|v| nodes[v]));
+                if self.order == Order::Quadratic {
+                    let [a, b, c] = face;
+                    let middle = |ends: [usize; 2]| {
+                        let edge = EDGES.iter().position(|edge| ends.iter().all(|end| edge.contains(end)));
+                        nodes[4 + edge.expect("an edge of the tet")]
+                    };
+                    faces.extend([[a, b], [b, c], [c, a]].map(middle));
                 }
             }
             faces

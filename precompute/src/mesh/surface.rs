@@ -67,18 +67,8 @@ impl Topology {
 impl Surface {
     /// Extracts the boundary: the faces that belong to exactly one tet.
     pub fn of(mesh: &TetMesh) -> Self {
-        let mut uses: HashMap<[u32; 3], u32> = HashMap::with_capacity(2 * mesh.tets.len() + 2);
-        for tet in &mesh.tets {
-            for face in FACES {
-                *uses.entry(sorted(face.map(|v| tet[v]))).or_default() += 1;
-            }
-        }
-        let mut triangles = Vec::new();
-        for tet in &mesh.tets {
-            let faces = FACES.map(|face| face.map(|v| tet[v]));
-            triangles.extend(faces.into_iter().filter(|&face| uses[&sorted(face)] == 1));
-        }
-        let overlapping_faces = uses.values().filter(|&&tets| tets > 2).count();
+        let (faces, overlapping_faces) = boundary(mesh.tets.iter());
+        let triangles = faces.into_iter().map(|(tet, face)| face.map(|v| mesh.tets[tet][v])).collect();
         Self::made_of(mesh, triangles, overlapping_faces)
     }
 
@@ -130,6 +120,24 @@ impl Surface {
     pub(crate) fn area_m2(&self, mesh: &TetMesh) -> f64 {
         self.triangles.iter().map(|t| 0.5 * norm(twice_area(mesh, t))).sum()
     }
+}
+
+/// The faces that belong to exactly one tet, as index of the tet and of its corners, in the order of the tets; and
+/// the number of faces of three or more tets. The first four nodes of a tet are its corners.
+pub(crate) fn boundary<T: AsRef<[u32]>>(
+    tets: impl Iterator<Item = T> + Clone,
+) -> (Vec<(usize, [usize; 3])>, usize) {
+    let key = |tet: &T, face: [usize; 3]| sorted(face.map(|v| tet.as_ref()[v]));
+    let mut uses: HashMap<[u32; 3], u32> = HashMap::new();
+    for tet in tets.clone() {
+        for face in FACES {
+            *uses.entry(key(&tet, face)).or_default() += 1;
+        }
+    }
+    let alone =
+        |(index, tet): (usize, T)| FACES.map(|face| (uses[&key(&tet, face)] == 1).then_some((index, face)));
+    let faces = tets.enumerate().flat_map(alone).flatten().collect();
+    (faces, uses.values().filter(|&&tets| tets > 2).count())
 }
 
 /// Twice the area vector. Its length weights the vertex normals by area.

@@ -38,8 +38,7 @@ const COARSE: f64 = 0.75;
 /// Largest number of divisions of a triangle's edges.
 const MAX_DIVISIONS: u32 = 2;
 /// Share of the tolerance that the predicted difference may use at the removed candidates, where it is largest,
-/// in the worst of the pushes. Measured on the bundled organ with a pad of 15 mm: half of it needs 754 points
-/// instead of 402.
+/// in the worst of the pushes. Half of it needs nearly twice as many points.
 const SHARE: f64 = 1.0;
 /// Largest distance of a removed candidate from the triangles, as a share of the radius of the pad.
 const LARGEST_SAG: f64 = 0.05;

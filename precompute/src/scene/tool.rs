@@ -14,8 +14,7 @@ use crate::mesh::{SkinPoint, Surface, TetMesh};
 use crate::num::vector::distance;
 use crate::spec::{ActiveNode, Tool};
 
-/// A human fingertip: the contact of a pulp pressed with 1 to 2 N has a radius of about 10 mm with its rim, and
-/// a stiffness of 300 to 1,000 N/m (docs/theory.md, section on the fingertip). k pi a^2 / 3 = 524 N/m.
+/// A fingertip of the size of a human one: k pi a^2 / 3 = 524 N/m, where a pulp has some 300 to 1,000 N/m.
 const PULP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile: PadProfile::Quartic };
 
 /// A pad whose radius is smaller than this share of the mean edge of the triangles under it cannot be

@@ -64,8 +64,13 @@ impl ActiveNode {
                 let centre_m = at.interpolate(|node| body.nodes_m[node as usize]);
                 Pad::new(body, *tip, centre_m).expect("the scene was checked").into()
             }
-            _ => Handle::patch(self.node, &self.patch).into(),
+            _ => self.handle().into(),
         }
+    }
+
+    /// The nodes that a point tool holds.
+    pub fn handle(&self) -> Handle {
+        Handle::patch(self.node, &self.patch)
     }
 
     /// Position on the undeformed mesh, m.

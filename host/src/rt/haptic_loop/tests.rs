@@ -320,9 +320,14 @@ impl Device for Latching<'_> {
     }
 }
 
-/// While disarmed the loop resets the device itself. While armed it passes on only the user's reset.
-#[test]
-fn a_device_zeroed_by_another_path_is_reset_by_the_user_or_while_disarmed() {
+/// Ticks the loop over a latching device; the requests are made before the ticks of these numbers. Returns of
+/// every tick the phase, what was applied, and the number of successful resets.
+fn ticks_of_latching(
+    zeroed_at: [u64; 2],
+    lasting: std::ops::Range<u64>,
+    ticks: u64,
+    request: impl Fn(u64, &Controls),
+) -> Vec<(Phase, Applied, u64)> {
     let blob = synthetic::organ(&Shape::default());
     let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let controller: Controller<'_, '_> =
@@ -330,22 +335,30 @@ fn a_device_zeroed_by_another_path_is_reset_by_the_user_or_while_disarmed() {
     let (records, mut drained) = rtrb::RingBuffer::new(100);
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls, resets) = (VirtualClock::default(), Controls::default(), AtomicU64::new(0));
-    let device = Latching { calls: 0, zeroed_at: [10, 30], resets: &resets, lasting: 0..0 };
+    let device = Latching { calls: 0, zeroed_at, resets: &resets, lasting };
     let outputs = Outputs { records, latest };
     let mut haptic = HapticLoop::new(controller, device, &clock, LoopConfig::default(), &controls, outputs);
-    let mut seen = Vec::new();
-    for index in 1..=60 {
-        match index {
-            20 => controls.arm(),
-            // In the same tick: a key that was pressed before the loop noticed.
-            30 | 50 => controls.reset(),
-            _ => {}
-        }
+    let seen = (1..=ticks).map(|index| {
+        request(index, &controls);
         clock.wait_until(index * 1_000_000, 0);
         haptic.tick(index, 0, index * 1_000_000).expect("it never fails");
         let record = drained.pop().expect("one record a tick");
-        seen.push((record.phase, record.applied.zeroed, resets.load(Ordering::Relaxed)));
-    }
+        (record.phase, record.applied, resets.load(Ordering::Relaxed))
+    });
+    seen.collect()
+}
+
+/// While disarmed the loop resets the device itself. While armed it passes on only the user's reset.
+#[test]
+fn a_device_zeroed_by_another_path_is_reset_by_the_user_or_while_disarmed() {
+    let seen = ticks_of_latching([10, 30], 0..0, 60, |index, controls| match index {
+        20 => controls.arm(),
+        // In the same tick: a key that was pressed before the loop noticed.
+        30 | 50 => controls.reset(),
+        _ => {}
+    });
+    let seen: Vec<_> =
+        seen.into_iter().map(|(phase, applied, resets)| (phase, applied.zeroed, resets)).collect();
     assert_eq!(seen[9 - 1], (Phase::Disarmed, false, 0));
     assert_eq!(seen[10 - 1], (Phase::Disarmed, true, 1));
     assert_eq!(seen[29 - 1], (Phase::Active, false, 1));
@@ -358,35 +371,18 @@ fn a_device_zeroed_by_another_path_is_reset_by_the_user_or_while_disarmed() {
 /// A latch that lasts: the user's reset does nothing, and a disarmed device is not armed before it is cleared.
 #[test]
 fn a_device_whose_latch_lasts_is_neither_reset_nor_armed() {
-    let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
-    let controller: Controller<'_, '_> =
-        Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
-    let (records, mut drained) = rtrb::RingBuffer::new(100);
-    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
-    let (clock, controls, resets) = (VirtualClock::default(), Controls::default(), AtomicU64::new(0));
-    let device = Latching { calls: 0, zeroed_at: [10, 50], resets: &resets, lasting: 10..80 };
-    let outputs = Outputs { records, latest };
-    let mut haptic = HapticLoop::new(controller, device, &clock, LoopConfig::default(), &controls, outputs);
-    let mut seen = Vec::new();
-    for index in 1..=100 {
-        match index {
-            // Armed before the latch; not while it lasts; after it.
-            5 | 60 | 90 => controls.arm(),
-            20 | 85 => controls.reset(),
-            40 => controls.disarm(),
-            _ => {}
-        }
-        clock.wait_until(index * 1_000_000, 0);
-        haptic.tick(index, 0, index * 1_000_000).expect("it never fails");
-        let record = drained.pop().expect("one record a tick");
-        seen.push((record.phase, record.applied.reset, resets.load(Ordering::Relaxed)));
-    }
+    let seen = ticks_of_latching([10, 50], 10..80, 100, |index, controls| match index {
+        // Armed before the latch; not while it lasts; after it.
+        5 | 60 | 90 => controls.arm(),
+        20 | 85 => controls.reset(),
+        40 => controls.disarm(),
+        _ => {}
+    });
     let latched = Phase::SafeZero(Fault::Watchdog);
-    assert_eq!(seen[10 - 1], (latched, false, 0));
-    assert_eq!(seen[20 - 1], (latched, false, 0), "the reset is refused");
-    let after: Vec<Phase> = seen[60 - 1..79].iter().map(|(phase, ..)| *phase).collect();
-    assert!(!after.contains(&Phase::Active), "{after:?}");
-    assert_eq!(seen[85 - 1], (Phase::Disarmed, true, 1));
-    assert_eq!(seen[90 - 1].0, Phase::Active);
+    let at = |tick: usize| (seen[tick - 1].0, seen[tick - 1].1.reset, seen[tick - 1].2);
+    assert_eq!(at(10), (latched, false, 0));
+    assert_eq!(at(20), (latched, false, 0), "the reset is refused");
+    assert!(seen[60 - 1..79].iter().all(|(phase, ..)| *phase != Phase::Active), "{seen:?}");
+    assert_eq!(at(85), (Phase::Disarmed, true, 1));
+    assert_eq!(at(90).0, Phase::Active);
 }

@@ -151,8 +151,9 @@ impl Solver {
 
     /// S from the solved columns x_j of the right-hand sides b_j and their residuals r_j = b_j - K x_j.
     ///
-    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j, with k A I for K_AA and b = k m for a pad. With the last term the error of S is of the order of the
-    /// square of the error of x, so one solve without refinement suffices. With multipliers K_AA is zero.
+    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j, with k A I for K_AA and b = k m for a pad. With the last term
+    /// the error of S is of the order of the square of the error of x, so one solve without refinement
+    /// suffices. With multipliers K_AA is zero.
     pub(super) fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
         let n = problem.unknowns();
         let column = |axis: usize| axis * n..(axis + 1) * n;

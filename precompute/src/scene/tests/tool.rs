@@ -85,3 +85,34 @@ fn a_group_is_covered_by_contact_points() {
     assert_eq!((cover.name.as_str(), cover.nodes.len(), found.active.len()), ("A1", 16, 1));
     assert!(found.active[0].contact.is_some());
 }
+
+/// Two cubes 60 mm apart, and a cube with a hole in the middle.
+#[test]
+fn a_second_body_and_a_cavity_are_refused() {
+    let bench = Bench::new();
+    let single = cube(3, 30.0);
+    let (mut nodes_m, mut tets) = (single.nodes_m.clone(), single.tets.clone());
+    nodes_m.extend(single.nodes_m.iter().map(|[x, y, z]| [*x, y + 36.0, *z]));
+    tets.extend(single.tets.iter().map(|tet| tet.map(|node| node + 64)));
+    bench.write("cube.msh", &gmsh(&TetMesh::new(nodes_m, tets).expect("sound")));
+    let text = scene("radius_m = 0.12", "point = [0.17, 0.3, 0.12]").replacen(
+        "group = \"left\"",
+        "box = { min = [-1, -1, -1], max = [0.01, 9, 9] }",
+        1,
+    );
+    let error = bench.resolve(&text).expect_err("refused").to_string();
+    assert!(error.contains("lies over two bodies") && error.contains("smaller `radius_m`"), "{error}");
+
+    let whole = cube(5, 50.0);
+    let middle = |tet: &&[u32; 4]| {
+        let at: [f64; 3] = std::array::from_fn(|axis| {
+            tet.iter().map(|&n| whole.nodes_m[n as usize][axis]).sum::<f64>() / 4.0
+        });
+        !at.iter().all(|x| (20.0..30.0).contains(x))
+    };
+    let tets: Vec<[u32; 4]> = whole.tets.iter().filter(middle).copied().collect();
+    bench.write("cube.msh", &gmsh(&TetMesh::new(whole.nodes_m.clone(), tets).expect("sound")));
+    let text = text.replacen("point = [0.17, 0.3, 0.12]", "point = [0.25, 0.25, 0.205]", 1);
+    let error = bench.resolve(&text).expect_err("refused").to_string();
+    assert!(error.contains("on the wall of a cavity") && error.contains("on the outside"), "{error}");
+}

@@ -232,7 +232,7 @@ fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
             tip.stiffness_n_m
         ));
     } else {
-        text.push_str("tool     point: its force depends on the mesh and goes to zero under refinement\n");
+        text.push_str("tool     holds nodes: the force of a single one depends on the mesh and goes to zero under refinement\n");
     }
     if let Some((triangles, all)) = sliding {
         text.push_str(&format!("sliding  over {triangles} of {all} triangles\n"));

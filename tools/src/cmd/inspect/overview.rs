@@ -27,6 +27,9 @@ fn verdict_of(space: &SpaceCertificate) -> Verdict {
 
 /// The verdict with its meaning.
 pub(crate) fn verdict_in_words(certificate: &Certificate) -> String {
+    if certificate.spaces.iter().any(|space| space.health.is_none()) {
+        return "UNKNOWN: it does not state whether it is numerically sound, so `palpate run` refuses it on a device with motors".into();
+    }
     let verdict = verdict(certificate);
     let meaning = match verdict {
         Verdict::Green => "numerically sound",

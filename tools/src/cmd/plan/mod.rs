@@ -108,7 +108,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let recommended = format!("Recommended: {}: {why}.", words::row(&rows[*recommended]));
     output::line(format!("{}\n", wrapped(&recommended, WIDTH).join("\n  ")))?;
-    if analysis.scene.tool == Tool::Point {
+    if analysis.scene.tool == Tool::Point
+        && analysis.scene.active.iter().any(|active| active.patch.is_empty())
+    {
         output::line(
             "The tool is a point: its force depends on the mesh, which no figure below includes. A fingertip has a \
              size\n([tool] shape = \"fingertip\").\n",
