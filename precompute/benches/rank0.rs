@@ -85,7 +85,6 @@ fn attempts(bencher: Bencher<'_, '_>, unknowns: usize) {
         mesh_hash: mesh.content_hash(),
         law: String::new(),
         max_force_n: f64::INFINITY,
-        contacts: None,
         sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
         normals: Vec::new(),
         contacts: None,

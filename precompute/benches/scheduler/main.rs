@@ -168,7 +168,6 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
         mesh_hash: mesh.content_hash(),
         law: String::new(),
         max_force_n: f64::INFINITY,
-        contacts: None,
         sampling: Sampling::Lattice(Lattice { grid: *grid, complete_cells, increments: None }),
         normals: Vec::new(),
         contacts: None,
