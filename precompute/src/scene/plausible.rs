@@ -29,7 +29,7 @@ impl Lookup<'_> {
         let per_metre = |unit: &str| unit.parse().map_or(1.0, LengthUnit::per_metre);
         let in_file = size_m * per_metre(unit.unwrap_or("m"));
         let size_with = |candidate: &str| in_file / per_metre(candidate);
-        let away = |candidate: &str| (size_with(candidate) / TYPICAL_M).ln().abs();
+        let away = |candidate: &str| libm::log(size_with(candidate) / TYPICAL_M).abs();
         let likely = UNITS.into_iter().filter(|candidate| is_within(SIZES_M, size_with(candidate)));
         let likely = likely.min_by(|a, b| away(a).total_cmp(&away(b)));
         let cause = match (likely, unit) {
@@ -94,7 +94,7 @@ fn length(metres: f64) -> String {
 }
 
 fn three_digits(value: f64) -> String {
-    let digits = (2 - value.log10().floor() as i32).clamp(0, 6) as usize;
+    let digits = (2 - libm::log10(value).floor() as i32).clamp(0, 6) as usize;
     let text = format!("{value:.digits$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
 }
