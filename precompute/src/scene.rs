@@ -20,7 +20,7 @@ mod resolve;
 mod tool;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use crate::error::InputError;
 use crate::fem::body::{Body, Model, Region};
@@ -31,7 +31,7 @@ use crate::fem::pad::{Fingertip, PadProfile};
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
-use crate::mesh::{MeshFault, Refined, Surface, TetMesh};
+use crate::mesh::{MeshFault, Refined, SkinPoint, Surface, TetMesh};
 pub use crate::spec::{ActiveNode, Tool};
 use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, Scattered};
 pub use cover::Cover;
@@ -98,6 +98,34 @@ impl SolverOptions {
         let mut problem = Problem::with(body, Some(contact), self.constraints);
         problem.newton.reject_inverted = self.reject_inverted;
         problem
+    }
+}
+
+/// The equilibrium problems of the contacts with one body. Those of a fingertip share their equations.
+#[derive(Debug)]
+pub struct Problems {
+    options: SolverOptions,
+    tool: Tool,
+    body: Arc<Body>,
+    first: OnceLock<Arc<Problem>>,
+}
+
+impl Problems {
+    /// The problem of this contact.
+    pub fn of(&self, active: &ActiveNode) -> Arc<Problem> {
+        let new = |contact| Arc::new(self.options.problem(self.body.clone(), contact));
+        match active.on(&self.tool, &self.body) {
+            held @ Contact::Held(_) => new(held),
+            Contact::Pad(pad) => {
+                let first = self.first.get_or_init(|| new(Contact::Pad(pad.clone())));
+                Arc::new(first.at(pad))
+            }
+        }
+    }
+
+    /// The problem of the fingertip at a place of the skin.
+    pub(crate) fn at(&self, place: SkinPoint) -> Arc<Problem> {
+        self.of(&ActiveNode::at(place))
     }
 }
 
@@ -201,6 +229,11 @@ impl ResolvedScene {
     /// The equilibrium problem of an active node's contact with the body of this scene.
     pub fn problem(&self, body: &Arc<Body>, active: &ActiveNode) -> Problem {
         self.solver.problem(body.clone(), active.on(&self.tool, body))
+    }
+
+    /// The problems of all contacts with this body.
+    pub fn problems(&self, body: &Arc<Body>) -> Problems {
+        Problems { options: self.solver, tool: self.tool, body: body.clone(), first: OnceLock::new() }
     }
 
     /// Adds contact points, and the triangles between them as indices into these.

@@ -41,7 +41,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
     let body = Arc::new(scene.body().expect("the body is valid"));
     let problem = |active| Arc::new(scene.problem(&body, active));
     let problems: Vec<Arc<Problem>> = scene.active.iter().map(problem).collect();
-    let context = WorkerContext::new(move |active| problems[active].clone(), sampling, scene.max_force_n);
+    let context = WorkerContext::new(move |active, _| problems[active].clone(), sampling, scene.max_force_n);
     let actives: Vec<usize> = (0..active.len()).collect();
     let threads = available_parallelism().map_or(1, std::num::NonZero::get);
     let counts = with_threads(&Arc::new(context), threads, |executor| {

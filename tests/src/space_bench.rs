@@ -67,7 +67,7 @@ impl SpaceBench {
     pub fn context(&self) -> Arc<WorkerContext> {
         let problem = self.problem.clone();
         Arc::new(WorkerContext::new(
-            move |_| problem.clone(),
+            move |_, _| problem.clone(),
             self.identity.sampling,
             self.identity.max_force_n,
         ))

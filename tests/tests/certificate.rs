@@ -40,8 +40,13 @@ fn the_certificate_separates_good_tables_from_bad_ones() {
     let bench_of_truth = bench(1.0);
     let (store, _) = bench_of_truth.solve(&folder.path().join("truth.space"), 2);
     let actives = vec![(0, "A".to_string())];
-    let held_out =
-        HeldOut { actives, sampling: bench_of_truth.identity.sampling, draw: DRAW, keep_displacements: true };
+    let held_out = HeldOut {
+        actives,
+        sampling: bench_of_truth.identity.sampling,
+        draw: DRAW,
+        places: None,
+        keep_displacements: true,
+    };
     with_threads(&bench_of_truth.context(), 2, |executor| {
         held_out.run(&store, executor, &AtomicBool::new(false), |_| ())
     })

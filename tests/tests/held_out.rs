@@ -26,7 +26,8 @@ fn solve(
     progress: impl FnMut(&HeldOutProgress),
 ) -> Result<(), HeldOutError> {
     let actives = vec![(0, "A".to_string())];
-    let held_out = HeldOut { actives, sampling: bench.identity.sampling, draw, keep_displacements: true };
+    let held_out =
+        HeldOut { actives, sampling: bench.identity.sampling, draw, places: None, keep_displacements: true };
     with_threads(&bench.context(), threads, |executor| held_out.run(store, executor, stop, progress))
 }
 

@@ -102,6 +102,7 @@ fn nothing_is_solved_outside_the_workspace() {
         actives: vec![(0, "A".into())],
         sampling: bench.identity.sampling,
         draw,
+        places: None,
         keep_displacements: false,
     };
     let context: Arc<_> = bench.context();
@@ -118,7 +119,7 @@ fn nothing_is_solved_outside_the_workspace() {
     let options = PackOptions { methods: &[Method::Energy], use_intermediate_states: false, threads: 2 };
     let file = BlobFile::of(&pack(&one, &options).expect("the space packs").bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
-    let answers = answers(&one, 0, &organ.spaces[0], Method::Energy).expect("answers");
+    let answers = answers(&one, 0, &organ, Method::Energy).expect("answers");
     assert!(answers.len() > 40 && answers.iter().all(|answer| answer.displacement_m[2] <= 0.001 + 1e-9));
 }
 
@@ -165,6 +166,7 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
         actives: vec![(0, "A".into())],
         sampling: bench.identity.sampling,
         draw,
+        places: None,
         keep_displacements: true,
     };
     let context: Arc<_> = bench.context();

@@ -3,10 +3,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use palpate_core::{ConfigTag, DisplacementPlanes, DisplacementTable, Space};
+use palpate_core::{ConfigTag, DisplacementPlanes, DisplacementTable, Organ, Space};
 use serde::{Deserialize, Serialize};
 
-use super::branch_jump::has_branch_jump;
+use super::blend::{Blend, Blends};
 use crate::fit::{Misfit, PackedModes, Sample};
 use crate::space::{Kind, Store, StoreError, SurfaceMotion};
 
@@ -71,13 +71,21 @@ impl SurfaceDistances {
 
 const REPEATS: usize = 15;
 
-/// Measures the table of `space`, made of `solved` configurations; those at table points are `samples`.
-/// `nodes` are the mesh nodes of the surface.
+/// The displacement table of a space of a blob.
+pub(super) struct Packed<'p, 'b> {
+    pub(super) space: &'p Space<'b>,
+    pub(super) table: &'p DisplacementTable<'b>,
+    /// All spaces of the blob.
+    pub(super) spaces: &'p [Space<'b>],
+    pub(super) blends: &'p Blends,
+}
+
+/// Measures the table of a space, made of `solved` configurations; those at table points are `samples`.
+/// `nodes` are the mesh nodes of the surface. Between contact points the tables are blended.
 pub(super) fn measure(
     store: &Store,
     active: usize,
-    space: &Space<'_>,
-    table: &DisplacementTable<'_>,
+    &Packed { space, table, spaces, blends }: &Packed<'_, '_>,
     nodes: &[u32],
     samples: &[Sample],
     solved: usize,
@@ -95,17 +103,16 @@ pub(super) fn measure(
 
     let (mut uniform, mut uniform_trilinear, mut at_branch_jumps) =
         <(SurfaceDistances, SurfaceDistances, SurfaceDistances)>::default();
-    let trilinear = table.without_slopes();
     let mut visited = Vec::new();
-    each_truth(store, active, space, &motion, |at, exact, has_branch_jump| {
+    each_truth(store, active, (spaces, blends), &motion, |at, exact, blend, has_branch_jump| {
         visited.push(at);
-        table.displacement_into(space.lattice(), space.planes().flags, at, &mut found);
+        blended(blend.parts(spaces), at, |table| table, &mut found);
         if has_branch_jump {
             at_branch_jumps.add(misfit(exact, &found));
             return;
         }
         uniform.add(misfit(exact, &found));
-        trilinear.displacement_into(space.lattice(), space.planes().flags, at, &mut found);
+        blended(blend.parts(spaces), at, DisplacementTable::without_slopes, &mut found);
         uniform_trilinear.add(misfit(exact, &found));
     })?;
     if visited.is_empty() {
@@ -135,14 +142,15 @@ pub(super) fn measure(
 pub(crate) fn modes_and_digits(
     store: &Store,
     active: usize,
-    (space, table): (&Space<'_>, &DisplacementTable<'_>),
-    nodes: &[u32],
+    (organ, table): (&Organ<'_>, &DisplacementTable<'_>),
+    blends: &Blends,
 ) -> Result<[SurfaceDistances; 2], StoreError> {
-    let motion = SurfaceMotion::new(store, active, nodes)?;
+    let motion = SurfaceMotion::new(store, active, organ.surface.node)?;
     let modes = PackedModes::of_planes(table.planes());
     let mut apart = [SurfaceDistances::default(); 2];
-    each_truth(store, active, space, &motion, |_, exact, has_branch_jump| {
-        if !has_branch_jump {
+    each_truth(store, active, (&organ.spaces, blends), &motion, |_, exact, blend, has_branch_jump| {
+        // Between contact points the modes of one space say nothing.
+        if blend.is_alone() && !has_branch_jump {
             let causes = modes.left_and_rounded(exact);
             apart.iter_mut().zip(&causes).for_each(|(apart, cause)| apart.add(Misfit::of(cause)));
         }
@@ -155,19 +163,39 @@ pub(crate) fn modes_and_digits(
 fn each_truth(
     store: &Store,
     active: usize,
-    space: &Space<'_>,
+    (spaces, blends): (&[Space<'_>], &Blends),
     motion: &SurfaceMotion<'_>,
-    mut see: impl FnMut([f32; 3], &[f32], bool),
+    mut see: impl FnMut([f32; 3], &[f32], &Blend, bool),
 ) -> Result<(), StoreError> {
     store.each_truth(active, |walk, _, truth| {
         let at = truth.displacement_m.map(|x| x as f32);
-        let usable = walk.kind == Kind::Uniform
-            && truth.tag() == ConfigTag::Expandable
-            && space.lattice().locate(at).inside;
-        if let Some(exact) = motion.of_truth(&truth.displacements).filter(|_| usable) {
-            see(at, &exact, truth.equilibrium().is_some_and(|at| at.switched) || has_branch_jump(space, at));
+        let usable = walk.kind == Kind::Uniform && truth.tag() == ConfigTag::Expandable;
+        let Some(blend) = blends.at(walk).filter(|blend| usable && blend.is_inside(spaces, at)) else {
+            return;
+        };
+        if let Some(exact) = motion.of_truth(&truth.displacements) {
+            let switched = truth.equilibrium().is_some_and(|at| at.switched);
+            see(at, &exact, &blend, switched || blend.has_branch_jump(spaces, at));
         }
     })
+}
+
+/// The sum of the displacements of the spaces; a space without a table does not move the surface.
+fn blended<'s, 'b: 's>(
+    parts: impl Iterator<Item = (&'s Space<'b>, f32)>,
+    at: [f32; 3],
+    form: impl Fn(DisplacementTable<'b>) -> DisplacementTable<'b>,
+    sum: &mut [[f32; 3]],
+) {
+    let mut one = vec![[0.0; 3]; sum.len()];
+    sum.fill([0.0; 3]);
+    for (space, weight) in parts {
+        let Some(table) = space.displacement().copied() else { continue };
+        form(table).displacement_into(space.lattice(), space.planes().flags, at, &mut one);
+        for (sum, one) in sum.as_flattened_mut().iter_mut().zip(one.as_flattened()) {
+            *sum += weight * one;
+        }
+    }
 }
 
 /// Size of all planes.

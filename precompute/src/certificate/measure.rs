@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use palpate_core::{Coverage, Method, Organ, Space};
+use palpate_core::{Method, Organ, Space};
 
+use super::blend::{Blend, Blends};
 use super::branch_jump::has_branch_jump;
 use super::probes::{probe, share_of_part};
 use super::{
@@ -24,30 +25,28 @@ pub(crate) struct Truth {
     pub(crate) force_n: [f64; 3],
     /// Whether it is near a branch jump.
     pub(crate) near_branch_jump: bool,
+    /// The spaces that answer there.
+    pub(crate) blend: Blend,
 }
 
-/// Forces of a method of `space`, packed from active node number `active` of `store`, at every held-out
-/// position that can be compared: reachable, inside the ball, and not used by a fit. Ordered by kind, walk
-/// and step; empty if the method is not packed.
+/// Forces of a method of the blob `organ`, packed from `store`, at every held-out position of active node
+/// number `active` that can be compared: reachable, inside the ball, and not used by a fit. Ordered by kind,
+/// walk and step; empty if the method is not packed.
 pub fn answers(
     store: &Store,
     active: usize,
-    space: &Space<'_>,
+    organ: &Organ<'_>,
     method: Method,
 ) -> Result<Vec<Answer>, StoreError> {
-    let truths = truths(store, active, space, &store.identity()?.sampling)?;
-    Ok(answered(space, method, &truths))
+    let truths = truths(store, active, organ, &Blends::of(store, organ)?)?;
+    Ok(answered(&organ.spaces, method, &truths))
 }
 
-pub(crate) fn answered(space: &Space<'_>, method: Method, truths: &[Truth]) -> Vec<Answer> {
+pub(crate) fn answered(spaces: &[Space<'_>], method: Method, truths: &[Truth]) -> Vec<Answer> {
     let answer = |truth: &Truth| {
-        let Truth { walk, step, displacement_m, force_n, near_branch_jump } = *truth;
-        let found = space.force(method, displacement_m)?;
-        let compared = Compared {
-            truth_n: force_n,
-            found_n: found.force_n.map(f64::from),
-            covered: found.coverage != Coverage::Extrapolated,
-        };
+        let Truth { walk, step, displacement_m, force_n, near_branch_jump, blend } = *truth;
+        let (found_n, covered) = blend.force(spaces, method, displacement_m)?;
+        let compared = Compared { truth_n: force_n, found_n: found_n.map(f64::from), covered };
         Some(Answer { walk, step, displacement_m, compared, near_branch_jump })
     };
     truths.iter().filter_map(answer).collect()
@@ -57,10 +56,11 @@ pub(crate) fn answered(space: &Space<'_>, method: Method, truths: &[Truth]) -> V
 pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreError> {
     let identity = store.identity()?;
     let sampling = &identity.sampling;
+    let blends = Blends::of(store, organ)?;
     let mut spaces = Vec::new();
     for (active, name, node, space) in packed(store, organ)? {
         let records = store.records(active)?;
-        let truths = truths(store, active, space, sampling)?;
+        let truths = truths(store, active, organ, &blends)?;
         // Adaptive sampling has neither table points nor neighbours.
         let (samples, mut jumps) = sampling.lattice().map_or_else(Default::default, |lattice| {
             (samples(&lattice.grid, &records), branch_jumps(&lattice.grid, &records))
@@ -75,13 +75,14 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let displacement = space.displacement().as_ref().map(|table| {
             let nodes = organ.surface.node;
             let solved = records.iter().filter(|r| r.tag().is_solved()).count();
-            displacement::measure(store, active, space, table, nodes, &samples, solved)
+            let of = displacement::Packed { space, table, spaces: &organ.spaces, blends: &blends };
+            displacement::measure(store, active, &of, nodes, &samples, solved)
         });
         let cost = cost(store, active)?;
         let tolerance = sampling.scattered().map(|scattered| scattered.tolerance);
         let tolerance = tolerance.filter(|tolerance| *tolerance != Tolerance::IMPERCEPTIBLE);
         let methods: Vec<MethodCertificate> =
-            methods.map(|method| measure(space, method, &truths, tolerance)).collect();
+            methods.map(|method| measure(space, &organ.spaces, method, &truths, tolerance)).collect();
         let two_solutions = BranchDifference::of(&store.attempts(active)?);
         // Positions that the workspace excludes, or that a tool that only pushes cannot reach, are not
         // judged.
@@ -137,10 +138,10 @@ fn packed<'o, 'b>(
 /// Number of uniform positions away from branch jumps for each space of `organ`, which bounds are computed
 /// from. Each with the number of its active node in the store.
 pub(crate) fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<(usize, usize)>, StoreError> {
-    let sampling = store.identity()?.sampling;
+    let blends = Blends::of(store, organ)?;
     let mut counts = Vec::new();
-    for (active, _, _, space) in packed(store, organ)? {
-        let truths = truths(store, active, space, &sampling)?;
+    for (active, ..) in packed(store, organ)? {
+        let truths = truths(store, active, organ, &blends)?;
         let clear =
             truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.near_branch_jump).count();
         counts.push((active, clear));
@@ -171,9 +172,11 @@ fn cost(store: &Store, active: usize) -> Result<Cost, StoreError> {
 pub(crate) fn truths(
     store: &Store,
     active: usize,
-    space: &Space<'_>,
-    sampling: &Sampling,
+    organ: &Organ<'_>,
+    blends: &Blends,
 ) -> Result<Vec<Truth>, StoreError> {
+    let identity = store.identity()?;
+    let sampling = &identity.sampling;
     let seen = |at| match sampling {
         Sampling::Lattice(lattice) => is_on_training_lattice(&lattice.grid, lattice.increments, at),
         Sampling::Scattered(_) => false,
@@ -181,27 +184,29 @@ pub(crate) fn truths(
     // Paths can leave the workspace.
     let workspace = match sampling.scattered().filter(|scattered| scattered.workspace_m.is_some()) {
         Some(scattered) => {
-            let (mesh, node) = (store.body()?.0, space.active.node);
-            scattered.workspace_of(store.identity()?.at_active(active, node, |n| mesh.nodes_m[n as usize]))
+            let (mesh, node) = (store.body()?.0, store.active()?[active].1);
+            scattered.workspace_of(identity.at_active(active, node, |n| mesh.nodes_m[n as usize]))
         }
         None => None,
     };
     let mut truths = Vec::new();
     store.each_truth(active, |walk, step, truth| {
+        let Some(blend) = blends.at(walk) else { return };
         let at = truth.displacement_m;
         let displacement_m = at.map(|x| x as f32);
         let reachable = truth.equilibrium().filter(|found| !found.terminating);
-        let usable = space.lattice().locate(displacement_m).inside
+        let usable = blend.is_inside(&organ.spaces, displacement_m)
             && workspace.is_none_or(|workspace| is_within(&workspace, &at))
             && !seen(at);
         if let Some(found) = reachable.filter(|_| usable) {
-            let near_branch_jump = found.switched || has_branch_jump(space, displacement_m);
+            let near_branch_jump = found.switched || blend.has_branch_jump(&organ.spaces, displacement_m);
             truths.push(Truth {
                 walk: *walk,
                 step,
                 displacement_m,
                 force_n: found.force_n,
                 near_branch_jump,
+                blend,
             });
         }
     })?;
@@ -210,11 +215,12 @@ pub(crate) fn truths(
 
 fn measure(
     space: &Space<'_>,
+    spaces: &[Space<'_>],
     method: Method,
     truths: &[Truth],
     tolerance: Option<Tolerance>,
 ) -> MethodCertificate {
-    let answers = answered(space, method, truths);
+    let answers = answered(spaces, method, truths);
     let errors = |chosen: &dyn Fn(&Answer) -> bool| {
         Errors::of(answers.iter().filter(|answer| chosen(answer)).map(|answer| &answer.compared))
     };

@@ -4,6 +4,7 @@
 //! near branch jumps, where the body has several solutions, are reported separately: no interpolant is
 //! correct there, and a common mean would hide them.
 
+mod blend;
 mod branch_jump;
 mod displacement;
 mod errors;
@@ -12,6 +13,7 @@ mod measure;
 mod probes;
 mod reference;
 
+pub(crate) use blend::Blends;
 pub(crate) use displacement::modes_and_digits;
 pub use displacement::{DisplacementCertificate, SurfaceDistances};
 pub use errors::{Compared, Errors, Within, certified_share};

@@ -115,6 +115,13 @@ pub(crate) fn uniform_position(draw: &Draw, active: &str, number: u32, radius_m:
     Stream::new(draw.seed, active, Kind::Uniform, number).in_unit_ball().map(|x| x * radius_m)
 }
 
+/// Three numbers in 0 .. 1 that choose the place of uniform position `number` between contact points.
+pub(super) fn place_numbers(draw: &Draw, active: &str, number: u32) -> [f64; 3] {
+    let mut stream = Stream::new(draw.seed, active, Kind::Uniform, number);
+    let _displacement = stream.in_unit_ball();
+    [(); 3].map(|()| 0.5 * (stream.next() + 1.0))
+}
+
 /// Whether a fit may use this position: a grid point or, if transitions have `increments` equal parts, a
 /// possible end of such a part. Errors are measured at other positions.
 pub fn is_on_training_lattice(grid: &SpaceGrid, increments: Option<u32>, displacement_m: [f64; 3]) -> bool {

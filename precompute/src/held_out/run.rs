@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use palpate_core::ConfigTag;
 
 use super::positions::{random_path, regular_directions, regular_path, uniform_position};
-use super::{Draw, HeldOutError};
+use super::{Draw, HeldOutError, Places};
 use crate::adaptive::AdaptiveFit;
 use crate::space::executor::Dispatcher;
 use crate::space::{Done, Executor, ExecutorError, Kind, Store, StoreError, Walk, WalkJob, Work, state};
@@ -26,6 +26,8 @@ pub struct HeldOut {
     pub sampling: Sampling,
     /// The draw.
     pub draw: Draw,
+    /// The places between contact points; `None` if the tool touches the active nodes one by one.
+    pub places: Option<Places>,
     /// Whether the displacements of all nodes are stored at uniform positions.
     pub keep_displacements: bool,
 }
@@ -180,8 +182,15 @@ impl Run<'_> {
         let seed = |(point, attempt)| {
             Ok::<_, StoreError>((point, self.store.stored_seed(walk.active as usize, point, attempt)?))
         };
+        let HeldOut { places, actives, draw, .. } = self.held_out;
+        let active = walk.active as usize;
+        let place = places.as_ref().filter(|_| walk.kind == Kind::Uniform).and_then(|places| {
+            let (_, name) = actives.iter().find(|(number, _)| *number == active)?;
+            places.on_skin(&places.drawn(draw, active, name, walk.number)?)
+        });
         Ok(WalkJob {
             walk,
+            place,
             start: start.map(seed).transpose()?,
             positions_m: self.held_out.positions_m(&walk),
             keep_displacements: self.held_out.keep_displacements && walk.kind == Kind::Uniform,
@@ -252,7 +261,9 @@ impl Uniform {
         if state.open > 0 {
             return Err(HeldOutError::NoSpace(name.into()));
         }
-        if reachable.len() < 2 {
+        // A fit predicts what is reachable between rest and configurations beyond f_max; a lattice has no cell
+        // there.
+        if reachable.is_empty() || state.fit.is_none() && reachable.len() < 2 {
             return Err(HeldOutError::NoReach(name.into()));
         }
         Ok(Self { active, name: name.into(), reachable, fit: state.fit, next: 0 })

@@ -12,8 +12,8 @@ use palpate_core::{Method, Organ, Space};
 
 use super::{Analysis, PipelineError, Run};
 use crate::certificate::{
-    Compared, Errors, Ledger, Line, SpaceCertificate, SurfaceDistances, Truth, answered, modes_and_digits,
-    share_of_part, truths,
+    Blends, Compared, Errors, Ledger, Line, SpaceCertificate, SurfaceDistances, Truth, answered,
+    modes_and_digits, share_of_part, truths,
 };
 use crate::fem::solve::Solver;
 use crate::num::parallel::in_parallel;
@@ -41,7 +41,8 @@ pub fn ledger(
     // The default method of `run`.
     let mut methods = [Method::Energy].into_iter().chain(Method::ALL).filter(|&method| space.has(method));
     let Some(method) = methods.find(|&method| is_certified(method)) else { return Ok(None) };
-    let mut all = truths(store, active, space, &store.identity()?.sampling)?;
+    let blends = Blends::of(store, organ)?;
+    let mut all = truths(store, active, organ, &blends)?;
     all.retain(|truth| truth.walk.kind == Kind::Uniform && !truth.near_branch_jump);
     if all.is_empty() {
         return Ok(None);
@@ -62,9 +63,10 @@ pub fn ledger(
             lines.push(discretised(what, made, &own, &there));
         }
     }
-    let answers: Vec<Compared> = answered(space, method, &all).iter().map(|answer| answer.compared).collect();
+    let answers: Vec<Compared> =
+        answered(&organ.spaces, method, &all).iter().map(|answer| answer.compared).collect();
     let causes = match &space.displacement() {
-        Some(table) => modes_and_digits(store, active, (space, table), organ.surface.node)?,
+        Some(table) => modes_and_digits(store, active, (organ, table), &blends)?,
         None => Default::default(),
     };
     lines.extend(of_the_blob(organ, space, (method, certificate), &analysis.scene, &answers, causes));

@@ -31,8 +31,8 @@ use crate::error::InputError;
 use crate::fem::body::Body;
 use crate::fem::material::Material;
 use crate::fem::solve::Problem;
-use crate::held_out::{Draw, HeldOut, HeldOutProgress};
-use crate::mesh::Surface;
+use crate::held_out::{Draw, HeldOut, HeldOutProgress, Places};
+use crate::mesh::{SkinPoint, Surface};
 use crate::scene::{ActiveNode, ResolvedScene, Scene, choose_contact_points};
 use crate::space::{
     Progress, Salvaged, Store, StoreIdentity, TagCounts, WorkerContext, expand, with_threads,
@@ -201,10 +201,10 @@ impl Analysis {
 
     /// The data that workers need to solve this scene.
     pub fn context(&self) -> Result<Arc<WorkerContext>, PipelineError> {
-        let (body, solver, nodes) = (self.body.clone(), self.scene.solver, self.scene.active.clone());
-        let tool = self.scene.tool;
-        let problem =
-            move |active: usize| Arc::new(solver.problem(body.clone(), nodes[active].on(&tool, &body)));
+        let (problems, nodes) = (self.scene.problems(&self.body), self.scene.active.clone());
+        let problem = move |active: usize, place: Option<SkinPoint>| {
+            place.map_or_else(|| problems.of(&nodes[active]), |place| problems.at(place))
+        };
         Ok(Arc::new(WorkerContext::new(problem, self.sampling()?, self.scene.max_force_n)))
     }
 
@@ -233,7 +233,8 @@ impl Analysis {
     pub fn held_out(&self, actives: &[usize], draw: Draw) -> Result<HeldOut, PipelineError> {
         let named = actives.iter().map(|&active| (active, self.scene.active[active].name.clone()));
         let (sampling, keep_displacements) = (self.sampling()?, self.scene.visual);
-        Ok(HeldOut { actives: named.collect(), sampling, draw, keep_displacements })
+        let places = Places::of(self.scene.contacts(), &self.scene.mesh);
+        Ok(HeldOut { actives: named.collect(), sampling, draw, places, keep_displacements })
     }
 
     /// Solves these positions and stores them in `store`.

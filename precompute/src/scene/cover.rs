@@ -81,16 +81,11 @@ pub(crate) fn choose(
         .map_or(Tolerance::IMPERCEPTIBLE, |of| of.tolerance);
     let skin = Surface::of(&scene.mesh);
     let (points, triangles) = candidates(scene, cover, tip, &skin);
-    let named = |at: SkinPoint| ActiveNode {
-        name: String::new(),
-        node: at.nearest_node(),
-        patch: Vec::new(),
-        contact: Some(at),
-    };
+    let problems = solved_scene.problems(body);
     let solve = |&at: &SkinPoint| -> Result<Candidate, SolveFailure> {
-        let active = named(at);
+        let active = ActiveNode::at(at);
         let normal = active.normal(&skin).unwrap_or_default();
-        let rest = Solver::new(Arc::new(solved_scene.problem(body, &active))).rest()?;
+        let rest = Solver::new(problems.of(&active)).rest()?;
         let jet = rest.jet().as_rest();
         let pushes =
             pushes(normal, &jet, scene.max_force_n, tip).map(|d| (d, jet.taylor_force_n(d))).collect();
@@ -107,7 +102,7 @@ pub(crate) fn choose(
     let triangles = net.triangles.values().map(|corners| corners.each_ref().map(place)).collect();
     let active = (1..).zip(&kept).map(|(number, &candidate)| ActiveNode {
         name: format!("{}-{number}", cover.name),
-        ..named(net.candidates[candidate].at)
+        ..ActiveNode::at(net.candidates[candidate].at)
     });
     Ok((active.collect(), triangles))
 }

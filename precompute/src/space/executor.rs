@@ -201,7 +201,7 @@ mod tests {
     fn a_panic_of_a_worker_is_an_error_of_the_run() {
         let grid = SpaceGrid::new(0.01, 0.03).expect("a lattice");
         let sampling = Sampling::Lattice(Lattice { grid, complete_cells: false, increments: None });
-        let context = WorkerContext::new(|_| panic!("planted"), sampling, 1.0);
+        let context = WorkerContext::new(|_, _| panic!("planted"), sampling, 1.0);
         let task = Task { target: [0; 3], attempt: 0, round: 0, parent: None };
         let work = Work::Point(Job { active: 0, task, seed: None });
         let ended: Result<(), ExecutorError> = with_threads(&Arc::new(context), 1, |threads| {

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use super::record::{Equilibrium, StoredSeed, unless_nan};
 use crate::fem::solve::{Configuration, Seed, SolveFailure, Solver};
+use crate::mesh::SkinPoint;
 use crate::num::vector::norm;
 use crate::spec::GridIndex;
 
@@ -17,7 +18,8 @@ pub enum Kind {
     Regular,
     /// A path of small steps with a slowly turning direction.
     Random,
-    /// A position drawn uniformly from the ball, solved from the nearest solved corner of its cell.
+    /// A position drawn uniformly from the ball, solved from the nearest solved corner of its cell. Between
+    /// contact points the place on the skin is drawn too.
     Uniform,
 }
 
@@ -56,9 +58,11 @@ pub struct Walk {
 pub struct WalkJob {
     /// Identity of the walk.
     pub walk: Walk,
+    /// Where the tool touches; `None` at the active node itself.
+    pub place: Option<SkinPoint>,
     /// Start: a point of the space and its state; `None` for rest.
     pub start: Option<(GridIndex, StoredSeed)>,
-    /// Displacements of the active node, m.
+    /// Displacements of the active node, or of the tool at `place`, m.
     pub positions_m: Vec<[f64; 3]>,
     /// Whether the displacements of all nodes are stored.
     pub keep_displacements: bool,
@@ -143,6 +147,10 @@ impl WalkJob {
         let mut truths = Vec::with_capacity(self.positions_m.len());
         let mut clock = Instant::now();
         let mut here = match start {
+            // The same displacement at the place itself; the state of a neighbour is near its solution.
+            Some(seed) if self.place.is_some() => {
+                solver.solve_at(&seed.pose, &seed.state).or_else(|_| solver.rest()).map(|c| c.seed)
+            }
             Some(seed) => Ok(seed),
             None => solver.rest().map(|c| c.seed),
         };

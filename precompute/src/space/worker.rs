@@ -9,12 +9,16 @@ use super::job::{Done, ExecutorError, Job, Outcome, Work};
 use super::record::{Record, StoredSeed};
 use super::walk::{WalkJob, WalkOutcome};
 use crate::fem::solve::{Configuration, LoadingOptions, Problem, Seed, SolveFailure, Solver};
+use crate::mesh::SkinPoint;
 use crate::num::jet::EnergyJet;
 use crate::spec::{GridIndex, Sampling};
 
+/// The problem of an active node, or of the tool at another place of the skin.
+type ProblemAt = dyn Fn(usize, Option<SkinPoint>) -> Arc<Problem> + Send + Sync;
+
 /// Context that all workers share.
 pub struct WorkerContext {
-    problem: Box<dyn Fn(usize) -> Arc<Problem> + Send + Sync>,
+    problem: Box<ProblemAt>,
     /// The problem of an active node while a worker uses it. All workers on that node share its numbering and
     /// symbolic analysis.
     problems: Mutex<HashMap<u32, Arc<Mutex<Weak<Problem>>>>>,
@@ -25,16 +29,19 @@ pub struct WorkerContext {
 }
 
 impl WorkerContext {
-    /// Context in which `problem` builds the problem of an active node.
+    /// Context in which `problem` builds the problem of an active node, or of the tool at another place.
     pub fn new(
-        problem: impl Fn(usize) -> Arc<Problem> + Send + Sync + 'static,
+        problem: impl Fn(usize, Option<SkinPoint>) -> Arc<Problem> + Send + Sync + 'static,
         sampling: Sampling,
         max_force_n: f64,
     ) -> Self {
         Self { problem: Box::new(problem), problems: Mutex::default(), sampling, max_force_n }
     }
 
-    fn problem(&self, active: u32) -> Arc<Problem> {
+    fn problem(&self, (active, place): At) -> Arc<Problem> {
+        if place.is_some() {
+            return (self.problem)(active as usize, place);
+        }
         // A panic while a problem is built leaves this map consistent.
         let mut problems = self.problems.lock().unwrap_or_else(PoisonError::into_inner);
         let place = problems.entry(active).or_default().clone();
@@ -42,7 +49,7 @@ impl WorkerContext {
         drop(problems);
         let mut place = place.lock().unwrap_or_else(PoisonError::into_inner);
         place.upgrade().unwrap_or_else(|| {
-            let problem = (self.problem)(active as usize);
+            let problem = (self.problem)(active as usize, None);
             *place = Arc::downgrade(&problem);
             problem
         })
@@ -58,12 +65,15 @@ impl std::fmt::Debug for WorkerContext {
     }
 }
 
+/// Where the tool touches: at an active node, or at a place near it.
+type At = (u32, Option<SkinPoint>);
+
 /// One worker with the solver of its current active node.
 #[derive(Debug)]
 pub(crate) struct Worker {
     context: Arc<WorkerContext>,
     stop: Arc<AtomicBool>,
-    solver: Option<(u32, Solver)>,
+    solver: Option<(At, Solver)>,
 }
 
 /// Effort of the first attempt at a point. Where a branch ends, a solve from another neighbour is cheaper
@@ -92,31 +102,30 @@ impl Worker {
         }
     }
 
-    /// The solver of an active node.
-    fn solver(&mut self, active: u32) -> &mut Solver {
-        if self.solver.as_ref().is_none_or(|(there, _)| *there != active) {
+    fn solver(&mut self, at: At) -> &mut Solver {
+        if self.solver.as_ref().is_none_or(|(there, _)| *there != at) {
             // The old solver is dropped first, so that two factors of a large body are not in memory
             // together.
             self.solver = None;
         }
         let context = &self.context;
-        let (_, solver) = self.solver.get_or_insert_with(|| (active, Solver::new(context.problem(active))));
+        let (_, solver) = self.solver.get_or_insert_with(|| (at, Solver::new(context.problem(at))));
         solver
     }
 
     /// The stored state as the seed at a grid point, if it fits this body.
-    fn seed(&mut self, active: u32, at: GridIndex, stored: &StoredSeed) -> Result<Seed, ExecutorError> {
+    fn seed(&mut self, at: At, index: GridIndex, stored: &StoredSeed) -> Result<Seed, ExecutorError> {
         let seed =
-            stored.unpack(self.context.sampling.displacement_m(at)).ok_or(ExecutorError::StartState)?;
-        let fits = seed.state.len() == self.solver(active).problem().body.state_len();
+            stored.unpack(self.context.sampling.displacement_m(index)).ok_or(ExecutorError::StartState)?;
+        let fits = seed.state.len() == self.solver(at).problem().body.state_len();
         fits.then_some(seed).ok_or(ExecutorError::StartState)
     }
 
     fn walk(&mut self, job: &WalkJob) -> Result<Option<WalkOutcome>, ExecutorError> {
-        let (active, max_force_n) = (job.walk.active, self.context.max_force_n);
-        let start = job.start.as_ref().map(|(at, stored)| self.seed(active, *at, stored)).transpose()?;
+        let (at, max_force_n) = ((job.walk.active, job.place), self.context.max_force_n);
+        let start = job.start.as_ref().map(|(index, stored)| self.seed(at, *index, stored)).transpose()?;
         let stop = self.stop.clone();
-        let solver = self.solver(active);
+        let solver = self.solver(at);
         solver.loading = LoadingOptions { snap_through: false, ..LoadingOptions::default() };
         Ok(job.solve(solver, start, max_force_n, &stop))
     }
@@ -124,10 +133,10 @@ impl Worker {
     fn point(&mut self, job: &Job) -> Result<Outcome, ExecutorError> {
         let context = self.context.clone();
         let seed = match (&job.seed, job.task.parent) {
-            (Some(stored), Some((parent, _))) => Some(self.seed(job.active, parent, stored)?),
+            (Some(stored), Some((parent, _))) => Some(self.seed((job.active, None), parent, stored)?),
             _ => None,
         };
-        let solver = self.solver(job.active);
+        let solver = self.solver((job.active, None));
         solver.loading = if job.task.attempt == 0 { FIRST_ATTEMPT } else { LATER_ATTEMPT };
         let start = Instant::now();
         let mut intermediate = Vec::new();

@@ -53,6 +53,11 @@ pub struct ContactSurface {
 }
 
 impl ActiveNode {
+    /// A contact point without a name.
+    pub(crate) fn at(place: SkinPoint) -> Self {
+        Self { name: String::new(), node: place.nearest_node(), patch: Vec::new(), contact: Some(place) }
+    }
+
     /// Contact of the tool on this body.
     ///
     /// # Panics

@@ -136,7 +136,7 @@ impl Solver {
         let mut sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
         for (axis, state_column) in sensitivity.iter_mut().enumerate() {
             let x = &self.columns[axis * n..(axis + 1) * n];
-            for &(equation, position) in &problem.positions {
+            for &(equation, position) in problem.positions.iter() {
                 let unit = if position < displacement_len { 1.0 } else { pressure_scale };
                 state_column[position] = unit * x[equation];
             }

@@ -40,11 +40,11 @@ pub struct Problem {
     pub contact: Option<Contact>,
     /// Initial convergence options of its solvers.
     pub newton: NewtonOptions,
-    dofs: DofMap,
-    pattern: Pattern,
-    symbolic: SymbolicFactor,
+    dofs: Arc<DofMap>,
+    pattern: Arc<Pattern>,
+    symbolic: Arc<SymbolicFactor>,
     /// (equation, state position) of every unknown of the state.
-    positions: Vec<(usize, usize)>,
+    positions: Arc<[(usize, usize)]>,
     /// Places in the tangent of the components of each pair of the pad.
     pad_places: Vec<[usize; 3]>,
 }
@@ -70,14 +70,50 @@ impl Problem {
         let negative = pressures + dofs.multipliers.len();
         let symbolic = SymbolicFactor::new(&pattern, &regularised, negative);
         let positions = dofs.state_positions().collect();
-        let newton = NewtonOptions::default();
+        let problem = Self {
+            body,
+            contact: None,
+            newton: NewtonOptions::default(),
+            dofs: Arc::new(dofs),
+            pattern: Arc::new(pattern),
+            symbolic: Arc::new(symbolic),
+            positions,
+            pad_places: Vec::new(),
+        };
+        problem.touched_by(contact)
+    }
+
+    /// The problem with the pad at another contact point. It shares numbering, pattern and analysis, because a
+    /// pad adds no equation and no entry.
+    ///
+    /// # Panics
+    ///
+    /// If this problem holds nodes.
+    #[must_use]
+    pub fn at(&self, pad: Pad) -> Self {
+        assert!(self.handle_nodes().is_empty(), "a problem of held nodes has fewer equations");
+        let Self { body, contact: _, newton, dofs, pattern, symbolic, positions, pad_places: _ } = self;
+        let shared = Self {
+            body: body.clone(),
+            contact: None,
+            newton: *newton,
+            dofs: dofs.clone(),
+            pattern: pattern.clone(),
+            symbolic: symbolic.clone(),
+            positions: positions.clone(),
+            pad_places: Vec::new(),
+        };
+        shared.touched_by(Some(pad.into()))
+    }
+
+    fn touched_by(self, contact: Option<Contact>) -> Self {
         let pairs = contact.as_ref().and_then(Contact::pad).map_or(&[][..], |pad| &pad.pairs);
         let place = |pair: &PadPair| {
-            let [i, j] = pair.nodes.map(|node| dofs.displacement(node));
-            std::array::from_fn(|axis| pattern.place_or_nowhere(i[axis], j[axis]))
+            let [i, j] = pair.nodes.map(|node| self.dofs.displacement(node));
+            std::array::from_fn(|axis| self.pattern.place_or_nowhere(i[axis], j[axis]))
         };
         let pad_places = pairs.iter().map(place).collect();
-        Self { body, contact, newton, dofs, pattern, symbolic, positions, pad_places }
+        Self { contact, pad_places, ..self }
     }
 
     /// Number of equations.

@@ -285,7 +285,7 @@ impl Solver {
         let body = &self.problem.body;
         let (displacement_len, pressure_scale) = (body.displacement_len(), body.pressure_scale());
         self.previous.copy_from_slice(&self.state);
-        for &(equation, position) in &self.problem.positions {
+        for &(equation, position) in self.problem.positions.iter() {
             let unit = if position < displacement_len { 1.0 } else { pressure_scale };
             self.state[position] += omega * unit * self.step[equation];
         }

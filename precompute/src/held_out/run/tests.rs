@@ -13,6 +13,7 @@ fn held_out(synthetic: &SyntheticExecutor, draw: Draw) -> HeldOut {
         actives: vec![(0, "A".into())],
         sampling: synthetic.identity().sampling,
         draw,
+        places: None,
         keep_displacements: false,
     }
 }

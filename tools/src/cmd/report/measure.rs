@@ -207,7 +207,7 @@ pub(super) fn measured(
         along: Along::default(),
     };
     for fitted in fitted {
-        let found = fitted.with_space(|space| answers(&store, 0, space, fitted.method))??;
+        let found = answers(&store, 0, &fitted.organ()?, fitted.method)?;
         measured.take(&scene, case.points, fitted, &found);
     }
     Ok(measured)
@@ -273,7 +273,7 @@ impl Measured {
         let mut all = vec![Vec::new(); self.fitted.len()];
         for _ in 0..rounds {
             for (times, fitted) in all.iter_mut().zip(&self.fitted) {
-                times.push(fitted.with_space(|space| nanoseconds(space, fitted.method, &self.visited))?);
+                times.push(nanoseconds(&fitted.organ()?.spaces[0], fitted.method, &self.visited));
             }
         }
         for (row, mut times) in self.methods.iter_mut().zip(all) {

@@ -1,6 +1,6 @@
 //! Fitted tables: one measured blob per method, in a file that a second run reads again.
 
-use palpate_core::{Method, Organ, Space};
+use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::certificate::{Certificate, MethodCertificate, SpaceCertificate, certify};
 use palpate_precompute::held_out::Summary;
@@ -37,11 +37,10 @@ impl Fitted {
         &self.space().methods[0]
     }
 
-    /// Calls `see` with the packed space.
-    pub(super) fn with_space<T>(&self, see: impl FnOnce(&Space<'_>) -> T) -> Result<T, Failure> {
+    /// The packed organ, with one space.
+    pub(super) fn organ(&self) -> Result<Organ<'_>, Failure> {
         let organ: Organ<'_> = Organ::read(self.file.bytes()).map_err(Failure::work)?;
-        let space = organ.spaces.first().ok_or_else(|| Failure::work("a blob without a space"))?;
-        Ok(see(space))
+        if organ.spaces.is_empty() { Err(Failure::work("a blob without a space")) } else { Ok(organ) }
     }
 }
 
