@@ -15,6 +15,7 @@ mod nodes;
 mod place;
 mod plausible;
 pub(crate) mod reach;
+mod refine;
 mod regions;
 mod resolve;
 mod tool;
@@ -31,7 +32,7 @@ use crate::fem::pad::{Fingertip, PadProfile};
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
-use crate::mesh::{MeshFault, Refined, SkinPoint, Surface, TetMesh};
+use crate::mesh::{BISECTIONS_A_LEVEL, MeshFault, Near, Refined, SkinPoint, Surface, TetMesh};
 pub use crate::spec::{ActiveNode, Tool};
 use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, Scattered};
 pub use cover::Cover;
@@ -40,6 +41,7 @@ use file::SceneFile;
 pub use file::SolverOptions;
 use place::Place;
 pub use reach::Unreachable;
+pub use refine::{MAX_TETS, MeshSize};
 
 /// The grids of the paper: number of points, and number of cells along the radius.
 pub(crate) const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
@@ -58,6 +60,8 @@ pub struct ResolvedScene {
     pub name: String,
     /// The body.
     pub mesh: TetMesh,
+    /// Size of the mesh in its file, if it was refined near the tool; not known of a stored scene.
+    pub unrefined: Option<MeshSize>,
     /// Order of the shape functions: 1, or 2 with straight-sided mid-edge nodes.
     pub order: u8,
     /// Material of each region; the regions are disjoint and cover the body.
@@ -250,23 +254,39 @@ impl ResolvedScene {
         points.map(|points| ContactSurface { fingertip, points, triangles: self.contact_triangles.clone() })
     }
 
-    /// The same scene on a mesh with eight times as many tets ([`Refined`]). Active nodes are the same;
-    /// patches and fixed parts have the same size.
+    /// The same scene on a mesh with eight times as many tets ([`Refined`]).
     #[must_use]
     pub(crate) fn refined(&self) -> Self {
-        let finer = Refined::of(&self.mesh);
+        self.on(Refined::of(&self.mesh))
+    }
+
+    /// The same scene with smaller tets near places of the undeformed body: those with a part within `reach_m` of
+    /// one of them are bisected until each has 1/8^levels of its volume, so 1/2^levels of its size. `None` if the
+    /// mesh would have more than [`MAX_TETS`] tets.
+    pub fn refined_near(&self, places_m: &[[f64; 3]], reach_m: f64, levels: u32) -> Option<Self> {
+        let near = Near::new(places_m, reach_m);
+        let is_coarse = |vertices_m: &[[f64; 3]; 4], bisections: u32| {
+            bisections < levels * BISECTIONS_A_LEVEL && near.reaches(vertices_m)
+        };
+        Some(self.on(Refined::locally(&self.mesh, MAX_TETS, is_coarse)?))
+    }
+
+    /// The same scene on a finer mesh. Active nodes are the same; patches and fixed parts have the same size, and
+    /// contact points the same place.
+    fn on(&self, finer: Refined) -> Self {
         let mut scene = self.clone();
         scene.fixed = finer.nodes(&self.fixed);
-        for active in &mut scene.active {
-            active.patch = finer.nodes(&active.patch);
-        }
         for region in &mut scene.materials {
-            region.tets = region.tets.as_deref().map(Refined::tets);
+            region.tets = region.tets.as_deref().map(|tets| finer.tets(tets));
         }
         let skin = Surface::of(&finer.mesh);
         for active in &mut scene.active {
             let place_m = active.place_m(&self.mesh);
+            active.patch = finer.nodes(&active.patch);
             active.contact = active.contact.and_then(|_| skin.nearest(&finer.mesh, place_m));
+        }
+        if let Some(cover) = &mut scene.cover {
+            cover.nodes = finer.nodes(&cover.nodes);
         }
         scene.mesh = finer.mesh;
         scene

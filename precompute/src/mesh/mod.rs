@@ -13,6 +13,7 @@ pub(crate) mod surface;
 pub(crate) mod tetrahedral;
 pub mod write;
 
+mod bisect;
 mod cell_data;
 mod gmsh;
 mod lines;
@@ -26,6 +27,7 @@ mod vtu;
 use std::path::Path;
 
 use crate::error::InputError;
+pub(crate) use bisect::{BISECTIONS_A_LEVEL, Near, mean_edge_m};
 pub(crate) use cell_data::{CellData, RegionFault};
 pub use quality::{MeshReport, doubtful_for_pressure};
 use raw::RawMesh;

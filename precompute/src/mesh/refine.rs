@@ -10,23 +10,24 @@ use super::TetMesh;
 use super::tetrahedral::{EDGES, Edges, six_volume};
 use crate::num::vector::distance;
 
-/// A refined mesh with eight times as many tets. Its nodes are the coarse nodes, followed by the midpoints of
-/// all edges.
+/// A refined mesh. Its nodes are the coarse nodes, followed by new nodes in the middle of edges.
 #[derive(Debug, Clone)]
 pub(crate) struct Refined {
-    /// The fine mesh. The children of tet `t` are `8 t .. 8 t + 8`. A midpoint belongs to a node group if
-    /// both ends of its edge do.
+    /// The fine mesh. The children of a tet follow each other, in the order of the coarse tets. A new node
+    /// belongs to a node group if both ends of its edge do.
     pub mesh: TetMesh,
-    /// Ends of each edge; the index is the midpoint's node index minus the number of coarse nodes.
+    /// Ends of the edge of each new node; they have smaller numbers than the node.
     edges: Vec<[u32; 2]>,
     coarse_nodes: u32,
+    /// First child of each coarse tet, and the number of tets.
+    first_child: Vec<u32>,
 }
 
 /// Pairs of opposite edges of [`EDGES`]: their midpoints are the ends of the octahedron's diagonals.
 const DIAGONALS: [[usize; 2]; 3] = [[0, 5], [1, 4], [2, 3]];
 
 impl Refined {
-    /// Refines a mesh once.
+    /// Refines a mesh once: eight children for each tet, and a new node for each edge.
     pub(crate) fn of(coarse: &TetMesh) -> Self {
         let coarse_nodes = coarse.nodes_m.len() as u32;
         let edges = Edges::of(coarse, EDGES);
@@ -35,30 +36,41 @@ impl Refined {
         let middles = edges.of_tets.iter().map(|edges| edges.map(|edge| coarse_nodes + edge));
         let tets = coarse.tets.iter().zip(middles).flat_map(|(tet, middle)| children(tet, middle, &nodes_m));
         let tets = tets.collect();
-        let mut refined =
-            Self { mesh: TetMesh { nodes_m, tets, ..TetMesh::default() }, edges: edges.ends, coarse_nodes };
+        let first_child = (0..=coarse.tets.len() as u32).map(|tet| 8 * tet).collect();
+        Self::new(coarse, nodes_m, tets, edges.ends, first_child)
+    }
+
+    /// The fine mesh with the groups of the coarse one.
+    pub(super) fn new(
+        coarse: &TetMesh,
+        nodes_m: Vec<[f64; 3]>,
+        tets: Vec<[u32; 4]>,
+        edges: Vec<[u32; 2]>,
+        first_child: Vec<u32>,
+    ) -> Self {
+        let mesh = TetMesh { nodes_m, tets, ..TetMesh::default() };
+        let mut refined = Self { mesh, edges, coarse_nodes: coarse.nodes_m.len() as u32, first_child };
         refined.mesh.node_groups = named(&coarse.node_groups, |nodes| refined.nodes(nodes));
-        refined.mesh.tet_groups = named(&coarse.tet_groups, Self::tets);
+        refined.mesh.tet_groups = named(&coarse.tet_groups, |tets| refined.tets(tets));
         refined
     }
 
-    /// These nodes and the midpoints of the edges between them, in ascending order.
+    /// These nodes and the new nodes between them, in ascending order.
     pub(crate) fn nodes(&self, coarse: &[u32]) -> Vec<u32> {
-        let mut nodes = coarse.to_vec();
-        nodes.sort_unstable();
-        let is_in = |end: &u32| nodes.binary_search(end).is_ok();
-        let middles: Vec<u32> = (self.coarse_nodes..)
-            .zip(&self.edges)
-            .filter(|(_, ends)| ends.iter().all(is_in))
-            .map(|(middle, _)| middle)
-            .collect();
-        nodes.extend(middles);
-        nodes
+        let mut is_in = vec![false; self.mesh.nodes_m.len()];
+        for &node in coarse {
+            is_in[node as usize] = true;
+        }
+        for (middle, ends) in (self.coarse_nodes as usize..).zip(&self.edges) {
+            is_in[middle] = ends.iter().all(|&end| is_in[end as usize]);
+        }
+        (0..).zip(is_in).filter(|(_, is_in)| *is_in).map(|(node, _)| node).collect()
     }
 
     /// The children of these tets.
-    pub(crate) fn tets(coarse: &[u32]) -> Vec<u32> {
-        coarse.iter().flat_map(|tet| 8 * tet..8 * tet + 8).collect()
+    pub(crate) fn tets(&self, coarse: &[u32]) -> Vec<u32> {
+        let children = |&tet: &u32| self.first_child[tet as usize]..self.first_child[tet as usize + 1];
+        coarse.iter().flat_map(children).collect()
     }
 }
 

@@ -41,6 +41,16 @@ pub(super) struct MeshTable {
     pub(super) order: Option<Spanned<i64>>,
     /// Name of the cell array that numbers the regions.
     pub(super) regions: Option<Spanned<String>>,
+    pub(super) refine: Option<Spanned<Refine>>,
+    /// Largest mean edge of a refined tet.
+    pub(super) refine_edge_m: Option<Spanned<f64>>,
+}
+
+/// Where the mesh is refined.
+#[derive(Debug, Clone, Copy, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Refine {
+    Tool,
 }
 
 #[derive(Debug, serde::Deserialize)]

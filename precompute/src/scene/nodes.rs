@@ -243,14 +243,14 @@ impl Lookup<'_> {
     }
 
     /// Name of the node's space. Nodes of a group without a name get the group's name.
-    fn name<'t>(&self, at: &Located<'t, ActiveTable>) -> Result<&'t Spanned<String>, InputError> {
+    pub(super) fn name<'t>(&self, at: &Located<'t, ActiveTable>) -> Result<&'t Spanned<String>, InputError> {
         let ActiveTable { name, group, .. } = at.table;
         name.as_ref().or(group.as_ref()).ok_or_else(|| {
             self.place.error(at.span.clone(), "an active node has no name", "add `name = \"A1\"`")
         })
     }
 
-    fn active(
+    pub(super) fn active(
         &self,
         at: &Located<'_, ActiveTable>,
         name: &str,

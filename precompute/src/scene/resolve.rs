@@ -10,7 +10,8 @@ use super::file::{BodyForceTable, Contact, NeedsTable};
 use super::lookup::Lookup;
 use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
-use super::{ActiveNode, ResolvedScene, Scene, SolverOptions, device, reach, regions, tool};
+use super::refine::{self, Loaded};
+use super::{ActiveNode, ResolvedScene, Scene, SolverOptions, device, reach, tool};
 use crate::error::{InputError, count};
 use crate::fem::pressure::PressurePair;
 use crate::mesh::{Surface, TetMesh, doubtful_for_pressure, surface};
@@ -24,13 +25,13 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let name_span = file.name.as_ref().map_or(0..0, Spanned::span);
     check_name(place, name_span, &name, SCENE_NAME_LEN)?;
     let order = order(scene)?;
-    let (mesh, known_fixed) = match kept {
-        Some((mesh, fixed)) => (mesh, Some(fixed)),
-        None => (regions::load_mesh(scene)?, None),
+    let is_stored = kept.is_some();
+    let Loaded { mesh, fixed: known_fixed, unrefined } = match kept {
+        Some((mesh, fixed)) => Loaded { mesh, fixed: Some(fixed), unrefined: None },
+        None => refine::load(scene, order)?,
     };
     let skin = Surface::of(&mesh);
     let seen = skin.clone().seen(&mesh);
-    let is_stored = known_fixed.is_some();
     let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, is_stored, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
     lookup.warn_of_size(file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));
@@ -66,6 +67,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     Ok(ResolvedScene {
         name,
         mesh,
+        unrefined,
         order,
         materials,
         fixed,
