@@ -14,6 +14,7 @@ mod material;
 mod nodes;
 mod place;
 mod plausible;
+mod problems;
 pub(crate) mod reach;
 mod refine;
 mod regions;
@@ -21,7 +22,7 @@ mod resolve;
 mod tool;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use crate::error::InputError;
 use crate::fem::body::{Body, Model, Region};
@@ -32,14 +33,15 @@ use crate::fem::pad::{Fingertip, PadProfile};
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
-use crate::mesh::{BISECTIONS_A_LEVEL, MeshFault, Near, Refined, SkinPoint, Surface, TetMesh};
+use crate::mesh::{BISECTIONS_A_LEVEL, MeshFault, Near, Refined, Surface, TetMesh};
 pub use crate::spec::{ActiveNode, Tool};
-use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, Scattered};
+use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, Scattered, Tolerance};
 pub use cover::Cover;
 pub(crate) use cover::choose as choose_contact_points;
 use file::SceneFile;
 pub use file::SolverOptions;
 use place::Place;
+pub use problems::{Problems, elements};
 pub use reach::Unreachable;
 pub use refine::{MAX_TETS, MeshSize};
 
@@ -90,6 +92,8 @@ pub struct ResolvedScene {
     pub visual: bool,
     /// Error bound of these displacements.
     pub displacement_bound: DisplacementBound,
+    /// Tolerance of the error of the discretisation.
+    pub discretisation: Tolerance,
     /// The scene as TOML with sorted keys and without comments, for the space and for display.
     pub text: String,
     /// Warnings about the scene, one line each.
@@ -102,34 +106,6 @@ impl SolverOptions {
         let mut problem = Problem::with(body, Some(contact), self.constraints);
         problem.newton.reject_inverted = self.reject_inverted;
         problem
-    }
-}
-
-/// The equilibrium problems of the contacts with one body. Those of a fingertip share their equations.
-#[derive(Debug)]
-pub struct Problems {
-    options: SolverOptions,
-    tool: Tool,
-    body: Arc<Body>,
-    first: OnceLock<Arc<Problem>>,
-}
-
-impl Problems {
-    /// The problem of this contact.
-    pub fn of(&self, active: &ActiveNode) -> Arc<Problem> {
-        let new = |contact| Arc::new(self.options.problem(self.body.clone(), contact));
-        match active.on(&self.tool, &self.body) {
-            held @ Contact::Held(_) => new(held),
-            Contact::Pad(pad) => {
-                let first = self.first.get_or_init(|| new(Contact::Pad(pad.clone())));
-                Arc::new(first.at(pad))
-            }
-        }
-    }
-
-    /// The problem of the fingertip at a place of the skin.
-    pub(crate) fn at(&self, place: SkinPoint) -> Arc<Problem> {
-        self.of(&ActiveNode::at(place))
     }
 }
 
@@ -235,9 +211,15 @@ impl ResolvedScene {
         self.solver.problem(body.clone(), active.on(&self.tool, body))
     }
 
+    /// Name of the elements.
+    pub fn elements(&self) -> &'static str {
+        let has_pressure = self.materials.iter().any(|region| region.material.rest_pressure_pa().is_some());
+        elements(self.order, self.solver.pressure, has_pressure)
+    }
+
     /// The problems of all contacts with this body.
     pub fn problems(&self, body: &Arc<Body>) -> Problems {
-        Problems { options: self.solver, tool: self.tool, body: body.clone(), first: OnceLock::new() }
+        Problems::new(self.solver, self.tool, body)
     }
 
     /// Adds contact points, and the triangles between them as indices into these.

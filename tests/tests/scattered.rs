@@ -57,6 +57,7 @@ fn small_displacements_are_stored_as_a_linear_body() {
         actives: vec![(0, "A".into())],
         sampling: bench.identity.sampling,
         draw: Draw { uniform: 40, random: 0, regular_m: None, ..Draw::PAPER },
+        places: None,
         keep_displacements: true,
     };
     let context: Arc<_> = bench.context();

@@ -49,6 +49,7 @@ fn replays_of_this_process() {
         actives: vec![(0, "A".into())],
         sampling: bench.identity.sampling,
         draw: Draw { uniform: 10, random: 0, regular_m: None, ..Draw::PAPER },
+        places: None,
         keep_displacements: true,
     };
     let solved = with_threads(&bench.context(), 2, |executor| {

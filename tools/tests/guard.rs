@@ -67,7 +67,8 @@ fn sound(names: &[String]) -> Vec<u8> {
         complete_cells: false,
         scattered: None,
     };
-    let certificate = Certificate { origin, spaces: names.iter().map(health).collect() };
+    let certificate =
+        Certificate { origin, spaces: names.iter().map(health).collect(), discretisation: None };
     serde_json::to_vec(&certificate).expect("plain data")
 }
 

@@ -116,8 +116,13 @@ const CONDITION: Limits = Limits { yellow: 1e13, red: 1e16 };
 
 impl Health {
     /// Health of the records of a space, of its other measurements and of its fit, if it was sampled
-    /// adaptively.
-    pub(super) fn of(records: &[Record], found: &SpaceCertificate, fit: Option<&AdaptiveFit>) -> Self {
+    /// adaptively. `mesh` is the reason to distrust the discretisation.
+    pub(super) fn of(
+        records: &[Record],
+        found: &SpaceCertificate,
+        fit: Option<&AdaptiveFit>,
+        mesh: Option<&Reason>,
+    ) -> Self {
         let solved = records.iter().filter_map(|r| Some((r, r.equilibrium()?)));
         let reachable: Vec<(&Record, &Equilibrium)> = solved.filter(|(_, at)| !at.terminating).collect();
         let count = |is: &dyn Fn(&Equilibrium) -> bool| reachable.iter().filter(|(_, at)| is(at)).count();
@@ -138,13 +143,13 @@ impl Health {
             loop_stalled: fit.is_some_and(|fit| fit.verdict == Some(LoopVerdict::Stagnated)),
             ..Self::default()
         };
-        health.reasons = health.judged(found);
+        health.reasons = health.judged(found, mesh);
         health.reasons.sort_by_key(|reason| std::cmp::Reverse(reason.verdict));
         health.verdict = health.reasons.iter().map(|reason| reason.verdict).max().unwrap_or_default();
         health
     }
 
-    fn judged(&self, found: &SpaceCertificate) -> Vec<Reason> {
+    fn judged(&self, found: &SpaceCertificate, mesh: Option<&Reason>) -> Vec<Reason> {
         let mut reasons = Vec::new();
         let mut say = |verdict: Verdict, what: String| {
             if verdict > Verdict::Green {
@@ -155,6 +160,9 @@ impl Health {
         self.judge_solutions(found, &mut say);
         self.judge_fit(&mut say);
         judge_errors(&found.methods, &mut say);
+        if let Some(Reason { verdict, what }) = mesh {
+            say(*verdict, what.clone());
+        }
         // Small, but above the tolerance.
         if self.at_rounding_floor > 0 {
             say(
@@ -334,7 +342,7 @@ mod tests {
             Record { residual_n: Some(residual_n), ..Record::of_jet(&task, &jet, false) }
         };
         let found = space(3, &[method(300, 300, None)]);
-        let of = |records: &[Record]| Health::of(records, &found, None);
+        let of = |records: &[Record]| Health::of(records, &found, None, None);
         let health = of(&[record(0.0, 1e-13), record(1.0, 9e-9), record(3.0, 2e-8)]);
         assert_eq!((health.at_rounding_floor, health.verdict), (0, Verdict::Green), "{:?}", health.reasons);
         let health = of(&[record(1.0, 9e-9), record(1.0, 2e-7), record(0.0, 1e-9)]);
@@ -351,7 +359,7 @@ mod tests {
             |health: &Health, methods: &[MethodCertificate], change: &dyn Fn(&mut SpaceCertificate)| {
                 let mut found = space(200, methods);
                 change(&mut found);
-                let reasons = health.judged(&found);
+                let reasons = health.judged(&found, None);
                 (reasons.iter().map(|r| r.verdict).max().unwrap_or_default(), reasons.len())
             };
         let judged =

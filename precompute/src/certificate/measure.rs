@@ -8,8 +8,8 @@ use super::blend::{Blend, Blends};
 use super::branch_jump::has_branch_jump;
 use super::probes::{probe, share_of_part};
 use super::{
-    Answer, BranchDifference, Certificate, Compared, Cost, Errors, Health, MethodCertificate, Origin,
-    SpaceCertificate, Within, certified_share, displacement,
+    Answer, BranchDifference, Certificate, Compared, Cost, Discretisation, Errors, Health, MethodCertificate,
+    Origin, SpaceCertificate, Within, certified_share, displacement,
 };
 use crate::adaptive::Verdict;
 use crate::held_out::{Summary, is_on_training_lattice};
@@ -57,6 +57,8 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
     let identity = store.identity()?;
     let sampling = &identity.sampling;
     let blends = Blends::of(store, organ)?;
+    let discretisation = Discretisation::stored(store)?;
+    let mesh = Discretisation::doubt(discretisation.as_ref(), identity.contacts.is_some());
     let mut spaces = Vec::new();
     for (active, name, node, space) in packed(store, organ)? {
         let records = store.records(active)?;
@@ -104,10 +106,11 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             health: None,
             ledger: None,
         };
-        certificate.health = Some(Health::of(&records, &certificate, fit.as_ref()));
+        certificate.health = Some(Health::of(&records, &certificate, fit.as_ref(), mesh.as_ref()));
         spaces.push(certificate);
     }
     Ok(Certificate {
+        discretisation,
         origin: Origin {
             scene: identity.scene_name,
             content_hash: identity.content_hash,

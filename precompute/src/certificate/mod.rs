@@ -6,6 +6,7 @@
 
 mod blend;
 mod branch_jump;
+mod discretisation;
 mod displacement;
 mod errors;
 mod health;
@@ -14,6 +15,7 @@ mod probes;
 mod reference;
 
 pub(crate) use blend::Blends;
+pub use discretisation::{Discretisation, FinerForce};
 pub(crate) use displacement::modes_and_digits;
 pub use displacement::{DisplacementCertificate, SurfaceDistances};
 pub use errors::{Compared, Errors, Within, certified_share};
@@ -41,6 +43,9 @@ pub struct Certificate {
     pub origin: Origin,
     /// One entry for every active node in the blob.
     pub spaces: Vec<SpaceCertificate>,
+    /// The error of the discretisation; `None` for a point tool, and if it was not measured.
+    #[serde(default)]
+    pub discretisation: Option<Discretisation>,
 }
 
 /// Inputs of a blob.

@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering;
 
 use palpate_core::{AlignedBytes, Method, Organ};
 
+use super::discretisation::{DISCRETISATION_POSITIONS, solve_discretisation};
 use super::ledger::ledger;
 use super::{Analysis, PipelineError, Run};
 use crate::certificate::{Certificate, MAX_SEPARATE_NODES, certify, clear_positions};
@@ -184,6 +185,7 @@ pub fn certified_blob(
         return Err(unfinished.into());
     }
     solve_held_out_positions(space, uniform, run, |_| {})?;
+    solve_discretisation(space, DISCRETISATION_POSITIONS, run, |_, _| {})?;
     let options = PackOptions { methods, use_intermediate_states: true, threads: run.threads };
     Ok(certified(&Store::open(space)?, &options)?.0.bytes()?)
 }

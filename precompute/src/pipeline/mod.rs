@@ -13,11 +13,13 @@
 //! file, so an interrupted step continues where it stopped.
 
 mod blob;
+mod discretisation;
 mod error;
 mod ledger;
 mod visits;
 
 pub use blob::{add_ledgers, certified, certified_blob, solve_held_out_positions, unfinished};
+pub use discretisation::{DISCRETISATION_POSITIONS, solve_discretisation};
 pub use error::PipelineError;
 pub use ledger::ledger;
 

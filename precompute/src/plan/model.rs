@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::fem::PressurePair;
-use crate::scene::{ResolvedScene, SolverOptions};
+use crate::scene::{ResolvedScene, SolverOptions, elements};
 
 use super::probe::{Probed, rest_of};
 
@@ -44,13 +44,7 @@ impl Model {
 
     /// The name as text.
     pub(super) fn words(self, has_pressure: bool) -> &'static str {
-        match (self.order, self.pair, has_pressure) {
-            (1, _, false) => "P1",
-            (1, PressurePair::Plain, true) => "P1/P1",
-            (1, PressurePair::Stabilised, true) => "P1/P1 stab.",
-            (_, _, false) => "P2",
-            (..) => "P2/P1",
-        }
+        elements(self.order, self.pair, has_pressure)
     }
 
     /// The other reasonable models.

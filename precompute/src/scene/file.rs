@@ -186,6 +186,8 @@ pub(super) struct NeedsTable {
     /// Error bounds of packed displacements: RMS over the surface, and maximum over its nodes.
     pub(super) displacement_rms_mm: Option<Spanned<f64>>,
     pub(super) displacement_max_mm: Option<Spanned<f64>>,
+    /// Tolerated share of the force that more accurate elements change.
+    pub(super) discretisation: Option<Spanned<f64>>,
 }
 
 /// `[material]` or `[[material]]`: one table or several.

@@ -16,7 +16,7 @@ use crate::error::{InputError, count};
 use crate::fem::pressure::PressurePair;
 use crate::mesh::{Surface, TetMesh, doubtful_for_pressure, surface};
 use crate::num::vector::{cross, difference, norm};
-use crate::spec::DisplacementBound;
+use crate::spec::{DisplacementBound, Tolerance};
 
 /// Resolves a scene; `kept` contains its mesh and fixed nodes if they are already known.
 pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Result<ResolvedScene, InputError> {
@@ -63,6 +63,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         }
     }
     let displacement_bound = displacement_bound(place, &file.needs)?;
+    let discretisation = discretisation(place, &file.needs)?;
     let text = place.canonical(max_force_n);
     Ok(ResolvedScene {
         name,
@@ -82,9 +83,21 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         solver,
         visual: file.needs.visual.unwrap_or(true),
         displacement_bound,
+        discretisation,
         text,
         warnings,
     })
+}
+
+/// The tolerance of the error of the discretisation.
+fn discretisation(place: &Place, table: &NeedsTable) -> Result<Tolerance, InputError> {
+    let Some(given) = &table.discretisation else { return Ok(Tolerance::OF_MESH) };
+    let relative = positive(place, "discretisation", given)?;
+    if relative > 1.0 {
+        let what = format!("discretisation = {relative} is more than the force itself");
+        return Err(place.error(given.span(), what, "give a share such as 0.08"));
+    }
+    Ok(Tolerance { relative, ..Tolerance::OF_MESH })
 }
 
 /// The error bound of the packed displacements.

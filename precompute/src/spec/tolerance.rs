@@ -16,6 +16,11 @@ impl Tolerance {
     /// Half the just noticeable difference of force (7 %), and at least the detection threshold of a finger.
     pub const IMPERCEPTIBLE: Self = Self { relative: 0.035, absolute_n: 0.02 };
 
+    /// Default tolerance of the error of the discretisation. It is the same at every touch, so a person could
+    /// notice it only beside the other tissue: it may be as large as the just noticeable difference of force, 7
+    /// to 10 %.
+    pub const OF_MESH: Self = Self { relative: 0.08, absolute_n: 0.02 };
+
     /// Largest permitted error at the force `force_n`, N.
     pub fn at(&self, force_n: [f64; 3]) -> f64 {
         (self.relative * norm(force_n)).max(self.absolute_n)

@@ -1,12 +1,16 @@
 //! `palpate pack`: fits the tables of a `.space` file, measures their errors, and writes the blob.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_core::Method;
 use palpate_precompute::pack::{PackError, PackOptions, pack};
-use palpate_precompute::pipeline::{Run, add_ledgers, certified, solve_held_out_positions, unfinished};
+use palpate_precompute::pipeline::{
+    DISCRETISATION_POSITIONS, Run, add_ledgers, certified, solve_discretisation, solve_held_out_positions,
+    unfinished,
+};
 use palpate_precompute::space::{Store, state};
 
 use super::inspect::overview::{headline, overview};
@@ -43,6 +47,12 @@ pub(crate) struct Args {
     /// positions of all nodes together. 0: no errors are measured; `palpate run` then needs --uncertified.
     #[arg(long, value_name = "N")]
     uniform: Option<u32>,
+    /// Positions of the certificate that more accurate elements solve too; 0: none
+    ///
+    /// They measure the error of the discretisation, for a tool with a size: linear elements against quadratic
+    /// ones, these against a mesh refined near the tool.
+    #[arg(long, value_name = "N", default_value_t = DISCRETISATION_POSITIONS)]
+    discretisation: usize,
     /// Measure the effects of element order and mesh refinement too
     ///
     /// Each refined body is solved at this many positions of the certificate, which takes seconds per
@@ -171,6 +181,16 @@ fn solve_certificate(args: &Args, space: &Output) -> Result<(), Failure> {
         eprintln!(
             "palpate: {solved} held-out positions solved for the certificate in {seconds:.1} s, kept in the .space file"
         );
+    }
+    let (progress, start) = (Mutex::new(WorkProgress::new("discretisation", "positions")), Instant::now());
+    let solved = solve_discretisation(space.path(), args.discretisation, run, |done, all| {
+        let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
+        progress.steps("more accurate elements", done, all);
+    });
+    progress.into_inner().unwrap_or_else(PoisonError::into_inner).finish();
+    let (solved, seconds) = (solved?, start.elapsed().as_secs_f64());
+    if solved > 0 {
+        eprintln!("palpate: {solved} positions solved with more accurate elements in {seconds:.1} s");
     }
     Ok(())
 }

@@ -41,6 +41,17 @@ impl Store {
         }
     }
 
+    /// A text that belongs to the held-out values, `key` beginning with `held_out`.
+    pub(crate) fn kept(&self, key: &str) -> Result<Option<String>, StoreError> {
+        self.optional(key)
+    }
+
+    /// Keeps a text with the held-out values, in place of an earlier one.
+    pub(crate) fn keep(&self, key: &str, text: &str) -> Result<(), StoreError> {
+        let sql = "INSERT INTO meta VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2";
+        self.wrap(self.connection.execute(sql, params![key, text])).map(drop)
+    }
+
     /// Deletes all held-out values, so that they can be drawn again.
     pub fn forget_held_out(&self) -> Result<(), StoreError> {
         self.wrap(self.connection.execute_batch(

@@ -4,7 +4,8 @@ use std::cmp::Reverse;
 
 use palpate_core::Method;
 use palpate_precompute::certificate::{
-    Certificate, Errors, MethodCertificate, SpaceCertificate, Verdict, certified_share,
+    Certificate, Discretisation, Errors, MethodCertificate, Reason, SpaceCertificate, Verdict,
+    certified_share,
 };
 
 use super::certificate::mn;
@@ -39,15 +40,15 @@ pub(crate) fn verdict_in_words(certificate: &Certificate) -> String {
     format!("{}: {meaning}", output::verdict(verdict))
 }
 
-/// The verdict, and the error of the method that `run` would choose.
+/// The verdict, the error of the method that `run` would choose, and that of the discretisation.
 pub(crate) fn headline(certificate: &Certificate) -> String {
     let error = PREFERENCE.into_iter().find_map(|method| {
         let of = Together::of(certificate, method.name())?;
         let (name, max, count) = (method.name(), mn(of.max_n), of.count);
         Some(format!("{name} is within {max} mN of finite elements at {count} held-out positions"))
     });
-    let verdict = verdict_in_words(certificate);
-    error.map_or_else(|| verdict.clone(), |error| format!("{verdict}\n{error}"))
+    let mesh = certificate.discretisation.as_ref().map(Discretisation::in_words);
+    [Some(verdict_in_words(certificate)), error, mesh].into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
 
 /// Nodes, methods and reasons, at most 26 lines.
@@ -152,16 +153,23 @@ fn methods(certificate: &Certificate) -> Table {
 
 /// Why spaces are not green; `None` if all are.
 fn reasons(certificate: &Certificate) -> Option<String> {
-    let of = |space: &SpaceCertificate| {
-        let name = space.active.clone();
-        let reasons = space.health.iter().flat_map(|health| health.reasons.clone());
-        reasons.map(|reason| (reason.verdict, name.clone(), reason.what)).collect::<Vec<_>>()
-    };
-    let mut all: Vec<_> = certificate.spaces.iter().flat_map(of).collect();
-    all.sort_by_key(|(verdict, ..)| Reverse(*verdict));
+    // One line for nodes with the same reason, such as that of their mesh.
+    let mut all: Vec<(&Reason, Vec<&str>)> = Vec::new();
+    for space in &certificate.spaces {
+        for reason in space.health.iter().flat_map(|health| &health.reasons) {
+            match all.iter_mut().find(|(known, _)| *known == reason) {
+                Some((_, names)) => names.push(&space.active),
+                None => all.push((reason, vec![&space.active])),
+            }
+        }
+    }
+    all.sort_by_key(|(reason, _)| Reverse(reason.verdict));
+    let names = |of: &[&str]| if of.len() <= 3 { of.join(", ") } else { format!("{} nodes", of.len()) };
     let shown = all.iter().take(MAX_REASONS);
-    let mut lines: Vec<String> =
-        shown.map(|(verdict, name, what)| format!("{} {name}: {what}", verdict.name())).collect();
+    let line = |(reason, of): &(&Reason, Vec<&str>)| {
+        format!("{} {}: {}", reason.verdict.name(), names(of), reason.what)
+    };
+    let mut lines: Vec<String> = shown.map(line).collect();
     if all.len() > MAX_REASONS {
         lines.push(format!("and {} more reasons", all.len() - MAX_REASONS));
     }
