@@ -4,24 +4,46 @@ use std::fs::File;
 use std::io::ErrorKind;
 use std::path::Path;
 
-use palpate_precompute::pipeline::Analysis;
+use palpate_precompute::pipeline::{Analysis, PipelineError};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use palpate_precompute::space::Store;
 
 use crate::failure::Failure;
 use crate::files::Output;
+use crate::progress::WorkProgress;
 
-/// Loads a scene, prints its warnings and builds its body.
+/// Loads a scene, prints its warnings, builds its body and chooses its contact points.
 pub(crate) fn load(path: &Path) -> Result<Analysis, Failure> {
     of_scene(path, Scene::load(path)?.resolve()?)
 }
 
-/// Prints the warnings of the scene at `path` and builds its body.
+/// [`load`] for a scene whose `.space` file may exist and then has the contact points.
+pub(crate) fn load_for(path: &Path, space: &Path) -> Result<Analysis, Failure> {
+    let scene = Scene::load(path)?.resolve()?;
+    built(scene, |scene| Analysis::resuming(path, scene, space))
+}
+
+/// Prints the warnings of the scene at `path`, builds its body and chooses its contact points.
 pub(crate) fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Analysis, Failure> {
+    built(scene, |scene| Analysis::of_scene(path, scene))
+}
+
+fn built(
+    scene: ResolvedScene,
+    build: impl FnOnce(ResolvedScene) -> Result<Analysis, PipelineError>,
+) -> Result<Analysis, Failure> {
     for warning in &scene.warnings {
         eprintln!("palpate: warning: {warning}");
     }
-    Ok(Analysis::of_scene(path, scene)?)
+    let mut progress = scene.cover.is_some().then(|| WorkProgress::new(&scene.name, ""));
+    if let Some(progress) = &mut progress {
+        progress.phase("choosing contact points");
+    }
+    let analysis = build(scene);
+    if let Some(progress) = progress {
+        progress.finish();
+    }
+    Ok(analysis?)
 }
 
 /// Opens a space that must exist.

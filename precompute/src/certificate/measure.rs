@@ -6,7 +6,7 @@ use palpate_core::{Method, Organ, Space};
 
 use super::blend::{Blend, Blends};
 use super::branch_jump::has_branch_jump;
-use super::probes::{probe, share_of_part};
+use super::probes::{divisor, probe, share_of_part};
 use super::{
     Answer, BranchDifference, Certificate, Compared, Cost, Discretisation, Errors, Health, MethodCertificate,
     Origin, SpaceCertificate, Within, certified_share, displacement,
@@ -247,7 +247,7 @@ fn measure(
         regular: errors(&|at| clear(at, Kind::Regular)),
         random: errors(&|at| clear(at, Kind::Random)),
         paths_at_branch_jumps: errors(&|at| at.near_branch_jump && at.walk.kind != Kind::Uniform),
-        probe: probe(space, method, &visited),
+        probe: probe(space, method, &visited, divisor(spaces.len())),
     }
 }
 

@@ -8,7 +8,7 @@ use palpate_core::{Method, Space, vec3};
 use serde::{Deserialize, Serialize};
 
 use super::branch_jump::has_branch_jump;
-use super::reference;
+use super::{MAX_SEPARATE_NODES, reference};
 use crate::num::sequence::{on_sphere, r3};
 use crate::num::vector::{cross, distance, dot, norm, unit};
 
@@ -51,15 +51,26 @@ const VOLUME_POINTS: u32 = 20_000;
 const QUERIES: usize = 4_000;
 const REPEATS: usize = 15;
 
-/// Runs all measurements. The time is measured as in [`nanoseconds`].
-pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
-    let (work, work_at_branch_jumps) = work(space, method);
-    let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space.lattice().radius_m(), n)).collect();
+/// Largest divisor of the numbers of circles, crossings and points in a blob of many spaces.
+const MAX_DIVISOR: u32 = 16;
+
+/// Divisor of these numbers for a blob of `spaces` spaces, which are certified together if they are many.
+pub(super) fn divisor(spaces: usize) -> u32 {
+    let many = u32::try_from(spaces / MAX_SEPARATE_NODES).unwrap_or(u32::MAX);
+    many.clamp(1, MAX_DIVISOR)
+}
+
+/// Runs all measurements, each at 1 / `divisor` of the usual number of places. The time is measured as in
+/// [`nanoseconds`].
+pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]], divisor: u32) -> Probe {
+    let (work, work_at_branch_jumps) = work(space, method, CIRCLES / divisor);
+    let queries = QUERIES as u32 / divisor;
+    let points: Vec<[f32; 3]> = (0..queries).map(|n| in_ball(space.lattice().radius_m(), n)).collect();
     let rounding_n = points.iter().map(|&at| rounding_n(space, method, at)).fold(0.0, f64::max);
     Probe {
         work,
         work_at_branch_jumps,
-        seam_n: seam_n(space, method),
+        seam_n: seam_n(space, method, CROSSINGS / divisor),
         rounding_n,
         rounding_bound_n: 2.0 * rounding_n,
         nanoseconds: nanoseconds(space, method, visited),
@@ -95,10 +106,10 @@ fn force_n(space: &Space<'_>, method: Method, at: [f64; 3]) -> [f64; 3] {
 }
 
 /// Work around circles inside the ball: those away from branch jumps, and those that touch one.
-fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
+fn work(space: &Space<'_>, method: Method, circles: u32) -> (Work, Work) {
     let radius_m = f64::from(space.lattice().radius_m());
     let mut all = [Work::default(); 2];
-    for n in 0..CIRCLES {
+    for n in 0..circles {
         let ([share, z, angle], [az, aturn, _]) = (r3(n + 1, 0.0), r3(n + 1, 0.5));
         let centre = direction(2.0 * z - 1.0, angle).map(|x| 0.74 * radius_m * libm::cbrt(share) * x);
         let axis = direction(2.0 * az - 1.0, aturn);
@@ -129,10 +140,10 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
 }
 
 /// [`largest_jump_n`] of a method.
-fn seam_n(space: &Space<'_>, method: Method) -> f64 {
+fn seam_n(space: &Space<'_>, method: Method, crossings: u32) -> f64 {
     // Radial basis functions have no cell faces, and with thousands of centres their queries are slow.
     let crossings =
-        if matches!(method, Method::RbfLinear | Method::RbfCubic) { CROSSINGS / 100 } else { CROSSINGS };
+        if matches!(method, Method::RbfLinear | Method::RbfCubic) { crossings / 100 } else { crossings };
     let field = |at, moved| force_and_change_n(space, method, at, moved);
     largest_jump_n((space.lattice().spacing_m(), space.lattice().radius_m()), crossings, field)
 }

@@ -39,7 +39,7 @@ use crate::scene::{ActiveNode, ResolvedScene, Scene, choose_contact_points};
 use crate::space::{
     Progress, Salvaged, Store, StoreIdentity, TagCounts, WorkerContext, expand, with_threads,
 };
-use crate::spec::{Lattice, Sampling};
+use crate::spec::{ContactSurface, Lattice, Sampling};
 
 /// Execution options of a long step.
 #[derive(Debug, Clone, Copy)]
@@ -57,6 +57,21 @@ impl Run<'static> {
         static NO_STOP: AtomicBool = AtomicBool::new(false);
         Self { threads: std::thread::available_parallelism().map_or(1, usize::from), stop: &NO_STOP }
     }
+}
+
+/// The scene with the contact points of a store in place of those that are to be chosen.
+fn with_contacts(
+    mut scene: ResolvedScene,
+    store: &Store,
+    contacts: Option<ContactSurface>,
+) -> Result<ResolvedScene, PipelineError> {
+    if let (Some(_), Some(contacts)) = (scene.cover.take(), contacts) {
+        let chosen = store.active()?.into_iter().zip(contacts.points).skip(scene.active.len());
+        let point = |((name, node), at)| ActiveNode { name, node, patch: Vec::new(), contact: Some(at) };
+        scene.active.extend(chosen.map(point));
+        scene.contact_triangles = contacts.triangles;
+    }
+    Ok(scene)
 }
 
 /// A scene with its body: the input of a solve.
@@ -100,18 +115,29 @@ impl Analysis {
         Ok(Self { path: path.to_path_buf(), scene, body })
     }
 
+    /// Like [`Self::of_scene`], with the contact points of the `.space` file at `space` if it was made for the
+    /// same scene, so that they are not chosen again.
+    pub fn resuming(path: &Path, scene: ResolvedScene, space: &Path) -> Result<Self, PipelineError> {
+        if scene.cover.is_some()
+            && space.exists()
+            && let Ok(store) = Store::open(space)
+            && let Ok(identity) = store.identity()
+            && (&identity.scene, &identity.mesh_hash) == (&scene.text, &scene.mesh.content_hash())
+        {
+            let known = Self::of_scene(path, with_contacts(scene.clone(), &store, identity.contacts)?)?;
+            if identity.content_hash == known.scene.content_hash().to_string() {
+                return Ok(known);
+            }
+        }
+        Self::of_scene(path, scene)
+    }
+
     /// Restores scene and body from a `.space` file alone.
     pub(crate) fn of_store(store: &Store) -> Result<Self, PipelineError> {
         let (mesh, fixed) = store.body()?;
         let identity = store.identity()?;
-        let mut scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;
-        if let (Some(_), Some(contacts)) = (scene.cover.take(), identity.contacts) {
-            let chosen = store.active()?.into_iter().zip(contacts.points).skip(scene.active.len());
-            let point = |((name, node), at)| ActiveNode { name, node, patch: Vec::new(), contact: Some(at) };
-            scene.active.extend(chosen.map(point));
-            scene.contact_triangles = contacts.triangles;
-        }
-        let analysis = Self::of_scene(store.path(), scene)?;
+        let scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;
+        let analysis = Self::of_scene(store.path(), with_contacts(scene, store, identity.contacts)?)?;
         if identity.content_hash != analysis.scene.content_hash().to_string() {
             let what = "the stored scene differs from the solved one";
             return Err(InputError::new(store.path(), what, "run `palpate precompute` again").into());

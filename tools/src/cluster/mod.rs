@@ -132,7 +132,7 @@ pub fn palpate_mpi() -> ExitCode {
 fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let space = command.space()?;
-    let bench = analysis::load(command.scene())?;
+    let bench = analysis::load_for(command.scene(), space.path())?;
     let (context, team) = (bench.context()?, Workers::threads(threads));
     match command {
         Command::Precompute(args) => {
@@ -154,7 +154,7 @@ fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
     let mut ranks = Ranks::new(world);
     let stop = stop_flag()?;
     let space = command.space()?;
-    let bench = analysis::load(command.scene())?;
+    let bench = analysis::load_for(command.scene(), space.path())?;
     ranks.check_ranks(&RankConfig::of(&bench), &stop)?;
     let team = Workers::ranks(ranks.workers(), world.size() as usize - 1);
     match command {

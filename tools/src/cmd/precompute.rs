@@ -102,7 +102,7 @@ impl Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let space = args.space()?;
-    let bench = analysis::load(&args.scene)?;
+    let bench = analysis::load_for(&args.scene, space.path())?;
     run_with(args, (&bench, &space), &stop, &Workers::threads(threads), |actives, store, stop, progress| {
         let run = |executor: &mut Threads| expand(actives, store, executor, stop, progress);
         with_threads(&bench.context()?, threads, run).map_err(|error| of_scene(&bench, error))

@@ -85,7 +85,7 @@ impl Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let space = args.space()?;
-    let bench = analysis::load(&args.scene)?;
+    let bench = analysis::load_for(&args.scene, space.path())?;
     run_with(args, (&bench, &space), &stop, &Workers::threads(threads), |held_out, store, stop, progress| {
         Ok(with_threads(&bench.context()?, threads, |executor| {
             held_out.run(store, executor, stop, progress)
