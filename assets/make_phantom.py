@@ -82,7 +82,7 @@ def build(name):
         x,
         [(dim, entity, np.flatnonzero(kind == k)) for k, (dim, entity) in enumerate(((2, 2), (2, 3), (2, 1), (3, 1)))],
         [(entity, first(triangles[inside])) for entity, inside in surfaces],
-        first(tets),
+        [(mshfile.VOLUME, first(tets))],
     )
 
 

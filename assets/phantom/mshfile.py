@@ -9,25 +9,29 @@ VOLUME = 1
 GROUPS = ((2, 1, "surface", (FREE, F1, F2)), (2, 2, "F1", (F1,)), (2, 3, "F2", (F2,)), (3, 4, "tissue", (VOLUME,)))
 
 
-def write(path, x, node_blocks, triangle_blocks, tets):
-    """`node_blocks`: (dimension, entity, node range); `triangle_blocks`: (entity, triangles). Nodes are numbered from 0 here."""
+def write(path, x, node_blocks, triangle_blocks, tet_blocks, groups=GROUPS):
+    """`node_blocks`: (dimension, entity, nodes); `triangle_blocks`, `tet_blocks`: (entity, elements). Nodes are numbered from 0 here."""
     box = lambda nodes: " ".join(f"{v:.9g}" for v in np.concatenate([x[nodes].min(axis=0), x[nodes].max(axis=0)]))
-    physical = lambda dim, entity: [tag for d, tag, _, entities in GROUPS if d == dim and entity in entities]
-    out = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(GROUPS))]
-    out += [f'{dim} {tag} "{name}"' for dim, tag, name, _ in GROUPS]
-    out += ["$EndPhysicalNames", "$Entities", f"0 0 {len(triangle_blocks)} 1"]
+    physical = lambda dim, entity: [tag for d, tag, _, entities in groups if d == dim and entity in entities]
+    out = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(groups))]
+    out += [f'{dim} {tag} "{name}"' for dim, tag, name, _ in groups]
+    out += ["$EndPhysicalNames", "$Entities", f"0 0 {len(triangle_blocks)} {len(tet_blocks)}"]
     for entity, triangles in triangle_blocks:
         tags = physical(2, entity)
         out.append(f"{entity} {box(np.unique(triangles))} {len(tags)} {' '.join(map(str, tags))} 0")
-    tags = physical(3, VOLUME)
     bounds = " ".join(str(entity) for entity, _ in triangle_blocks)
-    out.append(f"{VOLUME} {box(np.arange(len(x)))} {len(tags)} {' '.join(map(str, tags))} {len(triangle_blocks)} {bounds}")
+    for entity, tets in tet_blocks:
+        tags = physical(3, entity)
+        out.append(
+            f"{entity} {box(np.unique(tets))} {len(tags)} {' '.join(map(str, tags))} {len(triangle_blocks)} {bounds}"
+        )
     out += ["$EndEntities", "$Nodes", f"{len(node_blocks)} {len(x)} 1 {len(x)}"]
     for dim, entity, nodes in node_blocks:
         out.append(f"{dim} {entity} 0 {len(nodes)}")
         out += [str(n + 1) for n in nodes]
         out += [" ".join(f"{v:.9g}" for v in x[n]) for n in nodes]
-    blocks = [(2, entity, 2, triangles) for entity, triangles in triangle_blocks] + [(3, VOLUME, 4, tets)]
+    blocks = [(2, entity, 2, triangles) for entity, triangles in triangle_blocks]
+    blocks += [(3, entity, 4, tets) for entity, tets in tet_blocks]
     total = sum(len(elements) for *_, elements in blocks)
     out += ["$EndNodes", "$Elements", f"{len(blocks)} {total} 1 {total}"]
     tag = 1

@@ -42,10 +42,16 @@ fn uniform(space: &Value) -> &Value {
 
 /// The force errors are below the just-noticeable difference.
 #[test]
-fn the_six_scenes_cannot_be_felt_and_none_is_red() {
-    for (scene, nodes) in
-        [("palpation", 1), ("deep-push", 1), ("long-pull", 1), ("tumour", 2), ("fibres", 1), ("gravity", 1)]
-    {
+fn the_seven_scenes_cannot_be_felt_and_none_is_red() {
+    for (scene, nodes) in [
+        ("palpation", 1),
+        ("deep-push", 1),
+        ("long-pull", 1),
+        ("tumour", 2),
+        ("fibres", 1),
+        ("gravity", 1),
+        ("lump", 2),
+    ] {
         let spaces = certified(scene, "60");
         assert_eq!(spaces.len(), nodes, "{scene}");
         for space in spaces {
@@ -58,6 +64,37 @@ fn the_six_scenes_cannot_be_felt_and_none_is_red() {
             // One position in a hundred may exceed it; two of sixty are improbable.
             assert!(count >= 40 && below_jnd + 2 >= count, "{scene}: {below_jnd} of {count}");
         }
+    }
+}
+
+/// The force of the fingertip on a straight path, N, by depth in steps of 2 mm, and the iterations of each step.
+fn pushed(active: &str, direction: &str) -> Vec<(f64, u32)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+    command.current_dir(root).args(["path", "assets/scenes/lump.toml", "--active", active]);
+    command.arg(format!("--direction={direction}"));
+    let output = run(command.args(["--step-mm", "2", "--steps", "6", "--csv", "-"]));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let table = String::from_utf8_lossy(&output.stdout).into_owned();
+    let rows = table.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
+    let number = |row: &[&str], column: usize| row[column].parse::<f64>().expect("a number");
+    rows.map(|row| ((4..7).map(|k| number(&row, k).powi(2)).sum::<f64>().sqrt(), number(&row, 8) as u32))
+        .collect()
+}
+
+/// The lump is ten times as stiff as its surroundings; at half the depth it is felt as well.
+#[test]
+fn a_fingertip_feels_the_lump() {
+    let [lump, beside] =
+        [("lump", "-0.3,0,-0.954"), ("beside", "0.3,0,-0.954")].map(|(name, inward)| pushed(name, inward));
+    println!("{lump:?} {beside:?}");
+    assert_eq!((lump.len(), beside.len()), (6, 6));
+    for (over, away) in lump.iter().zip(&beside) {
+        assert!(over.0 > 1.2 * away.0 && over.1 <= 6 && away.1 <= 6, "{over:?} {away:?}");
+    }
+    // Smooth to 1.2 radii of the pad: each step adds a like force.
+    for forces in [lump, beside] {
+        assert!(forces.windows(2).all(|pair| pair[1].0 > pair[0].0 + 0.7 * forces[0].0), "{forces:?}");
     }
 }
 

@@ -1,11 +1,13 @@
 //! Refinement of a scene's mesh near its tool: `[mesh] refine = "tool"`.
 
+use std::fmt;
+
 use toml::Spanned;
 
 use super::file::{Refine, tables};
 use super::lookup::Lookup;
 use super::place::positive;
-use super::{Scene, reach, regions, tool};
+use super::{ResolvedScene, Scene, reach, regions, tool};
 use crate::error::InputError;
 use crate::fem::Fingertip;
 use crate::mesh::{Near, Refined, Surface, TetMesh, mean_edge_m};
@@ -27,6 +29,32 @@ pub struct MeshSize {
     pub nodes: usize,
     /// Number of tets.
     pub tets: usize,
+}
+
+impl fmt::Display for MeshSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} nodes, {} tets", grouped(self.nodes), grouped(self.tets))
+    }
+}
+
+/// A number with commas between thousands.
+fn grouped(number: usize) -> String {
+    let digits = number.to_string();
+    let head = digits.len() % 3;
+    let groups = digits.as_bytes()[head..].chunks(3).map(|group| String::from_utf8_lossy(group));
+    let head = (head > 0).then(|| digits[..head].into());
+    head.into_iter().chain(groups).collect::<Vec<_>>().join(",")
+}
+
+impl ResolvedScene {
+    /// The size of the mesh in words, and of a mesh refined near the tool also the size before.
+    pub fn size_in_words(&self) -> String {
+        let size = MeshSize { nodes: self.mesh.nodes_m.len(), tets: self.mesh.tets.len() };
+        match self.unrefined {
+            Some(before) => format!("{before}; refined near the tool: {size}"),
+            None => size.to_string(),
+        }
+    }
 }
 
 /// The mesh of a scene.
@@ -70,7 +98,7 @@ pub(super) fn load(scene: &Scene, order: u8) -> Result<Loaded, InputError> {
     let size = MeshSize { nodes: mesh.nodes_m.len(), tets: mesh.tets.len() };
     let (mesh, fixed) = near_tool(scene, mesh, tip, edge_m)?.ok_or_else(|| {
         let span = given_edge.as_ref().map_or(key.span(), Spanned::span);
-        let what = format!("edges of {edge_m} m near the tool need more than {MAX_TETS} tets");
+        let what = format!("edges of {edge_m} m near the tool need more than {} tets", grouped(MAX_TETS));
         place.error(span, what, "give a larger `refine_edge_m` in metres, or touch a smaller part")
     })?;
     Ok(Loaded { mesh, fixed: Some(fixed), unrefined: Some(size) })

@@ -15,6 +15,7 @@ mod grid;
 mod material;
 mod nodes;
 mod plausible;
+mod refine;
 mod regions;
 mod tool;
 
@@ -236,7 +237,7 @@ fn wrong_keys_and_syntax_name_the_key_and_what_is_allowed() {
         "colour",
         "block.toml:4",
         "unknown key `colour`",
-        "remove it (allowed here: file, unit, order, regions)",
+        "remove it (allowed here: file, unit, order, regions, refine, refine_edge_m)",
     );
     refuses("node = 63", "nodes = [63]", "block.toml:15", "unknown key `nodes`", "did you mean `node`?");
     refuses("[needs]", "[need]", "block.toml:24", "unknown key `need`", "did you mean `needs`?");

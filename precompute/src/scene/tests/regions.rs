@@ -28,7 +28,7 @@ fn vtk(part: &str) -> String {
 const MATERIAL: &str = "[material]\nlaw = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0\n";
 
 /// The scene with the file, with `regions`, and with a material for each of `groups`.
-fn scene(mesh: &str, regions: &str, groups: &[&str]) -> String {
+pub(super) fn scene(mesh: &str, regions: &str, groups: &[&str]) -> String {
     let one = |group: &&str| MATERIAL.replace("[material]", &format!("[[material]]\ngroup = \"{group}\""));
     let materials = groups.iter().map(one).collect::<String>();
     let text = SCENE.replacen("cube.msh\"\n", &format!("{mesh}\"\n{regions}\n"), 1);
@@ -36,9 +36,9 @@ fn scene(mesh: &str, regions: &str, groups: &[&str]) -> String {
     if groups.is_empty() { text } else { text.replacen(MATERIAL, &materials, 1) }
 }
 
-const PARTS: &str = "regions = \"part\"";
+pub(super) const PARTS: &str = "regions = \"part\"";
 
-fn bench() -> Bench {
+pub(super) fn bench() -> Bench {
     let bench = Bench::new();
     bench.write("cube.vtk", &vtk("part"));
     bench

@@ -153,10 +153,12 @@ fn scene(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     let more = active.len().saturating_sub(MAX_NAMES);
     let more = if more > 0 && !verbose { format!(" and {more} more") } else { String::new() };
     let shown = if verbose { &active[..] } else { &active[..active.len().min(MAX_NAMES)] };
+    let refined =
+        scene.unrefined.map_or_else(String::new, |_| format!("mesh            {}\n", scene.size_in_words()));
     let (warnings, mesh_text) = mesh_text.split_once("\nnodes ").unwrap_or_default();
     let text = format!(
         "{warnings}\n{doubts_text}\nscene           {}\nlaw             {}\nfixed           {} nodes\nactive          {}{more}{}\n\
-         grid            {grid_text}\nf_max           {} N\nnodes {mesh_text}",
+         grid            {grid_text}\nf_max           {} N\n{refined}nodes {mesh_text}",
         scene.name,
         bench.body.law_names(),
         scene.fixed.len(),
@@ -167,7 +169,7 @@ fn scene(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     let figures = json!({
         "name": scene.name, "law": bench.body.law_names(), "fixed": scene.fixed.len(), "active": scene.active,
         "unreachable": scene.unreachable, "grid": grid_figures, "points": points, "max_force_n": scene.max_force_n,
-        "mesh": mesh_figures, "pressure_doubts": doubts,
+        "mesh": mesh_figures, "unrefined": scene.unrefined, "pressure_doubts": doubts,
     });
     Ok((text, figures))
 }

@@ -11,10 +11,9 @@ use crate::cmd::inspect::certificate::significant;
 pub(super) fn nodes(plan: &Plan, analysis: &Analysis) -> String {
     let scene = &analysis.scene;
     let mut text = format!(
-        "{}: {} nodes, {} tets, {}, {} of {} active nodes probed; tolerance {} % of |h| or {} mN\n",
+        "{}: {}, {}, {} of {} active nodes probed; tolerance {} % of |h| or {} mN\n",
         scene.name,
-        scene.mesh.nodes_m.len(),
-        scene.mesh.tets.len(),
+        scene.size_in_words(),
         analysis.body.law_names(),
         plan.nodes.len(),
         scene.active.len(),
