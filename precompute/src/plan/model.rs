@@ -3,24 +3,30 @@
 use std::sync::Arc;
 
 use crate::fem::PressurePair;
+use crate::num::jet::EnergyJet;
 use crate::scene::{ResolvedScene, SolverOptions, elements};
 
 use super::probe::{Probed, rest_of};
 
-/// Meshes with more tets are not factorised with quadratic elements, which would take too long for a plan.
-const MAX_TETS: usize = 3000;
+/// Meshes with more tets are not factorised with quadratic elements, which would take too long for a plan. For a
+/// tool with a size, whose scene needs them, the limit is the second one.
+const MAX_TETS: [usize; 2] = [3_000, 15_000];
+/// The refined part of the body, in radii of the tool round its place.
+const REACH: f64 = 2.0;
 /// Assumed ratios of time and memory to those of linear elements for such meshes. Measured on a mesh of 1,800
 /// tets: 4.8 times the unknowns, and a factorisation whose time is proportional to their square. Memory is
 /// proportional to the entries of the factor.
 const QUADRATIC_TIMES: [f64; 2] = [20.0, 14.0];
 
-/// Shape functions and pressure.
+/// Shape functions, pressure and size of the elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Model {
     /// 1 or 2.
     pub order: u8,
     /// Pressure field of incompressible regions.
     pub pair: PressurePair,
+    /// Whether the mesh is refined once near the tool.
+    pub refined: bool,
 }
 
 /// A model compared with that of the scene.
@@ -30,8 +36,8 @@ pub(super) struct ComparedModel {
     pub model: Model,
     /// Seconds of a solve relative to the scene's model.
     pub times: f64,
-    /// Trace of the condensed stiffness at rest divided by 3, N/m; `None` if it was not solved.
-    pub stiffness_n_m: Option<f64>,
+    /// The solution at rest; `None` if it was not solved.
+    pub jet: Option<EnergyJet>,
     /// Bytes of one solver relative to the scene's model.
     pub memory: f64,
 }
@@ -39,22 +45,38 @@ pub(super) struct ComparedModel {
 impl Model {
     /// The model of a scene.
     pub(super) fn of(scene: &ResolvedScene) -> Self {
-        Self { order: scene.order, pair: scene.solver.pressure }
+        Self { order: scene.order, pair: scene.solver.pressure, refined: false }
     }
 
     /// The name as text.
-    pub(super) fn words(self, has_pressure: bool) -> &'static str {
-        elements(self.order, self.pair, has_pressure)
+    pub(super) fn words(self, has_pressure: bool) -> String {
+        let size = if self.refined { " h/2" } else { "" };
+        format!("{}{size}", elements(self.order, self.pair, has_pressure))
     }
 
-    /// The other reasonable models.
-    pub(super) fn others(self, has_pressure: bool) -> Vec<Self> {
-        let (plain, stabilised) = (PressurePair::Plain, PressurePair::Stabilised);
-        let mut all = vec![Self { order: 1, pair: plain }, Self { order: 2, pair: plain }];
+    /// The keys of a scene with these elements.
+    pub(super) fn keys(self) -> &'static str {
+        match (self.order, self.pair, self.refined) {
+            (_, _, true) => "`order = 2` and `refine = \"tool\"` in [mesh]",
+            (2, ..) => "`order = 2` in [mesh]",
+            (_, PressurePair::Stabilised, _) => "`pressure = \"stabilised\"` in [solver]",
+            _ => "`order = 1` in [mesh]",
+        }
+    }
+
+    /// The other reasonable models. The force of a tool with a size converges, so that a mesh refined near it
+    /// is one of them.
+    pub(super) fn others(self, has_pressure: bool, has_size: bool) -> Vec<Self> {
+        let of = |order, pair| Self { order, pair, refined: false };
+        let quadratic = of(2, PressurePair::Plain);
+        let mut all = vec![of(1, PressurePair::Plain), quadratic];
         if has_pressure {
-            all.insert(1, Self { order: 1, pair: stabilised });
+            all.insert(1, of(1, PressurePair::Stabilised));
         }
         all.retain(|other| *other != self && !(other.order == 2 && self.order == 2));
+        if has_size {
+            all.push(Self { refined: true, ..quadratic });
+        }
         all
     }
 }
@@ -67,19 +89,24 @@ pub(super) fn beside(
     model: Model,
     probed: &Probed,
 ) -> Option<ComparedModel> {
-    if model.order == 2 && scene.mesh.tets.len() > MAX_TETS {
-        let [times, memory] = QUADRATIC_TIMES;
-        return Some(ComparedModel { model, times, stiffness_n_m: None, memory });
-    }
     let solver = SolverOptions { pressure: model.pair, ..scene.solver };
-    let other = ResolvedScene { order: model.order, solver, ..scene.clone() };
+    let tip = scene.tool.fingertip();
+    let mut other = ResolvedScene { order: model.order, solver, ..scene.clone() };
+    if let Some(tip) = tip.filter(|_| model.refined) {
+        let place_m = scene.active[active].place_m(&scene.mesh);
+        other = other.refined_near(&[place_m], REACH * tip.radius_m, 1)?;
+    }
+    if model.order == 2 && other.mesh.tets.len() > MAX_TETS[usize::from(tip.is_some())] {
+        let [times, memory] = QUADRATIC_TIMES;
+        return (!model.refined).then_some(ComparedModel { model, times, jet: None, memory });
+    }
     let body = Arc::new(other.body().ok()?);
-    let problem = Arc::new(other.problem(&body, &scene.active[active]));
-    let (seconds, trace, size) = rest_of(&problem)?;
+    let problem = Arc::new(other.problem(&body, &other.active[active]));
+    let (seconds, jet, size) = rest_of(&problem)?;
     Some(ComparedModel {
         model,
         times: seconds / probed.rest_s,
-        stiffness_n_m: Some(trace / 3.0),
+        jet: Some(jet),
         memory: solver_bytes(size) / solver_bytes(probed.size),
     })
 }
@@ -116,14 +143,17 @@ mod tests {
 
     #[test]
     fn the_other_models_of_a_scene() {
-        let words = |model: Model, pressure| -> Vec<&str> {
-            model.others(pressure).into_iter().map(|other| other.words(pressure)).collect()
+        let words = |order, pair, pressure, has_size| -> Vec<String> {
+            let model = Model { order, pair, refined: false };
+            model.others(pressure, has_size).into_iter().map(|other| other.words(pressure)).collect()
         };
         let [plain, stabilised] = [PressurePair::Plain, PressurePair::Stabilised];
-        assert_eq!(words(Model { order: 1, pair: plain }, true), ["P1/P1 stab.", "P2/P1"]);
-        assert_eq!(words(Model { order: 1, pair: stabilised }, true), ["P1/P1", "P2/P1"]);
-        assert_eq!(words(Model { order: 2, pair: plain }, true), ["P1/P1", "P1/P1 stab."]);
-        assert_eq!(words(Model { order: 1, pair: plain }, false), ["P2"]);
+        assert_eq!(words(1, plain, true, false), ["P1/P1 stab.", "P2/P1"]);
+        assert_eq!(words(1, stabilised, true, false), ["P1/P1", "P2/P1"]);
+        assert_eq!(words(2, plain, true, false), ["P1/P1", "P1/P1 stab."]);
+        assert_eq!(words(1, plain, false, false), ["P2"]);
+        assert_eq!(words(2, plain, false, true), ["P1", "P2 h/2"]);
+        assert_eq!(words(1, plain, true, true), ["P1/P1 stab.", "P2/P1", "P2/P1 h/2"]);
     }
 
     #[test]

@@ -265,13 +265,12 @@ impl Probed {
     }
 }
 
-/// Solves another discretisation at rest. Returns the seconds, the trace of the stiffness there, N/m, and the
-/// size.
-pub(super) fn rest_of(problem: &Arc<Problem>) -> Option<(f64, f64, [usize; 3])> {
+/// Solves another discretisation at rest. Returns the seconds, the solution and the size.
+pub(super) fn rest_of(problem: &Arc<Problem>) -> Option<(f64, EnergyJet, [usize; 3])> {
     let mut solver = Solver::new(problem.clone());
     let (rest, seconds) = timed(|| solver.rest());
     let (matrix, factor) = problem.entries();
-    Some((seconds, rest.ok()?.jet().stiffness_n_m.trace(), [problem.unknowns(), matrix, factor]))
+    Some((seconds, rest.ok()?.jet().as_rest(), [problem.unknowns(), matrix, factor]))
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {

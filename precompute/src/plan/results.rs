@@ -26,6 +26,9 @@ const PROBE_TIME: Duration = Duration::from_millis(2400);
 /// paper's coarsest grid.
 const CELLS_PER_STEP: f64 = 5.0;
 
+/// Depth at which discretisations are compared, in radii of the tool.
+const PUSH: f64 = 0.5;
+
 /// All results.
 pub(super) struct Results {
     /// The probed nodes.
@@ -38,8 +41,12 @@ pub(super) struct Results {
     pub spacing_m: Option<f64>,
     /// Vertices and triangles of the surface.
     pub skin: [usize; 2],
+    /// Whether the scene has quadratic elements.
+    pub is_quadratic: bool,
     /// Whether the body has a pressure field.
     pub has_pressure: bool,
+    /// The push of a tool with a size at which discretisations are compared, m; `None` for a point.
+    pub push_m: Option<[f64; 3]>,
     /// Nodes that the largest force cannot move.
     pub too_stiff: Vec<String>,
 }
@@ -80,7 +87,10 @@ impl Results {
         };
         let has_pressure = analysis.body.has_pressure();
         let first = &nodes[0].probed;
-        let others = Model::of(scene).others(has_pressure);
+        let tip = scene.tool.fingertip();
+        let others = Model::of(scene).others(has_pressure, tip.is_some());
+        let normal = scene.active[first.active].normal(&surface).unwrap_or_default();
+        let push_m = tip.map(|tip| normal.map(|x| -PUSH * tip.radius_m * x));
         let steps = Steps::new(progress, "other discretisations", others.len());
         let besides = in_parallel(&others, threads, |&other| {
             let beside = model::beside(scene, first.active, other, first);
@@ -89,11 +99,13 @@ impl Results {
         });
         Ok(Self {
             too_stiff,
+            push_m,
             besides: besides?.into_iter().flatten().collect(),
             nodes,
             tolerance,
             spacing_m: sampling.lattice().map(|lattice| lattice.grid.spacing_m),
             skin: [surface.nodes.len(), surface.triangles.len()],
+            is_quadratic: scene.order == 2,
             has_pressure,
         })
     }

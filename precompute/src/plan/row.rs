@@ -30,8 +30,8 @@ pub struct Row {
     pub p99_n: f64,
     /// Share of the reachable positions with an error within the tolerance.
     pub within: f64,
-    /// Stiffness at rest relative to that of quadratic elements on this mesh, minus 1; `None` if those were
-    /// not solved.
+    /// How much stiffer it feels than the most accurate model of second order, minus 1: at a push for a tool with
+    /// a size, at rest for a point. `None` if that was not solved.
     pub stiffer: Option<f64>,
     /// Whether the scene specifies this row.
     pub asked: bool,
@@ -63,13 +63,13 @@ impl Row {
     /// The same sampling of another model.
     pub(super) fn with(
         &self,
-        words: &str,
+        words: String,
         beside: &ComparedModel,
         stiffer: Option<f64>,
         memory_bytes: f64,
     ) -> Self {
         Self {
-            model: words.into(),
+            model: words,
             solving_s: self.solving_s * beside.times,
             memory_bytes,
             stiffer,
@@ -101,7 +101,7 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     let beside =
         row.stiffer.filter(|stiffer| stiffer.abs() > MIN_DIFFERENCE).map_or_else(String::new, |stiffer| {
             format!(
-                " of that model, which itself is {:+.0} % stiffer at rest than quadratic elements",
+                " of that model, which itself is {:+.0} % stiffer than quadratic elements",
                 100.0 * stiffer
             )
         });

@@ -1,5 +1,7 @@
 //! The rows of the plan for a scene, and the reasons for the recommended one.
 
+use crate::num::jet::EnergyJet;
+use crate::num::vector::norm;
 use crate::pipeline::Analysis;
 use crate::spec::Tolerance;
 use palpate_core::Method;
@@ -31,16 +33,27 @@ impl Results {
         );
         let (chosen, mut why) = row::recommend(&mut rows, self.tolerance_in_words());
         let size = self.nodes[0].probed.size;
+        let mut cheapest = own;
+        let tolerance = analysis.scene.discretisation.relative;
+        let is_within = |stiffer: Option<f64>| stiffer.is_some_and(|stiffer| stiffer.abs() <= tolerance);
+        let mut least_s = rows[chosen].solving_s;
+        if !is_within(rows[chosen].stiffer) {
+            least_s = f64::INFINITY;
+        }
         for beside in &self.besides {
-            let stiffer = beside.stiffness_n_m.and_then(|s| match beside.model.order {
-                2 => Some(0.0),
-                order => self.stiffer(s, if own.order == 2 { 2 } else { order }),
-            });
+            let stiffer = beside.jet.as_ref().and_then(|jet| self.stiffer(jet));
             let memory = rows[chosen].memory_bytes
                 + prediction.threads as f64 * (beside.memory - 1.0) * model::solver_bytes(size);
             let row = rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory);
-            why.push_str(&row.reason_against(&rows[chosen]));
+            if self.push_m.is_none() {
+                why.push_str(&row.reason_against(&rows[chosen]));
+            } else if is_within(stiffer) && row.solving_s < least_s {
+                (cheapest, least_s) = (beside.model, row.solving_s);
+            }
             rows.push(row);
+        }
+        if self.push_m.is_some() {
+            why.push_str(&self.discretisation(own, (cheapest, least_s), &rows, tolerance));
         }
         why.push_str(&self.signs());
         (rows, chosen, why)
@@ -73,7 +86,7 @@ impl Results {
                 let bytes = |node: &NodePlan| node.choices[n].bytes(&[method], node.eye.as_ref()) as f64;
                 let asked = choice.spacing_m == self.spacing_m && method == Method::Energy;
                 let mut row = Row {
-                    model: own.words(self.has_pressure).into(),
+                    model: own.words(self.has_pressure),
                     spacing_m: choice.spacing_m,
                     method: method.name(),
                     configurations: self.of_all(analysis, &|node| node.choices[n].configurations),
@@ -83,7 +96,7 @@ impl Results {
                     nanoseconds: figures.iter().map(|(_, ns)| *ns).fold(0.0, f64::max),
                     p99_n: figures.iter().map(|(error, _)| error.p99_n).fold(0.0, f64::max),
                     within: figures.iter().map(|(error, _)| error.within).fold(1.0, f64::min),
-                    stiffer: self.stiffer(self.stiffness_n_m(), own.order),
+                    stiffer: self.stiffer(&self.nodes[0].probed.jets[0]),
                     asked,
                     recommended: false,
                     extrapolated: !choice.built,
@@ -129,16 +142,50 @@ impl Results {
         )
     }
 
-    /// Stiffness relative to that of quadratic elements, minus 1.
-    fn stiffer(&self, stiffness_n_m: f64, order: u8) -> Option<f64> {
-        let quadratic = || self.besides.iter().find(|b| b.model.order == 2)?.stiffness_n_m;
-        let reference = if order == 2 { Some(self.stiffness_n_m()) } else { quadratic() };
-        reference.map(|reference| stiffness_n_m / reference - 1.0)
+    /// How much stiffer a model feels than the most accurate one of second order, minus 1: by the force of a push,
+    /// to third order from rest, or for a point by the stiffness at rest.
+    fn stiffer(&self, jet: &EnergyJet) -> Option<f64> {
+        let of = |refined| self.besides.iter().find(|b| b.model.order == 2 && b.model.refined == refined);
+        let best = of(true).or_else(|| of(false)).and_then(|beside| beside.jet.as_ref());
+        let own = self.is_quadratic.then(|| &self.nodes[0].probed.jets[0]);
+        let felt = |jet: &EnergyJet| match self.push_m {
+            Some(push_m) => norm(jet.taylor_force_n(push_m)),
+            None => jet.stiffness_n_m.trace(),
+        };
+        best.or(own).map(|best| felt(jet) / felt(best) - 1.0)
     }
 
-    /// Mean stiffness at rest of the first node with the scene's model, N/m.
-    fn stiffness_n_m(&self) -> f64 {
-        self.nodes[0].probed.jets[0].stiffness_n_m.trace() / 3.0
+    /// The recommended discretisation, as the end of a sentence.
+    fn discretisation(
+        &self,
+        own: Model,
+        (cheapest, least_s): (Model, f64),
+        rows: &[Row],
+        tolerance: f64,
+    ) -> String {
+        let percent = |share: f64| format!("{:+.0} %", 100.0 * share);
+        let words = |model: Model| model.words(self.has_pressure);
+        let stiffer = |model: Model| {
+            let row = rows.iter().rev().find(|row| row.model == words(model));
+            row.and_then(|row| row.stiffer).map_or_else(String::new, percent)
+        };
+        let limit = 100.0 * tolerance;
+        if least_s.is_infinite() {
+            return format!(
+                "; no discretisation is known to be within {limit} % of a finer one: use a finer mesh"
+            );
+        }
+        if cheapest == own {
+            return format!("; {} is the cheapest discretisation within {limit} %", words(own));
+        }
+        format!(
+            "; the cheapest discretisation within {limit} % is {} ({} beside {} with {}): {}",
+            words(cheapest),
+            stiffer(cheapest),
+            stiffer(own),
+            words(own),
+            cheapest.keys()
+        )
     }
 
     fn tolerance_in_words(&self) -> &'static str {
