@@ -172,10 +172,12 @@ const HOST: [&str; 23] = [
 ];
 
 /// The viewer, lowest stratum first.
-const VIEWER: [&str; 30] = [
+const VIEWER: [&str; 36] = [
     "error",
     "image",
     "palette",
+    "verdict",
+    "ticks",
     "font",
     "camera",
     "material",
@@ -189,7 +191,11 @@ const VIEWER: [&str; 30] = [
     "pick",
     "viewpoint",
     "reach",
+    "touched",
+    "section",
+    "tool",
     "scene",
+    "inset",
     "live",
     "help",
     "charts",

@@ -4,6 +4,8 @@ use std::path::Path;
 
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
+use palpate_precompute::certificate::{self, Certificate};
+use palpate_viewer::Verdict;
 
 use crate::failure::Failure;
 
@@ -33,4 +35,21 @@ pub(crate) const PREFERENCE: [Method; 8] = [
 pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
     let has = |method: &Method| organs.iter().all(|organ| organ.spaces.iter().all(|s| s.has(*method)));
     PREFERENCE.into_iter().find(has)
+}
+
+/// The certificate's verdict on each active node, for the picture; unknown where it states none.
+pub(crate) fn verdicts<const N: usize>(organ: &Organ<'_, N>) -> Vec<Verdict> {
+    let certificate: Option<Certificate> =
+        organ.certificate.and_then(|bytes| serde_json::from_slice(bytes).ok());
+    let health = |name: &str| {
+        let space = certificate.as_ref()?.spaces.iter().find(|space| space.active == name)?;
+        Some(space.health.as_ref()?.verdict)
+    };
+    let word = |verdict| match verdict {
+        Some(certificate::Verdict::Green) => Verdict::Green,
+        Some(certificate::Verdict::Yellow) => Verdict::Yellow,
+        Some(certificate::Verdict::Red) => Verdict::Red,
+        None => Verdict::Unknown,
+    };
+    organ.spaces.iter().map(|space| word(health(space.active.name.as_str()))).collect()
 }

@@ -21,6 +21,7 @@ use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSumm
 use palpate_record::{End, Header, Recorder, RecorderReport};
 use palpate_viewer::{Frames, RendererConfig, Screen, View, ViewerError};
 
+use crate::blob::verdicts;
 use crate::control::Control;
 use crate::failure::Failure;
 use crate::files::Output;
@@ -107,7 +108,9 @@ impl Show<'_> {
             }
             opened => opened,
         };
-        opened.map_err(|error| self.screen_failure(error))
+        let mut screen = opened.map_err(|error| self.screen_failure(error))?;
+        screen.set_verdicts(organs.iter().map(|organ| verdicts(organ)).collect());
+        Ok(screen)
     }
 
     /// Deletes the folder of a screen that showed nothing, if it is empty and the screen made it. The failure
