@@ -104,9 +104,10 @@ impl Inset {
         projection: &Projection,
         image: &mut Image,
     ) {
-        let far_m = touched.tool_m.distance(touched.contact_m);
         let Some(frame) = Frame::of(image, self.width_m) else { return };
-        if !(touched.is_engaged || far_m < 0.5 * self.width_m) {
+        let is_near = touched.tool_m.distance(touched.contact_m) < 0.5 * self.width_m
+            && frame.pixel(Vec2::new(0.0, -touched.depth_m())).y > frame.top + HEADING * frame.scale;
+        if !(touched.is_engaged || is_near) {
             return;
         }
         let plane = Plane::of(touched, projection);
@@ -115,7 +116,7 @@ impl Inset {
         plane.contour(surface.position_m(), triangles, height_m, skin);
         self.draw_ground(&frame, image);
         self.draw_skin(&frame, image);
-        self.draw_tool(&frame, tool, touched.depth_m(), image);
+        self.draw_tool(&frame, tool, touched, image);
         self.draw_text(&frame, touched, image);
     }
 
@@ -151,7 +152,7 @@ impl Inset {
             }
         }
         for (contour, half_width, colour, alpha) in
-            [(&self.rest, 0.5, MUTED, 0.9), (&self.skin, 1.15, SKIN_COLOUR, 1.0)]
+            [(&self.rest, 0.55, BRIGHT, 0.75), (&self.skin, 1.15, SKIN_COLOUR, 1.0)]
         {
             clear(&mut self.mask, frame);
             for ends in contour {
@@ -163,7 +164,8 @@ impl Inset {
     }
 
     /// The tool, and its depth as the dimension of a technical drawing.
-    fn draw_tool(&mut self, frame: &Frame, tool: Tool, depth_m: f32, image: &mut Image) {
+    fn draw_tool(&mut self, frame: &Frame, tool: Tool, touched: &Touched, image: &mut Image) {
+        let depth_m = touched.depth_m();
         let line = frame.scale.max(0.6);
         let at = frame.pixel(Vec2::new(0.0, -depth_m));
         let half_width = match tool {
@@ -178,7 +180,7 @@ impl Inset {
                 radius_m * frame.per_m
             }
         };
-        if depth_m.abs() < MIN_DEPTH_M {
+        if !touched.is_engaged || depth_m.abs() < MIN_DEPTH_M {
             return;
         }
         clear(&mut self.mask, frame);
@@ -267,5 +269,124 @@ fn depth_in_words(touched: &Touched) -> String {
         (false, _) => "not touching".into(),
         (true, true) => format!("{:.1} mm deep", 1e3 * depth_m.max(0.0)),
         (true, false) => format!("{:.1} mm out", -1e3 * depth_m),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::OrbitCamera;
+    use crate::synthetic::{self, Shape};
+    use glam::Vec3;
+    use palpate_core::NodeWeight;
+
+    const SIZE: [usize; 2] = [1280, 720];
+
+    /// The side view of the first active node, pressed by the tool to a depth, with the frame.
+    fn drawn(
+        tool: Tool,
+        depth_m: f32,
+        is_engaged: bool,
+        [width, height]: [usize; 2],
+    ) -> (Image, Option<Frame>) {
+        let shape = Shape { subdivisions: 5, ..Shape::default() };
+        let blob = synthetic::organ(&shape);
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+        let active = &organ.spaces[0].active;
+        let normal = Vec3::from_array(active.outward_normal);
+        let contact_m = Vec3::from_array(active.rest_position_m);
+        let touched = Touched { tool_m: contact_m - normal * depth_m, contact_m, normal, is_engaged };
+        let mut surface = Deformation::at_rest(&organ);
+        let whole = NodeWeight { space: 0, weight: f32::from(u8::from(is_engaged)) };
+        let shares = [whole, NodeWeight::default(), NodeWeight::default()];
+        surface.update(&organ, &shares, (-normal * depth_m).to_array());
+        let camera = OrbitCamera::framing(Vec3::ZERO, 0.1, Vec3::new(0.1, -1.0, 0.3), Vec3::Z);
+        let mut image = Image::new(width, height);
+        let mut inset = Inset::new(&organ);
+        let skin = (&surface, organ.surface.triangles);
+        inset.draw((&touched, tool), skin, &camera.projection(width, height), &mut image);
+        let frame = Frame::of(&image, inset.width_m);
+        (image, frame)
+    }
+
+    /// Rows of a column with a colour, from the top.
+    fn rows(image: &Image, x: f32, is: impl Fn(i32, i32, i32) -> bool) -> Vec<usize> {
+        let channel = |pixel: u32, shift: u32| (pixel >> shift & 255) as i32;
+        let has = |y: &usize| {
+            image.pixel(x as usize, *y).is_some_and(|p| is(channel(p, 16), channel(p, 8), channel(p, 0)))
+        };
+        (0..image.height()).filter(has).collect()
+    }
+
+    /// The thick line is the skin now, where the node is at the depth of the tool; the thin one is at rest.
+    #[test]
+    fn skin_and_tool_are_at_their_depths() {
+        for depth_m in [0.004_f32, 0.009] {
+            let (image, frame) = drawn(Tool::Point(0.003), depth_m, true, SIZE);
+            let frame = frame.expect("it fits");
+            // Between the tool and the dimension, 4 mm beside the node.
+            let beside = |depth_m: f32| frame.pixel(Vec2::new(-0.004, -depth_m));
+            let skin = rows(&image, beside(0.0).x, |r, g, b| r > 200 && g > 120 && b < 150 && r - b > 80);
+            let rest =
+                rows(&image, beside(0.0).x, |r, g, b| r > 120 && (r - b).abs() < 30 && (r - g).abs() < 30);
+            // The synthetic dent is 1 / (1 + r^2 / reach^2) of the depth, and the body curves away.
+            let dent_m = depth_m / (1.0 + (0.004_f32 / 0.024).powi(2));
+            let (at_rest, pressed) = (beside(0.0).y, beside(dent_m).y);
+            assert!(!rest.is_empty() && (rest[0] as f32 - at_rest).abs() < 4.0, "{rest:?} {at_rest}");
+            assert!(skin.iter().any(|y| (*y as f32 - pressed).abs() < 4.0), "{skin:?} {pressed}");
+            let tool = frame.pixel(Vec2::new(0.0, -depth_m));
+            let ball = rows(&image, tool.x, |r, g, b| r > 180 && g > 215 && b > 230);
+            let middle = 0.5 * (ball[0] + ball[ball.len() - 1]) as f32;
+            assert!((middle - tool.y).abs() <= 1.5, "{ball:?} {}", tool.y);
+        }
+    }
+
+    /// A pad is as wide as it is, from its arc to its face.
+    #[test]
+    fn a_pad_has_its_size() {
+        let (pad_m, depth_m) = (0.010, 0.005);
+        let (image, frame) = drawn(Tool::Fingertip(pad_m), depth_m, true, SIZE);
+        let frame = frame.expect("it fits");
+        let edge = |r: i32, g: i32, b: i32| r > 110 && g > 150 && b > 160;
+        let top = rows(&image, frame.pixel(Vec2::ZERO).x, edge);
+        let [arc, face] = [PAD_HEIGHT * pad_m - depth_m, -depth_m].map(|y| frame.pixel(Vec2::new(0.0, y)).y);
+        assert!((top[0] as f32 - arc).abs() < 2.5, "{top:?} {arc}");
+        assert!((top[top.len() - 1] as f32 - face).abs() < 2.5, "{top:?} {face}");
+        let y = face as usize;
+        let row: Vec<usize> = (frame.left as usize..(frame.left + frame.width) as usize)
+            .filter(|x| !rows(&image, *x as f32, edge).iter().all(|row| row.abs_diff(y) > 1))
+            .collect();
+        let width = (row[row.len() - 1] - row[0]) as f32;
+        // The lines of the dimension begin beside the pad.
+        let expected = 2.0 * pad_m * frame.per_m;
+        assert!(width > expected - 3.0 && width < expected + 24.0, "{width} {expected}");
+    }
+
+    /// Without room, or with a free tool far away, there is no side view; near the skin there is.
+    #[test]
+    fn it_is_drawn_where_it_has_room_and_a_use() {
+        let lit = |depth_m, is_engaged, size| {
+            let (image, _) = drawn(Tool::Point(0.003), depth_m, is_engaged, size);
+            image.pixels().iter().filter(|pixel| **pixel != 0).count()
+        };
+        assert!(lit(0.004, true, SIZE) > 20_000 && lit(-0.004, false, SIZE) > 20_000);
+        assert_eq!(lit(-0.04, false, SIZE), 0);
+        for size in [[1, 1], [200, 900], [720, 720], [16, 9]] {
+            lit(0.004, true, size);
+        }
+        assert_eq!(lit(0.004, true, [720, 720]), 0);
+    }
+
+    #[test]
+    fn the_depth_is_told_in_words() {
+        let touched = |depth_m: f32, is_engaged| Touched {
+            tool_m: Vec3::Z * -depth_m,
+            contact_m: Vec3::ZERO,
+            normal: Vec3::Z,
+            is_engaged,
+        };
+        let words = [(0.00512, true), (-0.0131, true), (-0.00001, true), (-0.002, false)]
+            .map(|(depth_m, is_engaged)| depth_in_words(&touched(depth_m, is_engaged)));
+        assert_eq!(words, ["5.1 mm deep", "13.1 mm out", "0.0 mm deep", "not touching"]);
     }
 }

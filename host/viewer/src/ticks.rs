@@ -2,8 +2,9 @@
 
 /// Fewest and most marks.
 const COUNT: core::ops::RangeInclusive<usize> = 4..=6;
-/// Largest ratio of the ends at which a logarithmic scale gets evenly spaced marks.
-const SMALL_RATIO: f64 = 4.0;
+/// Ratios of the ends of a logarithmic scale: up to the first it has evenly spaced marks, up to the second
+/// where no others suit, and beyond it none.
+const SMALL_RATIOS: [f64; 2] = [4.0, 10.0];
 /// Sets of marks of a logarithmic scale: the values in each decade, and the decades from mark to mark.
 const DECADES: [(&[f64], i32); 7] = [
     (&[1.0, 2.0, 5.0], 1),
@@ -27,7 +28,11 @@ pub(super) struct Scale {
 /// The ends are moved out to the next marks only where no round step has four to six marks between them.
 pub(super) fn scale([low, high]: [f32; 2], is_logarithmic: bool) -> Scale {
     let ends = [low, high].map(f64::from);
-    let steps = if is_logarithmic && ends[1] > SMALL_RATIO * ends[0] { decades(ends) } else { even(ends) };
+    let beyond = |ratio: f64| is_logarithmic && ends[1] > ratio * ends[0];
+    let mut steps = if beyond(SMALL_RATIOS[0]) { decades(ends) } else { Vec::new() };
+    if !beyond(SMALL_RATIOS[1]) {
+        steps.extend(even(ends));
+    }
     let found = steps.iter().find_map(|marks| inside(ends, marks).map(|marks| (ends, marks)));
     let found = found.or_else(|| steps.iter().find_map(|marks| round_it(ends, marks)));
     let ([low, high], marks) = found.unwrap_or((ends, ends.to_vec()));
@@ -69,9 +74,8 @@ fn decades([low, high]: [f64; 2]) -> Vec<Vec<f64>> {
 /// The marks between the ends, if their number suits.
 fn inside([low, high]: [f64; 2], marks: &[f64]) -> Option<Vec<f64>> {
     // A mark at an end may be a rounding error beyond it.
-    let slack = 1e-6 * (high - low);
-    let all: Vec<f64> =
-        marks.iter().copied().filter(|mark| (low - slack..=high + slack).contains(mark)).collect();
+    let within = low - 1e-6 * low.abs()..=high + 1e-6 * high.abs();
+    let all: Vec<f64> = marks.iter().copied().filter(|mark| within.contains(mark)).collect();
     COUNT.contains(&all.len()).then_some(all)
 }
 
@@ -131,9 +135,9 @@ mod tests {
                     assert!(from - slack <= marks[0] && marks[marks.len() - 1] <= to + slack, "{what}");
                     assert!(from <= low * 1.000_01 && high <= to * 1.000_01, "{what}");
                     assert!(marks.iter().all(|mark| label(*mark).len() <= 5), "{what}");
-                    if is_logarithmic && high > 4.0 * low {
-                        assert!(marks.iter().all(|mark| is_round(*mark)), "{what}");
-                    } else {
+                    let all_round = marks.iter().all(|mark| is_round(*mark));
+                    assert!(all_round || !is_logarithmic || high < 10.0 * low, "{what}");
+                    if !(all_round && is_logarithmic) {
                         let step = marks[1] - marks[0];
                         assert!(is_round((1e4 * step).round() * 1e-4), "{what}");
                         let multiple = |mark: &f32| (mark / step - (mark / step).round()).abs() < 1e-3;
