@@ -172,7 +172,7 @@ const HOST: [&str; 23] = [
 ];
 
 /// The viewer, lowest stratum first.
-const VIEWER: [&str; 36] = [
+const VIEWER: [&str; 37] = [
     "error",
     "image",
     "palette",
@@ -192,6 +192,7 @@ const VIEWER: [&str; 36] = [
     "viewpoint",
     "reach",
     "touched",
+    "regions",
     "section",
     "tool",
     "scene",
@@ -247,7 +248,7 @@ const HIL: [&str; 27] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 62] = [
+const TOOLS: [&str; 63] = [
     "memory",
     "resident",
     "timing",
@@ -261,6 +262,7 @@ const TOOLS: [&str; 62] = [
     "analysis",
     "blob",
     "displacements",
+    "regions",
     "control",
     "touch",
     "truth",

@@ -19,7 +19,7 @@ use palpate_host::settings::{arm_button, controller_config};
 use palpate_host::sys::RtReport;
 use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_session};
 use palpate_record::{End, Header, Recorder, RecorderReport};
-use palpate_viewer::{Frames, RendererConfig, Screen, View, ViewerError};
+use palpate_viewer::{Frames, Regions, RendererConfig, Screen, View, ViewerError};
 
 use crate::blob::verdicts;
 use crate::control::Control;
@@ -64,6 +64,8 @@ pub(crate) struct Show<'p> {
     pub has_motors: bool,
     /// The socket that controls the session.
     pub control: Option<&'p Control>,
+    /// Regions inside the body that the side view shows.
+    pub regions: Option<&'p Regions>,
 }
 
 impl Show<'_> {
@@ -110,6 +112,7 @@ impl Show<'_> {
         };
         let mut screen = opened.map_err(|error| self.screen_failure(error))?;
         screen.set_verdicts(organs.iter().map(|organ| verdicts(organ)).collect());
+        self.regions.iter().for_each(|regions| screen.set_regions(regions));
         Ok(screen)
     }
 
@@ -405,6 +408,7 @@ mod tests {
             mouse: None,
             has_motors: false,
             control: None,
+            regions: None,
         }
     }
 

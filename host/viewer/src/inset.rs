@@ -4,12 +4,13 @@ use super::camera::Projection;
 use super::font::{Align, TextStyle, Typeface};
 use super::image::{Image, StrokeMask};
 use super::palette::{BRIGHT, FAINT, MUTED};
+use super::regions::Regions;
 use super::section::{Inside, Plane};
 use super::ticks::{label, round_below};
 use super::tool::{PAD_COLOUR, PAD_HEIGHT, Tool};
 use super::touched::Touched;
 use crate::deformation::Deformation;
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use palpate_core::Organ;
 
 /// Left, distance of the bottom from that of the picture, width and height, for a picture 720 pixels high.
@@ -30,6 +31,10 @@ const MIN_DEPTH_M: f32 = 5e-5;
 const GROUND_COLOUR: u32 = 0x0c_1014;
 const TISSUE_COLOUR: u32 = 0x8a_3a30;
 const SKIN_COLOUR: u32 = 0xf0_a070;
+const REGION_COLOUR: u32 = 0xc4_aaf5;
+
+/// Text beside the bar where a region is in the section.
+const REGION_NOTE: &str = "inclusion, at rest";
 
 /// The side view; the buffers are reused.
 #[derive(Debug, Clone)]
@@ -41,6 +46,9 @@ pub(super) struct Inset {
     height_m: Vec<f32>,
     rest: Vec<[Vec2; 2]>,
     skin: Vec<[Vec2; 2]>,
+    region: Vec<[Vec2; 2]>,
+    region_m: Vec<Vec3>,
+    region_triangles: Vec<[u32; 3]>,
 }
 
 /// The section in the picture.
@@ -93,7 +101,16 @@ impl Inset {
             height_m: Vec::new(),
             rest: Vec::new(),
             skin: Vec::new(),
+            region: Vec::new(),
+            region_m: Vec::new(),
+            region_triangles: Vec::new(),
         }
+    }
+
+    /// Sets the boundaries of regions, which are drawn where they are at rest.
+    pub(super) fn set_regions(&mut self, regions: &Regions) {
+        self.region_m = regions.points_m();
+        self.region_triangles.clone_from(&regions.triangles);
     }
 
     /// Draws the side view, unless a free tool is too far from the skin to be in it.
@@ -111,9 +128,10 @@ impl Inset {
             return;
         }
         let plane = Plane::of(touched, projection);
-        let Self { height_m, rest, skin, .. } = self;
+        let Self { height_m, rest, skin, region, .. } = self;
         plane.contour(surface.rest_m(), triangles, height_m, rest);
         plane.contour(surface.position_m(), triangles, height_m, skin);
+        plane.contour(&self.region_m, &self.region_triangles, height_m, region);
         self.draw_ground(&frame, image);
         self.draw_skin(&frame, image);
         self.draw_tool(&frame, tool, touched, image);
@@ -151,9 +169,11 @@ impl Inset {
                 image.fill_rect(x, from.round() as i32, 1, rows, TISSUE_COLOUR, 0.5);
             }
         }
-        for (contour, half_width, colour, alpha) in
-            [(&self.rest, 0.55, BRIGHT, 0.75), (&self.skin, 1.15, SKIN_COLOUR, 1.0)]
-        {
+        for (contour, half_width, colour, alpha) in [
+            (&self.rest, 0.55, BRIGHT, 0.75),
+            (&self.region, 0.8, REGION_COLOUR, 0.9),
+            (&self.skin, 1.15, SKIN_COLOUR, 1.0),
+        ] {
             clear(&mut self.mask, frame);
             for ends in contour {
                 let [from, to] = ends.map(|end| frame.pixel(end).to_array());
@@ -251,6 +271,15 @@ impl Inset {
         let style = TextStyle::new(9.0 * scale, BRIGHT);
         let x = left + margin + bar + 7.0 * scale;
         self.face.draw_with_halo(image, &text, (x, y + 2.0 * scale), Align::Left, style);
+        let is_in = |end: &Vec2| {
+            let pixel = frame.pixel(*end);
+            (left..left + width).contains(&pixel.x) && (top..top + height).contains(&pixel.y)
+        };
+        if self.region.as_flattened().iter().any(is_in) {
+            let place = (left + width - margin, y + 2.0 * scale);
+            let style = TextStyle::new(9.0 * scale, REGION_COLOUR);
+            self.face.draw_with_halo(image, REGION_NOTE, place, Align::Right, style);
+        }
     }
 }
 
@@ -273,120 +302,4 @@ fn depth_in_words(touched: &Touched) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::camera::OrbitCamera;
-    use crate::synthetic::{self, Shape};
-    use glam::Vec3;
-    use palpate_core::NodeWeight;
-
-    const SIZE: [usize; 2] = [1280, 720];
-
-    /// The side view of the first active node, pressed by the tool to a depth, with the frame.
-    fn drawn(
-        tool: Tool,
-        depth_m: f32,
-        is_engaged: bool,
-        [width, height]: [usize; 2],
-    ) -> (Image, Option<Frame>) {
-        let shape = Shape { subdivisions: 5, ..Shape::default() };
-        let blob = synthetic::organ(&shape);
-        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
-        let active = &organ.spaces[0].active;
-        let normal = Vec3::from_array(active.outward_normal);
-        let contact_m = Vec3::from_array(active.rest_position_m);
-        let touched = Touched { tool_m: contact_m - normal * depth_m, contact_m, normal, is_engaged };
-        let mut surface = Deformation::at_rest(&organ);
-        let whole = NodeWeight { space: 0, weight: f32::from(u8::from(is_engaged)) };
-        let shares = [whole, NodeWeight::default(), NodeWeight::default()];
-        surface.update(&organ, &shares, (-normal * depth_m).to_array());
-        let camera = OrbitCamera::framing(Vec3::ZERO, 0.1, Vec3::new(0.1, -1.0, 0.3), Vec3::Z);
-        let mut image = Image::new(width, height);
-        let mut inset = Inset::new(&organ);
-        let skin = (&surface, organ.surface.triangles);
-        inset.draw((&touched, tool), skin, &camera.projection(width, height), &mut image);
-        let frame = Frame::of(&image, inset.width_m);
-        (image, frame)
-    }
-
-    /// Rows of a column with a colour, from the top.
-    fn rows(image: &Image, x: f32, is: impl Fn(i32, i32, i32) -> bool) -> Vec<usize> {
-        let channel = |pixel: u32, shift: u32| (pixel >> shift & 255) as i32;
-        let has = |y: &usize| {
-            image.pixel(x as usize, *y).is_some_and(|p| is(channel(p, 16), channel(p, 8), channel(p, 0)))
-        };
-        (0..image.height()).filter(has).collect()
-    }
-
-    /// The thick line is the skin now, where the node is at the depth of the tool; the thin one is at rest.
-    #[test]
-    fn skin_and_tool_are_at_their_depths() {
-        for depth_m in [0.004_f32, 0.009] {
-            let (image, frame) = drawn(Tool::Point(0.003), depth_m, true, SIZE);
-            let frame = frame.expect("it fits");
-            // Between the tool and the dimension, 4 mm beside the node.
-            let beside = |depth_m: f32| frame.pixel(Vec2::new(-0.004, -depth_m));
-            let skin = rows(&image, beside(0.0).x, |r, g, b| r > 200 && g > 120 && b < 150 && r - b > 80);
-            let rest =
-                rows(&image, beside(0.0).x, |r, g, b| r > 120 && (r - b).abs() < 30 && (r - g).abs() < 30);
-            // The synthetic dent is 1 / (1 + r^2 / reach^2) of the depth, and the body curves away.
-            let dent_m = depth_m / (1.0 + (0.004_f32 / 0.024).powi(2));
-            let (at_rest, pressed) = (beside(0.0).y, beside(dent_m).y);
-            assert!(!rest.is_empty() && (rest[0] as f32 - at_rest).abs() < 4.0, "{rest:?} {at_rest}");
-            assert!(skin.iter().any(|y| (*y as f32 - pressed).abs() < 4.0), "{skin:?} {pressed}");
-            let tool = frame.pixel(Vec2::new(0.0, -depth_m));
-            let ball = rows(&image, tool.x, |r, g, b| r > 180 && g > 215 && b > 230);
-            let middle = 0.5 * (ball[0] + ball[ball.len() - 1]) as f32;
-            assert!((middle - tool.y).abs() <= 1.5, "{ball:?} {}", tool.y);
-        }
-    }
-
-    /// A pad is as wide as it is, from its arc to its face.
-    #[test]
-    fn a_pad_has_its_size() {
-        let (pad_m, depth_m) = (0.010, 0.005);
-        let (image, frame) = drawn(Tool::Fingertip(pad_m), depth_m, true, SIZE);
-        let frame = frame.expect("it fits");
-        let edge = |r: i32, g: i32, b: i32| r > 110 && g > 150 && b > 160;
-        let top = rows(&image, frame.pixel(Vec2::ZERO).x, edge);
-        let [arc, face] = [PAD_HEIGHT * pad_m - depth_m, -depth_m].map(|y| frame.pixel(Vec2::new(0.0, y)).y);
-        assert!((top[0] as f32 - arc).abs() < 2.5, "{top:?} {arc}");
-        assert!((top[top.len() - 1] as f32 - face).abs() < 2.5, "{top:?} {face}");
-        let y = face as usize;
-        let row: Vec<usize> = (frame.left as usize..(frame.left + frame.width) as usize)
-            .filter(|x| !rows(&image, *x as f32, edge).iter().all(|row| row.abs_diff(y) > 1))
-            .collect();
-        let width = (row[row.len() - 1] - row[0]) as f32;
-        // The lines of the dimension begin beside the pad.
-        let expected = 2.0 * pad_m * frame.per_m;
-        assert!(width > expected - 3.0 && width < expected + 24.0, "{width} {expected}");
-    }
-
-    /// Without room, or with a free tool far away, there is no side view; near the skin there is.
-    #[test]
-    fn it_is_drawn_where_it_has_room_and_a_use() {
-        let lit = |depth_m, is_engaged, size| {
-            let (image, _) = drawn(Tool::Point(0.003), depth_m, is_engaged, size);
-            image.pixels().iter().filter(|pixel| **pixel != 0).count()
-        };
-        assert!(lit(0.004, true, SIZE) > 20_000 && lit(-0.004, false, SIZE) > 20_000);
-        assert_eq!(lit(-0.04, false, SIZE), 0);
-        for size in [[1, 1], [200, 900], [720, 720], [16, 9]] {
-            lit(0.004, true, size);
-        }
-        assert_eq!(lit(0.004, true, [720, 720]), 0);
-    }
-
-    #[test]
-    fn the_depth_is_told_in_words() {
-        let touched = |depth_m: f32, is_engaged| Touched {
-            tool_m: Vec3::Z * -depth_m,
-            contact_m: Vec3::ZERO,
-            normal: Vec3::Z,
-            is_engaged,
-        };
-        let words = [(0.00512, true), (-0.0131, true), (-0.00001, true), (-0.002, false)]
-            .map(|(depth_m, is_engaged)| depth_in_words(&touched(depth_m, is_engaged)));
-        assert_eq!(words, ["5.1 mm deep", "13.1 mm out", "0.0 mm deep", "not touching"]);
-    }
-}
+mod tests;

@@ -8,6 +8,7 @@ use super::live::Live;
 use super::mouse_tool::PickView;
 use super::overlay::{Captions, Overlay};
 use super::raster::Raster;
+use super::regions::Regions;
 use super::scene::{Scene, nice_scale_m};
 use super::shade::Shader;
 use super::touched::Touched;
@@ -151,6 +152,11 @@ impl Renderer {
         self.captions.verdicts = verdicts;
     }
 
+    /// Sets the boundaries of regions inside the body, which the side view shows where they are at rest.
+    pub fn set_regions(&mut self, regions: &Regions) {
+        self.inset.set_regions(regions);
+    }
+
     /// The camera.
     pub const fn camera_mut(&mut self) -> &mut OrbitCamera {
         &mut self.camera
@@ -244,11 +250,11 @@ impl Renderer {
         self.full_scale_m = self.full_scale_m.max(nice_scale_m(self.surface.largest_m()));
     }
 
-    /// The projection with the organ slightly left of and above the middle: text is on the right, the charts
-    /// are below.
+    /// The projection with the organ left of and above the middle: text is on the right, charts and
+    /// side view are below.
     fn projection(&self) -> Projection {
         let mut projection = self.camera.projection(self.image.width(), self.image.height());
-        projection.centre_px.x -= 0.045 * self.image.width() as f32;
+        projection.centre_px.x -= 0.06 * self.image.width() as f32;
         projection.centre_px.y -= 0.045 * self.image.height() as f32;
         projection
     }

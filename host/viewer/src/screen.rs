@@ -3,6 +3,7 @@
 use super::error::ViewerError;
 use super::frames::FrameWriter;
 use super::live::Live;
+use super::regions::Regions;
 use super::renderer::{Renderer, RendererConfig};
 use super::verdict::Verdict;
 use super::window_controller::WindowController;
@@ -158,6 +159,13 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
     pub fn set_verdicts(&mut self, verdicts: Vec<Vec<Verdict>>) {
         if let Some(renderer) = &mut self.renderer {
             renderer.set_verdicts(verdicts);
+        }
+    }
+
+    /// Sets the boundaries of regions inside the body, see [`Renderer::set_regions`].
+    pub fn set_regions(&mut self, regions: &Regions) {
+        if let Some(renderer) = &mut self.renderer {
+            renderer.set_regions(regions);
         }
     }
 
