@@ -34,7 +34,7 @@ const SKIN_COLOUR: u32 = 0xf0_a070;
 const REGION_COLOUR: u32 = 0xc4_aaf5;
 
 /// Text beside the bar where a region is in the section.
-const REGION_NOTE: &str = "inclusion, at rest";
+const REGION_NOTE: &str = "inclusion (estimated)";
 
 /// The side view; the buffers are reused.
 #[derive(Debug, Clone)]
@@ -47,8 +47,8 @@ pub(super) struct Inset {
     rest: Vec<[Vec2; 2]>,
     skin: Vec<[Vec2; 2]>,
     region: Vec<[Vec2; 2]>,
+    regions: Regions,
     region_m: Vec<Vec3>,
-    region_triangles: Vec<[u32; 3]>,
 }
 
 /// The section in the picture.
@@ -102,15 +102,14 @@ impl Inset {
             rest: Vec::new(),
             skin: Vec::new(),
             region: Vec::new(),
+            regions: Regions::default(),
             region_m: Vec::new(),
-            region_triangles: Vec::new(),
         }
     }
 
-    /// Sets the boundaries of regions, which are drawn where they are at rest.
+    /// Sets the boundaries of regions.
     pub(super) fn set_regions(&mut self, regions: &Regions) {
-        self.region_m = regions.points_m();
-        self.region_triangles.clone_from(&regions.triangles);
+        self.regions.clone_from(regions);
     }
 
     /// Draws the side view, unless a free tool is too far from the skin to be in it.
@@ -128,10 +127,11 @@ impl Inset {
             return;
         }
         let plane = Plane::of(touched, projection);
-        let Self { height_m, rest, skin, region, .. } = self;
+        let Self { height_m, rest, skin, region, region_m, regions, .. } = self;
         plane.contour(surface.rest_m(), triangles, height_m, rest);
         plane.contour(surface.position_m(), triangles, height_m, skin);
-        plane.contour(&self.region_m, &self.region_triangles, height_m, region);
+        regions.position_into(surface.position_m(), region_m);
+        plane.contour(region_m, &regions.triangles, height_m, region);
         self.draw_ground(&frame, image);
         self.draw_skin(&frame, image);
         self.draw_tool(&frame, tool, touched, image);
@@ -159,14 +159,17 @@ impl Inset {
         let floor = (top + height).round() - 1.0;
         let corner = Vec2::new(first, 0.0);
         let columns = width.round() as usize;
-        let pixels = self.skin.iter().map(|ends| ends.map(|end| frame.pixel(end) - corner));
-        self.inside.find(pixels, columns);
-        for column in 1..columns.saturating_sub(1) {
-            for [from, to] in self.inside.spans(column) {
-                let (from, to) = (from.max(ceiling), to.min(floor));
-                let rows = (to.round() - from.round()).max(0.0) as i32;
-                let x = first as i32 + column as i32;
-                image.fill_rect(x, from.round() as i32, 1, rows, TISSUE_COLOUR, 0.5);
+        for (contour, colour, alpha) in
+            [(&self.skin, TISSUE_COLOUR, 0.5), (&self.region, REGION_COLOUR, 0.22)]
+        {
+            let pixels = contour.iter().map(|ends| ends.map(|end| frame.pixel(end) - corner));
+            self.inside.find(pixels, columns);
+            for column in 1..columns.saturating_sub(1) {
+                for [from, to] in self.inside.spans(column) {
+                    let (from, to) = (from.max(ceiling).round(), to.min(floor).round());
+                    let x = first as i32 + column as i32;
+                    image.fill_rect(x, from as i32, 1, (to - from).max(0.0) as i32, colour, alpha);
+                }
             }
         }
         for (contour, half_width, colour, alpha) in [

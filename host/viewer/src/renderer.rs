@@ -152,7 +152,7 @@ impl Renderer {
         self.captions.verdicts = verdicts;
     }
 
-    /// Sets the boundaries of regions inside the body, which the side view shows where they are at rest.
+    /// Sets the boundaries of regions inside the body, which the side view shows.
     pub fn set_regions(&mut self, regions: &Regions) {
         self.inset.set_regions(regions);
     }

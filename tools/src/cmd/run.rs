@@ -114,7 +114,7 @@ pub(crate) struct Args {
         help_heading = "Pictures"
     )]
     pictures: PathBuf,
-    /// The scene of the blob: the side view shows the boundaries of its materials, at rest
+    /// The scene of the blob: the side view shows its inclusions, where the skin round them moves them
     #[arg(long, value_name = "SCENE.toml", hide_short_help = true, help_heading = "Pictures")]
     scene: Option<PathBuf>,
     /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a

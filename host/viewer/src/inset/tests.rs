@@ -101,8 +101,8 @@ fn a_region_is_drawn_where_it_is() {
         let corners = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z];
         let triangles =
             vec![[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]];
-        let position_m = corners.map(|corner| (middle_m + 0.004 * corner).to_array()).to_vec();
-        Regions { position_m, triangles }
+        let offset_m = corners.map(|corner| (middle_m + 0.004 * corner).to_array()).to_vec();
+        Regions { offset_m, weights: vec![Vec::new(); 6], triangles }
     };
     let violet = |r: i32, g: i32, b: i32| b > 150 && b - g > 40 && r > g;
     let drawn = |depth_m: f32| {
