@@ -105,3 +105,25 @@ fn normalized(vector: [f64; 3]) -> Option<[f64; 3]> {
     let length = norm(vector);
     (length > 0.0).then(|| vector.map(|x| x / length))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_side_has_its_name() {
+        assert!(Side::ALL.iter().all(|one| side(one.name()) == Ok(*one)));
+        assert_eq!(side("top"), Err("one of front, back, left, right, above, below".into()));
+    }
+
+    #[test]
+    fn a_vertex_takes_the_value_of_the_nearest_place_within_reach() {
+        let place =
+            |x| Touched { node: 0, place_m: [x, 0.0, 0.0], stiffness_n_m: x as f32, configurations: 1.0 };
+        let places = [place(0.0), place(1.0), place(3.0)];
+        let at = |x| nearest(&places, [x, 0.0, 0.0], 0.6).map(|touched| touched.stiffness_n_m);
+        assert_eq!([at(0.4), at(0.6), at(2.0), at(2.5)], [Some(0.0), Some(1.0), None, Some(3.0)]);
+        assert_eq!(normalized([0.0; 3]), None);
+        assert_eq!(normalized([0.0, -4.0, 3.0]), Some([0.0, -0.8, 0.6]));
+    }
+}
