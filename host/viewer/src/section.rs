@@ -149,6 +149,36 @@ mod tests {
         assert!(plane.point(touched.tool_m).distance(Vec2::new(0.0, -0.004)) < 1e-8);
     }
 
+    /// A triangle with one corner 1 mm in front of the plane and two 3 mm behind it: the line is a quarter of
+    /// the way from that corner, whatever the order of its corners.
+    #[test]
+    fn a_triangle_is_cut_where_it_crosses_the_plane() {
+        let (touched, projection) = touched(&Shape::default(), 0.0);
+        let plane = Plane::of(&touched, &projection);
+        let through = plane.across.cross(plane.normal);
+        let place =
+            |x: f32, y: f32, z: f32| plane.origin_m + plane.across * x + plane.normal * y + through * z;
+        let corners = [place(0.0, 0.0, 0.001), place(0.008, 0.0, -0.003), place(0.0, 0.004, -0.003)];
+        for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]] {
+            let position_m = order.map(|corner| corners[corner]);
+            let (mut heights, mut segments) = (Vec::new(), Vec::new());
+            plane.contour(&position_m, &[[0, 1, 2]], &mut heights, &mut segments);
+            let mut ends = segments[0];
+            ends.sort_by(|one, other| one.x.total_cmp(&other.x));
+            let expected = [Vec2::new(0.0, 0.001), Vec2::new(0.002, 0.0)];
+            let error_m = ends[0].distance(expected[0]).max(ends[1].distance(expected[1]));
+            assert!(segments.len() == 1 && error_m < 1e-7, "{order:?}: {ends:?}");
+        }
+        let mut segments = vec![[Vec2::ZERO; 2]];
+        plane.contour(
+            &corners.map(|corner| corner - through * 0.002),
+            &[[0, 1, 2]],
+            &mut Vec::new(),
+            &mut segments,
+        );
+        assert!(segments.is_empty(), "wholly behind");
+    }
+
     #[test]
     fn the_plane_does_not_collapse_where_the_normal_points_to_the_right() {
         let (touched, projection) = touched(&Shape::default(), 0.0);

@@ -69,6 +69,9 @@ fn skin_and_tool_are_at_their_depths() {
         let ball = rows(&image, tool.x, |r, g, b| r > 180 && g > 215 && b > 230);
         let middle = 0.5 * (ball[0] + ball[ball.len() - 1]) as f32;
         assert!((middle - tool.y).abs() <= 1.5, "{ball:?} {}", tool.y);
+        // The section is 1.2 grid radii of 40 mm wide, in 286 pixels, and has the same scale across and down.
+        let below = middle - frame.pixel(Vec2::ZERO).y;
+        assert!((below - depth_m * 286.0 / 0.048).abs() <= 1.5, "{below}");
     }
 }
 
