@@ -172,10 +172,12 @@ const HOST: [&str; 23] = [
 ];
 
 /// The viewer, lowest stratum first.
-const VIEWER: [&str; 30] = [
+const VIEWER: [&str; 37] = [
     "error",
     "image",
     "palette",
+    "verdict",
+    "ticks",
     "font",
     "camera",
     "material",
@@ -189,7 +191,12 @@ const VIEWER: [&str; 30] = [
     "pick",
     "viewpoint",
     "reach",
+    "touched",
+    "regions",
+    "section",
+    "tool",
     "scene",
+    "inset",
     "live",
     "help",
     "charts",
@@ -241,7 +248,7 @@ const HIL: [&str; 27] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 62] = [
+const TOOLS: [&str; 63] = [
     "memory",
     "resident",
     "timing",
@@ -255,6 +262,7 @@ const TOOLS: [&str; 62] = [
     "analysis",
     "blob",
     "displacements",
+    "regions",
     "control",
     "touch",
     "truth",

@@ -25,6 +25,7 @@ mod motors_off;
 mod output;
 mod points;
 mod progress;
+mod regions;
 mod resident;
 mod summary;
 mod timing;

@@ -19,8 +19,9 @@ use palpate_host::settings::{arm_button, controller_config};
 use palpate_host::sys::RtReport;
 use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_session};
 use palpate_record::{End, Header, Recorder, RecorderReport};
-use palpate_viewer::{Frames, RendererConfig, Screen, View, ViewerError};
+use palpate_viewer::{Frames, Regions, RendererConfig, Screen, View, ViewerError};
 
+use crate::blob::verdicts;
 use crate::control::Control;
 use crate::failure::Failure;
 use crate::files::Output;
@@ -63,6 +64,8 @@ pub(crate) struct Show<'p> {
     pub has_motors: bool,
     /// The socket that controls the session.
     pub control: Option<&'p Control>,
+    /// Regions inside the body that the side view shows.
+    pub regions: Option<&'p Regions>,
 }
 
 impl Show<'_> {
@@ -107,7 +110,10 @@ impl Show<'_> {
             }
             opened => opened,
         };
-        opened.map_err(|error| self.screen_failure(error))
+        let mut screen = opened.map_err(|error| self.screen_failure(error))?;
+        screen.set_verdicts(organs.iter().map(|organ| verdicts(organ)).collect());
+        self.regions.iter().for_each(|regions| screen.set_regions(regions));
+        Ok(screen)
     }
 
     /// Deletes the folder of a screen that showed nothing, if it is empty and the screen made it. The failure
@@ -402,6 +408,7 @@ mod tests {
             mouse: None,
             has_motors: false,
             control: None,
+            regions: None,
         }
     }
 

@@ -11,7 +11,7 @@
 mod synthetic;
 
 use core::time::Duration;
-use palpate_core::{Method, Organ, vec3};
+use palpate_core::{Method, NodeWeight, Organ, vec3};
 use palpate_host::BlobFile;
 use palpate_host::rt::TickRecord;
 use palpate_viewer::renderer::FrameTimes;
@@ -90,12 +90,14 @@ fn record(organ: &Organ<'_>, engaged: Option<u16>, depth_m: f32, tick: u64) -> T
     let space = &organ.spaces[0];
     let tremble = 1.0 + 0.05 * (tick as f32 * 0.05).sin();
     let displacement_m = vec3::scale(space.active.outward_normal, depth_m * tremble);
+    let whole = NodeWeight { space: 0, weight: if engaged.is_some() { 1.0 } else { 0.0 } };
     TickRecord {
         tick,
         t_us: 1_000 * tick,
         hip_m: vec3::add(space.active.rest_position_m, displacement_m),
         displacement_m,
         engaged,
+        shares: [whole, NodeWeight::default(), NodeWeight::default()],
         reaction_n: vec3::scale(displacement_m, 250.0),
         hand_force_n: vec3::scale(displacement_m, -250.0),
         lateness_ns: 3_000 + 500 * (tick % 7),

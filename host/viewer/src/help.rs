@@ -29,6 +29,7 @@ const KEYS: &[[&str; 2]] = &[
     ["N", "next model, if any"],
     ["T", "shape at rest"],
     ["G", "reachable region"],
+    ["V", "side view"],
     ["Space", "screenshot (PNG)"],
     ["H", "this help"],
     ["Esc", "end"],

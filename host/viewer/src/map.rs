@@ -1,20 +1,72 @@
-//! A still picture of scalar fields on a surface: one column per field, from the front and from the back.
+//! A still picture of scalar fields on a surface: one column per field, one row per side.
 
 use super::camera::Projection;
 use super::font::{Align, TextStyle, Typeface};
 use super::image::Image;
 use super::material::Material;
-use super::palette::{BRIGHT, ColourMap, MUTED, linear, packed};
+use super::palette::{BRIGHT, ColourMap, FAINT, MUTED, linear, packed};
 use super::raster::{Raster, Vertex};
 use super::scene::FIXED_COLOUR;
 use super::shade::Shader;
 use super::smooth::Smooth;
 use super::still::{camera, fit, in_range, samples, vertices};
+use super::ticks::{self, Scale};
 use super::viewpoint::{box_of, longest_axis, up_axis};
 use glam::{Vec2, Vec3};
 
 /// Colour of vertices without a value.
 const NONE_COLOUR: u32 = 0x6b_727a;
+
+/// A side of the surface, as seen with its long axis across the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// From the front.
+    Front,
+    /// From behind.
+    Back,
+    /// From the left of the front.
+    Left,
+    /// From the right of the front.
+    Right,
+    /// From above; the front is at the bottom.
+    Above,
+    /// From below; the front is at the top.
+    Below,
+}
+
+impl Side {
+    /// All sides.
+    pub const ALL: [Self; 6] = [Self::Front, Self::Back, Self::Left, Self::Right, Self::Above, Self::Below];
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Front => "front",
+            Self::Back => "back",
+            Self::Left => "left",
+            Self::Right => "right",
+            Self::Above => "above",
+            Self::Below => "below",
+        }
+    }
+
+    /// From the surface to the eye: horizontal views are slightly from above, so that the top is seen too, and
+    /// vertical ones slightly from the front, so that the long axis stays across.
+    fn towards(self, long: Vec3, up: Vec3) -> Vec3 {
+        let front = long.cross(up).normalize_or_zero();
+        let towards = match self {
+            Self::Front => front + 0.35 * up,
+            Self::Back => -front + 0.35 * up,
+            Self::Left => -long + 0.35 * up,
+            Self::Right => long + 0.35 * up,
+            Self::Above => up + 0.08 * front,
+            Self::Below => -up + 0.08 * front,
+        };
+        towards.normalize_or_zero()
+    }
+}
+
 /// Content of the picture.
 #[derive(Debug, Clone, Default)]
 pub struct SurfaceMap {
@@ -30,6 +82,8 @@ pub struct SurfaceMap {
     pub fixed: Vec<bool>,
     /// The fields.
     pub fields: Vec<ScalarField>,
+    /// The sides, a row each.
+    pub sides: Vec<Side>,
 }
 
 /// A scalar field on the vertices.
@@ -44,7 +98,12 @@ pub struct ScalarField {
 }
 
 impl ScalarField {
-    /// Smallest and largest value on the scale. With one value or none the range is still not empty.
+    /// The scale of its values.
+    fn scale(&self) -> Scale {
+        ticks::scale(self.range(), self.is_logarithmic)
+    }
+
+    /// Smallest and largest value. With one value or none the range is still not empty.
     fn range(&self) -> [f32; 2] {
         let has_place = |x: &&f32| x.is_finite() && (**x > 0.0 || !self.is_logarithmic);
         let all = self.values.iter().flatten().filter(has_place);
@@ -58,17 +117,11 @@ impl ScalarField {
         }
     }
 
-    /// Position of a value in the range, 0..1.
-    fn share(&self, value: f32) -> f32 {
+    /// Position of a value on a scale with these ends, 0..1.
+    fn share(&self, ends: [f32; 2], value: f32) -> f32 {
         let scale = |x: f32| if self.is_logarithmic { x.max(f32::MIN_POSITIVE).ln() } else { x };
-        let [low, high] = self.range().map(scale);
+        let [low, high] = ends.map(scale);
         (scale(value) - low) / (high - low)
-    }
-
-    /// The value at a position in the range: the inverse of [`Self::share`].
-    fn value(&self, share: f32) -> f32 {
-        let [low, high] = self.range();
-        if self.is_logarithmic { low * (high / low).powf(share) } else { low + share * (high - low) }
     }
 }
 
@@ -97,19 +150,20 @@ pub fn draw(map: &SurfaceMap, width: usize, height: usize) -> Image {
     );
     let (top, legend) = (92.0 * scale, 84.0 * scale);
     let columns = map.fields.len().max(1);
+    let rows = map.sides.len().max(1) as f32;
     let [panel_width, panel_height] =
-        [width / columns, ((height as f32 - top - legend) / 2.0).max(1.0) as usize];
+        [width / columns, ((height as f32 - top - legend) / rows).max(1.0) as usize];
     let colours = ColourMap::new();
     let mut shader = Shader::new();
     for (column, field) in map.fields.iter().enumerate() {
         let left = column * panel_width;
-        for (row, (name, back)) in [("front", false), ("back", true)].into_iter().enumerate() {
-            let panel = panel(map, field, &colours, &mut shader, [panel_width, panel_height], back);
+        for (row, side) in map.sides.iter().enumerate() {
+            let panel = panel(map, field, &colours, &mut shader, [panel_width, panel_height], *side);
             let at = top as usize + row * panel_height;
             paste(&mut image, &panel, left, at);
             let style = TextStyle::new(9.0 * scale, MUTED);
             let y = at as f32 + 16.0 * scale;
-            face.draw(&mut image, name, left as f32 + margin, y, Align::Left, style);
+            face.draw(&mut image, side.name(), left as f32 + margin, y, Align::Left, style);
         }
         let bar = Bar {
             left: left as f32 + 0.18 * panel_width as f32,
@@ -139,11 +193,13 @@ impl Bar {
             let colour = packed(colours.linear((x as f32 - left) / (right - left)));
             image.fill_rect(x, top as i32, 1, (12.0 * scale) as i32, colour, 1.0);
         }
-        for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
-            let value = field.value(share);
-            let text = if value.abs() >= 9.95 { format!("{value:.0}") } else { format!("{value:.1}") };
-            let (x, y) = (left + share * (right - left), top + 30.0 * scale);
-            face.draw(image, &text, x, y, Align::Centre, TextStyle::new(9.0 * scale, MUTED));
+        let Scale { ends, marks } = field.scale();
+        for mark in marks {
+            let x = left + field.share(ends, mark) * (right - left);
+            let line = (scale.round() as i32).max(1);
+            image.fill_rect(x as i32, (top + 12.0 * scale) as i32, line, (4.0 * scale) as i32, FAINT, 1.0);
+            let style = TextStyle::new(9.0 * scale, MUTED);
+            face.draw(image, &ticks::label(mark), x, top + 30.0 * scale, Align::Centre, style);
         }
     }
 }
@@ -155,7 +211,7 @@ fn panel(
     colours: &ColourMap,
     shader: &mut Shader,
     [width, height]: [usize; 2],
-    back: bool,
+    side: Side,
 ) -> Image {
     let mut image = Image::new(width, height);
     let count = map.position_m.len();
@@ -163,15 +219,16 @@ fn panel(
     if field.values.len() != count || triangles.is_empty() {
         return image;
     }
+    let Scale { ends, .. } = field.scale();
     let colour = |at: usize| match field.values[at] {
-        Some(value) => colours.linear(field.share(value)),
+        Some(value) => colours.linear(field.share(ends, value)),
         None if map.fixed.get(at) == Some(&true) => linear(FIXED_COLOUR),
         None => linear(NONE_COLOUR),
     };
     let mut vertices = vertices(&map.position_m, &triangles, colour);
     let smooth = Smooth::new(&triangles, count);
     smooth.refine(&mut vertices);
-    let projection = viewpoint(&vertices, [width, height], back);
+    let projection = viewpoint(&vertices, [width, height], side);
     let mut raster = Raster::new(width, height, samples(width, height), &projection);
     raster.begin(&projection);
     raster.draw(&vertices, smooth.triangles(), Material::Plain);
@@ -179,16 +236,14 @@ fn panel(
     image
 }
 
-/// A view with the long axis across, slightly from above, that fills the panel.
-fn viewpoint(vertices: &[Vertex], [width, height]: [usize; 2], back: bool) -> Projection {
+/// The view of a side that fills the panel.
+fn viewpoint(vertices: &[Vertex], [width, height]: [usize; 2], side: Side) -> Projection {
     let points: Vec<Vec3> = vertices.iter().map(|vertex| vertex.position_m).collect();
     let (centre_m, radius_m) = box_of(&points);
     let long = longest_axis(&points, centre_m);
     let up = up_axis(&[], long);
-    let across = long.cross(up).normalize_or_zero();
-    let towards = (if back { -across } else { across } + 0.35 * up).normalize_or_zero();
     let size = Vec2::new(width as f32, height as f32);
-    let camera = camera(centre_m, radius_m, towards, up);
+    let camera = camera(centre_m, radius_m, side.towards(long, up), up);
     fit(camera, [width, height], [0.06 * size, 0.94 * size], &points)
 }
 
@@ -218,6 +273,33 @@ mod tests {
             position_m: corners.map(|corner| (0.1 * corner).to_array()).to_vec(),
             fixed: vec![false; 6],
             fields: vec![ScalarField { name: "field".into(), values, is_logarithmic: false }],
+            sides: vec![Side::Front, Side::Back],
+        }
+    }
+
+    /// Each face of the octahedron has its own value; every side shows its four faces and no others.
+    #[test]
+    fn each_side_shows_its_own_faces() {
+        // Longest along x, so that z is up and y is across: the front is at -y.
+        let half = [Vec3::X * 2.0, Vec3::Y, Vec3::Z * 1.2, Vec3::X * -2.0, -Vec3::Y, Vec3::Z * -1.2];
+        let sides = [
+            (Side::Front, 4, 1),
+            (Side::Back, 1, 4),
+            (Side::Left, 3, 0),
+            (Side::Right, 0, 3),
+            (Side::Above, 2, 5),
+            (Side::Below, 5, 2),
+        ];
+        for (side, seen, hidden) in sides {
+            let warm_with = |corner: usize| {
+                let values = (0..6).map(|at| Some(if at == corner { 1.0 } else { 0.0 })).collect();
+                let mut map = octahedron(values);
+                map.position_m = half.map(|corner| (0.1 * corner).to_array()).to_vec();
+                map.sides = vec![side];
+                warm(&draw(&map, 640, 360))
+            };
+            let (seen, hidden) = (warm_with(seen), warm_with(hidden));
+            assert!(seen > hidden + 2_000, "{}: {seen} {hidden}", side.name());
         }
     }
 
@@ -237,14 +319,19 @@ mod tests {
     }
 
     #[test]
-    fn share_and_value_are_inverse() {
+    fn marks_are_at_their_values() {
         for is_logarithmic in [false, true] {
             let values = [3.0, 30.0, 300.0].map(Some).to_vec();
             let field = ScalarField { values, is_logarithmic, ..ScalarField::default() };
-            for share in [0.0, 0.3, 1.0] {
-                assert!((field.share(field.value(share)) - share).abs() < 1e-5);
-            }
-            assert_eq!(field.range(), [3.0, 300.0]);
+            let Scale { ends, marks } = field.scale();
+            assert_eq!((field.range(), field.share(ends, ends[0])), ([3.0, 300.0], 0.0));
+            assert!((field.share(ends, ends[1]) - 1.0).abs() < 1e-6 && ends[0] <= 3.0 && ends[1] >= 300.0);
+            let shares: Vec<f32> = marks.iter().map(|mark| field.share(ends, *mark)).collect();
+            assert!(shares.is_sorted() && shares.iter().all(|share| (-1e-6..=1.000_001).contains(share)));
+            // The mean of the marks' ratios, or of their differences, is in the middle between two of them.
+            let [a, b] = [marks[0], marks[1]];
+            let middle = if is_logarithmic { (a * b).sqrt() } else { 0.5 * (a + b) };
+            assert!((field.share(ends, middle) - 0.5 * (shares[0] + shares[1])).abs() < 1e-5);
         }
         // With one value, with none, or with one that has no logarithm, the scale is still valid.
         for (values, is_logarithmic) in
@@ -253,9 +340,9 @@ mod tests {
                 .flat_map(|values| [(values, false), (values, true)])
         {
             let field = ScalarField { values: values.to_vec(), is_logarithmic, ..ScalarField::default() };
-            let marks = [0.0, 0.5, 1.0].map(|share| field.value(share));
-            assert!(marks.iter().all(|x| x.is_finite()) && marks[0] < marks[1] && marks[1] < marks[2]);
-            assert!(field.share(2.0).is_finite() && field.share(0.0).is_finite(), "{values:?}");
+            let Scale { ends, marks } = field.scale();
+            assert!(marks.len() >= 4 && marks.iter().all(|mark| mark.is_finite()), "{values:?}: {marks:?}");
+            assert!(field.share(ends, 2.0).is_finite() && field.share(ends, 0.0).is_finite(), "{values:?}");
         }
         assert_eq!(draw(&SurfaceMap::default(), 64, 48).pixels().len(), 64 * 48);
     }

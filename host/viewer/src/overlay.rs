@@ -7,6 +7,7 @@ use super::image::{Image, StrokeMask};
 use super::live::Live;
 use super::palette::{BAD, BRIGHT, ColourMap, FAINT, GOOD, MUTED, WAITING, packed};
 use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MAX_NAMES, magnitudes};
+use super::verdict::Verdict;
 use core::time::Duration;
 use glam::Vec2;
 use palpate_core::Phase;
@@ -14,6 +15,9 @@ use palpate_host::rt::{SessionState, TickRecord};
 
 /// Text for a model without displacements.
 const FORCE_ONLY: &str = "forces only: the shape is not updated";
+
+/// Text for a tool without a size.
+const POINT_NOTE: &str = "a point or patch: its force depends on the mesh";
 
 /// What ends a fault.
 const FAULT_HINT: &str = "the force is zero \u{b7} R resets, then hold Shift + A to arm";
@@ -29,6 +33,10 @@ pub struct Captions {
     pub method: String,
     /// Name of each active node.
     pub spaces: Vec<String>,
+    /// The certificate's verdict on each active node of each model; unknown where there is none.
+    pub verdicts: Vec<Vec<Verdict>>,
+    /// Whether the tool is a fingertip.
+    pub has_fingertip: bool,
     /// Number of models of the session.
     pub models: usize,
     /// Whether the model has forces but no displacements.
@@ -43,6 +51,17 @@ impl Captions {
             return line;
         }
         format!("{line}  \u{b7}  model {} of {}", record.model + 1, self.models)
+    }
+
+    /// The most severe verdict on the touched places; `None` if there are none.
+    fn verdict(&self, record: &TickRecord) -> Option<Verdict> {
+        let engaged = record.engaged?;
+        let of = |space: u16| {
+            let model = self.verdicts.get(usize::from(record.model));
+            model.and_then(|spaces| spaces.get(usize::from(space))).copied().unwrap_or(Verdict::Unknown)
+        };
+        let shares = record.shares.iter().filter(|share| share.weight > 0.0);
+        shares.map(|share| of(share.space)).max().or(Some(of(engaged)))
     }
 }
 
@@ -67,7 +86,7 @@ impl Overlay {
         let scale = image.height() as f32 / 720.0;
         self.draw_title(image, captions, record, scale);
         self.draw_figures(image, captions, record, scale);
-        self.draw_legend(image, map, full_scale_m, scale);
+        self.draw_legend(image, captions, (map, full_scale_m), scale);
         self.draw_fault(image, record, scale);
         self.charts.draw(image, &mut self.face, live);
         self.draw_timing(image, record, live, scale);
@@ -120,7 +139,8 @@ impl Overlay {
         y += 41.0 * scale;
         self.figure(image, &format!("{force_n:.2}"), "N", (right, y), 29.0 * scale, FORCE_COLOUR);
         y += 34.0 * scale;
-        self.text(image, "displacement of the node", right, y, Align::Right, label);
+        let moved = if captions.has_fingertip { "finger" } else { "node" };
+        self.text(image, &format!("displacement of the {moved}"), right, y, Align::Right, label);
         y += 34.0 * scale;
         self.figure(image, &format!("{:.1}", displacement_m * 1e3), "mm", (right, y), 22.0 * scale, BRIGHT);
 
@@ -130,10 +150,12 @@ impl Overlay {
             state if state.has_force() => (state.to_string(), GOOD),
             state => (state.to_string(), WAITING),
         };
+        let verdict = captions.verdict(record);
         let coverage = record.coverage.map_or("\u{2013}", |coverage| coverage.name());
         let rows = [
             ("method", captions.method.as_str(), BRIGHT),
             ("touches", touching.map_or("\u{2013}", String::as_str), BRIGHT),
+            ("verdict", verdict.map_or("\u{2013}", Verdict::word), verdict.map_or(BRIGHT, Verdict::colour)),
             ("data", coverage, if coverage == "extrapolated" { WAITING } else { BRIGHT }),
             ("phase", phase.as_str(), colour),
         ];
@@ -143,6 +165,10 @@ impl Overlay {
             let style = TextStyle::new(9.5 * scale, colour);
             self.text(image, value, right, y, Align::Right, style);
             self.text(image, name, right - 175.0 * scale, y, Align::Left, label);
+        }
+        if !captions.has_fingertip {
+            let style = TextStyle::new(9.0 * scale, MUTED);
+            self.text(image, POINT_NOTE, right, y + 26.0 * scale, Align::Right, style);
         }
     }
 
@@ -189,7 +215,13 @@ impl Overlay {
         self.text(image, value, right - width - 0.32 * size, y, Align::Right, style);
     }
 
-    fn draw_legend(&mut self, image: &mut Image, map: &ColourMap, full_scale_m: f32, scale: f32) {
+    fn draw_legend(
+        &mut self,
+        image: &mut Image,
+        captions: &Captions,
+        (map, full_scale_m): (&ColourMap, f32),
+        scale: f32,
+    ) {
         let (width, height) = (9.0 * scale, 190.0 * scale);
         let left = image.width() as f32 - 40.0 * scale - width;
         let top = image.height() as f32 - 92.0 * scale - height;
@@ -218,7 +250,8 @@ impl Overlay {
         }
         self.text(image, "displacement, mm", left + width, top - 18.0 * scale, Align::Right, label);
         let mut y = image.height() as f32 - 62.0 * scale;
-        for (name, colour) in [("fixed", FIXED_COLOUR), ("active nodes", ACTIVE_COLOUR)] {
+        let places = if captions.has_fingertip { "contact points" } else { "active nodes" };
+        for (name, colour) in [("fixed", FIXED_COLOUR), (places, ACTIVE_COLOUR)] {
             self.text(image, name, left + width - 18.0 * scale, y + 4.5 * scale, Align::Right, label);
             self.dot(image, (left + width - 5.0 * scale, y), 4.5 * scale, colour);
             y += 20.0 * scale;

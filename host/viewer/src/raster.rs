@@ -143,12 +143,21 @@ impl Raster {
     #[must_use]
     pub fn inverse_depth_at(&self, x: i32, y: i32) -> f32 {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return 0.0 };
+        self.middle(x, y).map_or(0.0, |surfel| surfel.inverse_depth)
+    }
+
+    /// Whether tissue is visible at the middle of a pixel.
+    pub(super) fn is_tissue_at(&self, x: i32, y: i32) -> bool {
+        let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return false };
+        self.middle(x, y).is_some_and(|surfel| surfel.material == Material::Tissue)
+    }
+
+    fn middle(&self, x: usize, y: usize) -> Option<&Surfel> {
         if x >= self.width || y >= self.height {
-            return 0.0;
+            return None;
         }
         let middle = self.factor / 2;
-        self.surfels[(y * self.factor + middle) * self.sample_width() + x * self.factor + middle]
-            .inverse_depth
+        self.surfels.get((y * self.factor + middle) * self.sample_width() + x * self.factor + middle)
     }
 
     /// Draws a closed surface; back faces are skipped.

@@ -3,12 +3,16 @@
 use super::camera::{OrbitCamera, Projection};
 use super::help::Help;
 use super::image::Image;
+use super::inset::Inset;
 use super::live::Live;
 use super::mouse_tool::PickView;
 use super::overlay::{Captions, Overlay};
 use super::raster::Raster;
+use super::regions::Regions;
 use super::scene::{Scene, nice_scale_m};
 use super::shade::Shader;
+use super::touched::Touched;
+use super::verdict::Verdict;
 use super::viewpoint;
 use crate::deformation::Deformation;
 use core::time::Duration;
@@ -70,6 +74,8 @@ pub struct Layers {
     pub ghost: bool,
     /// The reachable region of the touched node.
     pub reach: bool,
+    /// The side view of the touch.
+    pub side: bool,
     /// The help.
     pub help: Help,
     /// Time until the window's chord arms the device, while it is held.
@@ -78,7 +84,7 @@ pub struct Layers {
 
 impl Default for Layers {
     fn default() -> Self {
-        Self { ghost: true, reach: false, help: Help::Absent, arming: None }
+        Self { ghost: true, reach: false, side: true, help: Help::Absent, arming: None }
     }
 }
 
@@ -92,6 +98,7 @@ pub struct Renderer {
     scene: Scene,
     surface: Deformation,
     overlay: Overlay,
+    inset: Inset,
     captions: Captions,
     image: Image,
     full_scale_m: f32,
@@ -116,12 +123,15 @@ impl Renderer {
             scene,
             surface,
             overlay: Overlay::default(),
+            inset: Inset::new(organ),
             captions: Captions {
                 scene: organ.scene.as_str().to_owned(),
                 law: organ.law.as_str().to_owned(),
                 method: method.name().to_owned(),
                 spaces: organ.spaces.iter().map(|space| space.active.name.as_str().to_owned()).collect(),
+                verdicts: Vec::new(),
                 models: 1,
+                has_fingertip: organ.fingertip.is_some(),
                 force_only: false,
             },
             image: Image::new(width, height),
@@ -135,6 +145,16 @@ impl Renderer {
     /// Sets the number of models of the session; with several models the picture names the current one.
     pub const fn set_models(&mut self, count: usize) {
         self.captions.models = count;
+    }
+
+    /// Sets the certificate's verdict on each active node of each model. Those not set are unknown.
+    pub fn set_verdicts(&mut self, verdicts: Vec<Vec<Verdict>>) {
+        self.captions.verdicts = verdicts;
+    }
+
+    /// Sets the boundaries of regions inside the body, which the side view shows.
+    pub fn set_regions(&mut self, regions: &Regions) {
+        self.inset.set_regions(regions);
     }
 
     /// The camera.
@@ -204,12 +224,19 @@ impl Renderer {
         if self.layers.reach {
             self.scene.draw_reach((&self.raster, &projection), organ, record, &mut self.image);
         }
-        self.scene.draw_hidden_tool(&self.raster, &projection, record, &mut self.image);
         let view = (&self.raster, &projection);
+        let touched = Touched::of(organ, record);
+        if let Some(touched) = &touched {
+            self.scene.draw_tool(view, touched, &mut self.image);
+        }
         self.scene.visible_nodes(organ, view, &self.surface, record, &mut self.names_at);
         self.overlay.draw_names(&mut self.image, &self.captions, &self.names_at);
         let legend = (self.scene.map(), self.full_scale_m);
         self.overlay.draw(&mut self.image, &self.captions, record, live, legend);
+        if let (Some(touched), true) = (&touched, self.layers.side) {
+            let skin = (&self.surface, organ.surface.triangles);
+            self.inset.draw((touched, self.scene.tool()), skin, &projection, &mut self.image);
+        }
         self.overlay.draw_help(&mut self.image, self.layers.help);
         self.overlay.draw_arming(&mut self.image, self.layers.arming);
         self.times.overlay = watch.lap();
@@ -223,11 +250,11 @@ impl Renderer {
         self.full_scale_m = self.full_scale_m.max(nice_scale_m(self.surface.largest_m()));
     }
 
-    /// The projection with the organ slightly left of and above the middle: text is on the right, the charts
-    /// are below.
+    /// The projection with the organ left of and above the middle: text is on the right, charts and
+    /// side view are below.
     fn projection(&self) -> Projection {
         let mut projection = self.camera.projection(self.image.width(), self.image.height());
-        projection.centre_px.x -= 0.045 * self.image.width() as f32;
+        projection.centre_px.x -= 0.06 * self.image.width() as f32;
         projection.centre_px.y -= 0.045 * self.image.height() as f32;
         projection
     }

@@ -8,6 +8,8 @@ use super::raster::{Raster, Vertex};
 use super::reach::Reach;
 use super::shapes::Shapes;
 use super::smooth::Smooth;
+use super::tool::Tool;
+use super::touched::Touched;
 use super::viewpoint;
 use crate::deformation::Deformation;
 use glam::{Vec2, Vec3};
@@ -64,6 +66,7 @@ pub struct Scene {
     shapes: Shapes,
     mask: StrokeMask,
     reach: Reach,
+    tool: Tool,
 }
 
 impl Scene {
@@ -91,6 +94,7 @@ impl Scene {
             shapes: Shapes::default(),
             mask: StrokeMask::default(),
             reach: Reach::default(),
+            tool: Tool::new(organ.fingertip.map(|tip| tip.radius_m), radius_m),
         }
     }
 
@@ -98,6 +102,11 @@ impl Scene {
     #[must_use]
     pub const fn map(&self) -> &ColourMap {
         &self.map
+    }
+
+    /// The tool.
+    pub(super) const fn tool(&self) -> Tool {
+        self.tool
     }
 
     /// Current position of an active node on the surface.
@@ -141,7 +150,7 @@ impl Scene {
             self.shapes.sphere(raster, moved, marker * unit, linear(ACTIVE_COLOUR), Material::Plain);
         }
         let hip = Vec3::from_array(record.hip_m);
-        self.shapes.sphere(raster, hip, 0.030 * unit, linear(0xdd_e6ee), Material::Polished);
+        self.tool.draw_solid(&mut self.shapes, raster, hip);
         self.draw_force(raster, organ, record, hip);
     }
 
@@ -166,7 +175,7 @@ impl Scene {
         // The square root keeps a small force visible and the largest force inside the picture.
         let largest_n = if organ.max_force_n.is_finite() { organ.max_force_n } else { USUAL_MAX_FORCE_N };
         let length_m = self.radius_m * 0.52 * (size_n / largest_n).min(1.5).sqrt();
-        let gap_m = 0.040 * self.radius_m;
+        let gap_m = self.tool.height_m() + 0.010 * self.radius_m;
         let pushes = direction.dot(Vec3::from_array(space.active.outward_normal)) < 0.0;
         let ends = if pushes {
             (hip - direction * (gap_m + length_m), hip - direction * gap_m)
@@ -278,35 +287,9 @@ impl Scene {
         }));
     }
 
-    /// Draws a ring at the tool where the organ hides it.
-    pub fn draw_hidden_tool(
-        &mut self,
-        raster: &Raster,
-        projection: &Projection,
-        record: &TickRecord,
-        image: &mut Image,
-    ) {
-        let hip = Vec3::from_array(record.hip_m);
-        let Some((pixel, inverse_depth)) = projection.project(hip) else { return };
-        let front = raster.inverse_depth_at(pixel.x as i32, pixel.y as i32);
-        let radius_m = 0.030 * self.radius_m;
-        if front <= 0.0 || front.recip() > inverse_depth.recip() - 1.5 * radius_m {
-            return;
-        }
-        let radius_px = radius_m * projection.focal_px * inverse_depth;
-        let points: Vec<[f32; 2]> = (0..=40)
-            .map(|i| (core::f32::consts::TAU * i as f32 / 40.0).sin_cos())
-            .map(|(sin, cos)| [pixel.x + radius_px * cos, pixel.y + radius_px * sin])
-            .collect();
-        let reach = radius_px as i32 + 3;
-        self.mask.reset(
-            pixel.x as i32 - reach,
-            pixel.y as i32 - reach,
-            (2 * reach) as usize,
-            (2 * reach) as usize,
-        );
-        self.mask.polyline(&points, 0.7 * (image.height() as f32 / 720.0).max(0.6));
-        self.mask.paint(image, GHOST_COLOUR, 0.7);
+    /// Draws the pad of a fingertip, and what the skin hides of the tool.
+    pub(super) fn draw_tool(&mut self, view: (&Raster, &Projection), touched: &Touched, image: &mut Image) {
+        self.tool.draw_translucent(touched, view, &mut self.mask, image);
     }
 }
 

@@ -3,7 +3,9 @@
 use super::error::ViewerError;
 use super::frames::FrameWriter;
 use super::live::Live;
+use super::regions::Regions;
 use super::renderer::{Renderer, RendererConfig};
+use super::verdict::Verdict;
 use super::window_controller::WindowController;
 use core::fmt;
 use core::ops::ControlFlow;
@@ -150,6 +152,20 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
             drawn: 0,
             drawing: Duration::ZERO,
             failure: None,
+        }
+    }
+
+    /// Sets the certificate's verdict on each active node of each organ, see [`Renderer::set_verdicts`].
+    pub fn set_verdicts(&mut self, verdicts: Vec<Vec<Verdict>>) {
+        if let Some(renderer) = &mut self.renderer {
+            renderer.set_verdicts(verdicts);
+        }
+    }
+
+    /// Sets the boundaries of regions inside the body, see [`Renderer::set_regions`].
+    pub fn set_regions(&mut self, regions: &Regions) {
+        if let Some(renderer) = &mut self.renderer {
+            renderer.set_regions(regions);
         }
     }
 

@@ -31,6 +31,8 @@ pub struct WindowEvents {
     pub ghost: bool,
     /// G: reachable region on and off.
     pub reach: bool,
+    /// V: side view on and off.
+    pub side: bool,
 }
 
 /// Keys pressed since the last frame, including those released again: a tap may be shorter than a frame.
@@ -86,6 +88,7 @@ impl ViewWindow {
             help: pressed(Key::H),
             ghost: pressed(Key::T),
             reach: pressed(Key::G),
+            side: pressed(Key::V),
             next_model: pressed(Key::N),
         };
         self.held = self.window.get_keys();

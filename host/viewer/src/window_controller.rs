@@ -97,6 +97,7 @@ impl WindowController {
         let layers = renderer.layers_mut();
         layers.ghost ^= events.ghost;
         layers.reach ^= events.reach;
+        layers.side ^= events.side;
         if events.help {
             layers.help = if layers.help == help { Help::Hint } else { help };
         }

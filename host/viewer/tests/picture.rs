@@ -5,12 +5,13 @@
 //! set too, the reference picture is rewritten.
 
 use crate::synthetic;
+use palpate_core::format::Fingertip;
 use palpate_core::{AlignedBytes, Config, Controller, Fault, Method, Organ, Phase, State, vec3};
 use palpate_host::device::Device;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::TickRecord;
 use palpate_viewer::frames::still;
-use palpate_viewer::{Help, Image, Live, Renderer, RendererConfig};
+use palpate_viewer::{Help, Image, Live, Renderer, RendererConfig, Verdict};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -132,6 +133,11 @@ fn every_layer_is_visible() {
     assert!(differing(&reach) > 2_000, "the reachable region is not visible: {}", differing(&reach));
     renderer.layers_mut().reach = false;
 
+    renderer.layers_mut().side = false;
+    let without = differing(renderer.render(&organ, &shot.record, &mut shot.live));
+    assert!(without > 20_000, "the side view is not visible: {without}");
+    renderer.layers_mut().side = true;
+
     renderer.layers_mut().help = Help::KeysAndHand;
     let help = renderer.render(&organ, &shot.record, &mut shot.live).clone();
     save(&help, "help.png");
@@ -153,6 +159,63 @@ fn every_layer_is_visible() {
         0,
         "the initial view is restored"
     );
+}
+
+/// The pad of a fingertip is visible where it presses, and the words are those of a finger.
+#[test]
+fn a_fingertip_is_drawn_as_a_pad() {
+    let blob = blob();
+    let mut organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+    let mut shot = shots(&organ, &[1_050]).pop().expect("one");
+    let ball = draw(&organ, RendererConfig::live(), &mut shot);
+    let mut drawn = |radius_m| {
+        organ.fingertip = Some(Fingertip { radius_m, stiffness_n_m: 400.0 });
+        let image = draw(&organ, RendererConfig::live(), &mut shot);
+        save(&image, "fingertip.png");
+        // The organ, without text and side view.
+        (0..720 * 1280)
+            .filter(|at| (at % 1280) < 830 && at / 1280 < 540)
+            .filter(|&at| {
+                let (x, y) = (at % 1280, at / 1280);
+                image.pixel(x, y) != ball.pixel(x, y)
+            })
+            .count()
+    };
+    let (small, large) = (drawn(0.006), drawn(0.012));
+    assert!(small > 1_000 && large > small + 2_000, "{small} {large}");
+}
+
+/// The verdict on the touched place is written in its colour, and the most severe one of the places counts.
+#[test]
+fn the_verdict_on_the_touched_place_is_visible() {
+    let blob = blob();
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+    let mut shot = shots(&organ, &[1_050]).pop().expect("one");
+    assert_eq!(shot.record.engaged, Some(0));
+    let mut drawn = |verdicts: Vec<Verdict>| {
+        let mut renderer = Renderer::new(&organ, Method::Tricubic, RendererConfig::live());
+        renderer.set_verdicts(vec![verdicts]);
+        let image = renderer.render(&organ, &shot.record, &mut shot.live).clone();
+        // The row of the panel.
+        image
+            .pixels()
+            .chunks(1280)
+            .take(240)
+            .skip(216)
+            .flat_map(|row| row[1_130..1_250].to_vec())
+            .collect::<Vec<u32>>()
+    };
+    let [green, yellow, red] = [Verdict::Green, Verdict::Yellow, Verdict::Red].map(|one| drawn(vec![one]));
+    let has = |row: &[u32], is: fn(i32, i32, i32) -> bool| {
+        row.iter().any(|p| is((p >> 16 & 255) as i32, (p >> 8 & 255) as i32, (p & 255) as i32))
+    };
+    assert!(has(&green, |r, g, _| g > 180 && g - r > 50) && !has(&green, |r, g, _| r - g > 60));
+    assert!(has(&red, |r, g, _| r > 200 && r - g > 80));
+    assert!(has(&yellow, |r, g, b| r > 190 && g > 150 && r - b > 90));
+    // Another place's verdict does not count; without one it is unknown.
+    assert_eq!(drawn(vec![Verdict::Green, Verdict::Red]), green);
+    assert_eq!(drawn(Vec::new()), drawn(vec![Verdict::Unknown]));
+    assert!(drawn(Vec::new()) != green && drawn(Vec::new()) != red);
 }
 
 /// A surface with 200 active nodes: all are drawn, none is named, and the organ stays visible.

@@ -309,6 +309,7 @@ fn palpate(
         mouse: None,
         has_motors: false,
         control: None,
+        regions: None,
     };
     let mut visits = Vec::new();
     let touched = touch::run(

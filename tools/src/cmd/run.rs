@@ -33,7 +33,7 @@ use crate::interrupt::stop_flag;
 use crate::output::Table;
 use crate::resident::Resident;
 use crate::timing::Timing;
-use crate::{blob, motors_off, output, summary, touch};
+use crate::{blob, motors_off, output, regions, summary, touch};
 use palpate_precompute::certificate::Verdict;
 
 /// Palpate a blob: the 1 kHz loop, a device and the viewer.
@@ -114,6 +114,9 @@ pub(crate) struct Args {
         help_heading = "Pictures"
     )]
     pictures: PathBuf,
+    /// The scene of the blob: the side view shows its inclusions, where the skin round them moves them
+    #[arg(long, value_name = "SCENE.toml", hide_short_help = true, help_heading = "Pictures")]
+    scene: Option<PathBuf>,
     /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
     /// number, or stick
     #[arg(long, value_name = "MU", value_parser = friction, hide_short_help = true, help_heading = "Contact")]
@@ -250,6 +253,7 @@ impl Outputs {
         args.more.iter().for_each(|blob| files.read(blob));
         args.device.file().iter().for_each(|path| files.read(path));
         args.profile.iter().for_each(|name| files.read(Path::new(name)));
+        args.scene.iter().for_each(|scene| files.read(scene));
         Files::not_a_file("--pictures", &args.pictures)?;
         Ok(Self {
             record: args.record.as_ref().map(|path| files.write_new("--record", path)).transpose()?,
@@ -293,6 +297,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             "palpate: no displacements in the blob ([needs] visual = false): the forces are correct, the picture shows the body at rest"
         );
     }
+    let regions = args.scene.as_ref().map(|scene| regions::of_scene(scene, &organs)).transpose()?;
     let stop = stop_flag()?;
     let control = args.control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
     let (handle, mut tool) = match args.device {
@@ -303,6 +308,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         profile: profile.as_ref(),
         mouse: handle.as_ref(),
         control: control.as_ref(),
+        regions: regions.as_ref(),
         ..show(args, record)
     };
     let mut resident = Resident::start();
@@ -383,6 +389,7 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
         mouse: None,
         has_motors: args.device.hardware().is_some(),
         control: None,
+        regions: None,
     }
 }
 
@@ -411,7 +418,8 @@ fn run_replay(
     let mut recording =
         Recording::open(BufReader::new(source)).map_err(|error| Failure::input(named(&error)))?;
     replay::check_blobs(recording.header(), blob_blake3).map_err(|error| Failure::input(named(&error)))?;
-    let show = show(args, None);
+    let regions = args.scene.as_ref().map(|scene| regions::of_scene(scene, organs)).transpose()?;
+    let show = touch::Show { regions: regions.as_ref(), ..show(args, None) };
     let method = args.method.unwrap_or(recording.header().config.method);
     let had_folder = show.pictures.exists();
     let mut screen = show.screen(organs, method)?;

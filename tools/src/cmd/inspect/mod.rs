@@ -18,6 +18,7 @@ use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pre
 use palpate_precompute::scene::{Scene, Unreachable};
 use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Lattice, Sampling, Scattered, Tolerance};
+use palpate_viewer::map::Side;
 use serde_json::json;
 
 use crate::analysis;
@@ -65,6 +66,11 @@ pub(crate) struct Args {
     /// The organ coloured by its stiffness at rest and by the configurations of its nodes.
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
+    /// Sides of the --picture, a row each [default: front,back]
+    ///
+    /// front, back, left, right, above or below; the long axis is across the front.
+    #[arg(long, value_name = "SIDE,..", value_delimiter = ',', requires = "picture", value_parser = map::side)]
+    from: Vec<Side>,
     /// Of a mesh: its unit, m, cm or mm (a scene states its own) [default: m]
     #[arg(long)]
     unit: Option<LengthUnit>,

@@ -82,7 +82,8 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         Sampling::Scattered(scattered) => (None, None, super::in_words(&scattered)),
     };
     if let Some(picture) = &outputs.picture {
-        map::write(&store, picture)?;
+        let sides = if args.from.is_empty() { &map::SIDES[..] } else { &args.from[..] };
+        map::write(&store, sides, picture)?;
     }
     let unreachable = super::left_out_of(&store)?;
     let head = format!(
