@@ -3,6 +3,7 @@
 
 mod architecture;
 mod bare_machine;
+mod between;
 mod certificate;
 mod documents;
 mod hard;

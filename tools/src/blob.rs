@@ -83,7 +83,9 @@ mod tests {
             };
             // In another order than the blob, and with one that the blob does not hold.
             let spaces = [of("other"), of(names[names.len() - 1])].to_vec();
-            let text = serde_json::to_vec(&Certificate { origin: origin.clone(), spaces }).expect("JSON");
+            let text =
+                serde_json::to_vec(&Certificate { origin: origin.clone(), spaces, discretisation: None })
+                    .expect("JSON");
             let mut organ = stored.clone();
             organ.certificate = Some(&text);
             let found = verdicts(&organ);

@@ -14,7 +14,7 @@ mod run;
 mod summary;
 
 pub use error::HeldOutError;
-pub use places::Places;
+pub use places::{Place, Places};
 pub use positions::{Draw, is_on_training_lattice, regular_directions};
 pub use run::{HeldOut, HeldOutProgress};
 pub use summary::Summary;

@@ -10,7 +10,7 @@ use crate::spec::ContactSurface;
 
 /// A place between contact points.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Place {
+pub struct Place {
     /// Active nodes at the corners of its triangle.
     pub corners: [u32; 3],
     /// Barycentric weight of each corner.
@@ -42,7 +42,7 @@ impl Places {
 
     /// The place of uniform position `number` of the active node number `active`, `name`. `None` if it is no
     /// corner of a triangle.
-    pub(crate) fn drawn(&self, draw: &Draw, active: usize, name: &str, number: u32) -> Option<Place> {
+    pub fn drawn(&self, draw: &Draw, active: usize, name: &str, number: u32) -> Option<Place> {
         let [which, a, b] = place_numbers(draw, name, number);
         let around = self.around.get(active)?;
         let chosen = (which * around.len() as f64) as usize;
@@ -53,7 +53,7 @@ impl Places {
     }
 
     /// The point of the skin nearest to a place of the triangles between the contact points.
-    pub(crate) fn on_skin(&self, place: &Place) -> Option<SkinPoint> {
+    pub fn on_skin(&self, place: &Place) -> Option<SkinPoint> {
         let corner = |active: u32| {
             self.contacts.points[active as usize].interpolate(|node| self.mesh.nodes_m[node as usize])
         };

@@ -44,7 +44,7 @@ impl Problems {
     }
 
     /// The problem of the fingertip at a place of the skin.
-    pub(crate) fn at(&self, place: SkinPoint) -> Arc<Problem> {
+    pub fn at(&self, place: SkinPoint) -> Arc<Problem> {
         self.of(&ActiveNode::at(place))
     }
 }
