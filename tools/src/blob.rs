@@ -76,16 +76,15 @@ mod tests {
             (certificate::Verdict::Red, Verdict::Red),
         ] {
             let health = Some(Health { verdict, ..Health::default() });
-            let of = |name: &str| SpaceCertificate {
+            let of = |name: &str, health: Option<Health>| SpaceCertificate {
                 active: name.into(),
-                health: health.clone(),
+                health,
                 ..Default::default()
             };
             // In another order than the blob, and with one that the blob does not hold.
-            let spaces = [of("other"), of(names[names.len() - 1])].to_vec();
-            let text =
-                serde_json::to_vec(&Certificate { origin: origin.clone(), spaces, discretisation: None })
-                    .expect("JSON");
+            let spaces = vec![of("other", None), of(names[names.len() - 1], health)];
+            let certificate = Certificate { origin: origin.clone(), spaces, discretisation: None };
+            let text = serde_json::to_vec(&certificate).expect("JSON");
             let mut organ = stored.clone();
             organ.certificate = Some(&text);
             let found = verdicts(&organ);
