@@ -2,19 +2,22 @@
 """The mesh table of ../docs/measurements.md: forces of a point, a patch and a pad over the lump and beside it, on several meshes.
 
     python3 make_lump.py FOLDER 12 9 7 5.5 4
-    python3 measure_lump.py PALPATE FOLDER [SIZE ...]     PALPATE: the program; SIZE: of FOLDER/lump-SIZE.msh, all if none is given
+    python3 measure_lump.py PALPATE FOLDER [SIZE ...] [--tools TOOL ...] [--models MODEL ...]
 
-Pushes 5 and 10 mm deep along the inward normal by `palpate path` in steps of 2 mm (the pad to 12 mm). Seconds are those of a step of the
-path after the first one, so without reading the mesh. Needs Python 3.11 only. Prints Markdown.
+PALPATE is the program. Without SIZE, all of FOLDER/lump-SIZE.msh are measured.
+
+Pushes 5 and 10 mm deep along the inward normal by `palpate path` in steps of 2 mm (the pad to 12 mm). Seconds are those of a processor for a
+step of the path after the first one, so without reading the mesh. Needs Python 3.11 only. Prints Markdown.
 
 Licence: MIT OR Apache-2.0, as the rest of the project.
 """
 
+import argparse
 import csv
 import json
+import resource
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 # Places (x, z) on the skin and inward normals, of make_lump.py.
@@ -55,16 +58,21 @@ def scene(mesh, model, tool):
     return text + table + (f'[solver]\npressure = "{pressure}"\n' if pressure == "stabilised" else "")
 
 
+def processor_s():
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def path(program, file, active, depths_mm):
     """Rows of the CSV and seconds."""
     controls = file.with_suffix(".controls.csv")
     rows = [",".join(f"{1e-3 * depth * c:.12g}" for c in PLACES[active][1]) for depth in depths_mm]
     controls.write_text("x_m,y_m,z_m\n" + "\n".join(rows) + "\n")
-    begun = time.perf_counter()
+    begun = processor_s()
     done = subprocess.run(
         [program, "path", file, "--active", active, "--controls", controls, "--csv", "-"], capture_output=True, text=True
     )
-    seconds = time.perf_counter() - begun
+    seconds = processor_s() - begun
     table = [line for line in done.stdout.splitlines() if "," in line]
     return list(csv.DictReader(table)), seconds, done.stderr
 
@@ -94,16 +102,22 @@ def measure(program, folder, size, model, tool):
 
 
 def main():
-    program, folder, *sizes = sys.argv[1:]
-    folder = Path(folder)
+    parser = argparse.ArgumentParser()
+    parser.add_argument("program")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("sizes", nargs="*")
+    parser.add_argument("--tools", nargs="+", choices=TOOLS, default=list(TOOLS))
+    parser.add_argument("--models", nargs="+", choices=MODELS, default=list(MODELS))
+    given = parser.parse_args()
+    program, folder, sizes = given.program, given.folder, given.sizes
     if not sizes:
         found = [path.stem.removeprefix("lump-") for path in folder.glob("lump-*.msh")]
         sizes = sorted(found, key=lambda size: -float(size))
     print("| mesh, mm | model | tool | nodes | 5 mm: lump / beside, N | 10 mm: lump / beside, N | s a configuration | Newton, at most |")
     print("|---|---|---|---|---|---|---|---|")
     for size in sizes:
-        for model in MODELS:
-            for tool in TOOLS:
+        for model in given.models:
+            for tool in given.tools:
                 forces, seconds, most, nodes = measure(program, folder, size, model, tool)
                 figure = lambda key: f"{forces[key]:.4f}" if key in forces else "-"
                 cells = " | ".join(" / ".join(figure((active, depth)) for active in PLACES) for depth in (5, 10))
