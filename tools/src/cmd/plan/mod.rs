@@ -123,6 +123,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     output::line(words::table(&shown, threads))?;
     if args.verbose {
         output::line(words::nodes(&plan, &analysis))?;
+    } else if analysis.scene.unrefined.is_some() {
+        output::line(format!("Mesh: {}.\n", analysis.scene.size_in_words()))?;
     }
     output::line(words::prediction(prediction))?;
     output::line(format!(
