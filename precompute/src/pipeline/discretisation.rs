@@ -13,7 +13,7 @@ use palpate_core::ConfigTag;
 use super::{Analysis, PipelineError, Run};
 use crate::certificate::{Discretisation, FinerForce};
 use crate::fem::Fingertip;
-use crate::fem::solve::Solver;
+use crate::fem::solve::{LoadingOptions, Solver};
 use crate::held_out::{Draw, Places};
 use crate::mesh::{SkinPoint, Surface};
 use crate::num::parallel::in_parallel;
@@ -30,6 +30,9 @@ const MAX_NODES: usize = 8;
 const LEAST_SHARE: f64 = 0.5;
 /// The refined part of the body, in radii of the tool round its place.
 const REACH: f64 = 2.0;
+
+/// Effort at a position. A position that needs more is at an end of a branch of the more accurate elements.
+const EFFORT: LoadingOptions = LoadingOptions { max_halvings: 4, perturbations: 0, snap_through: false };
 
 /// A held-out position of a space.
 struct Position {
@@ -52,8 +55,20 @@ pub fn solve_discretisation(
         return Ok(0);
     }
     let analysis = Analysis::of_store(&store)?;
+    drop(store);
+    discretisation_in(&analysis, &analysis.store(space)?, positions, run, progress)
+}
+
+/// [`solve_discretisation`] in a store that is open for writing.
+pub fn discretisation_in(
+    analysis: &Analysis,
+    store: &Store,
+    positions: usize,
+    run: Run<'_>,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<usize, PipelineError> {
     let Some(tip) = analysis.scene.tool.fingertip().copied() else { return Ok(0) };
-    let chosen = choose(&analysis.scene, &store, positions)?;
+    let chosen = choose(&analysis.scene, store, positions)?;
     let skin = Surface::of(&analysis.scene.mesh);
     let places_m: Vec<[f64; 3]> = chosen
         .iter()
@@ -69,14 +84,13 @@ pub fn solve_discretisation(
         positions: Vec::new(),
         unsolved: 0,
     };
-    let known = Discretisation::stored(&store)?;
+    let known = Discretisation::stored(store)?;
     let is_known = |of: &Discretisation| {
         let same = |a: &FinerForce, b: &Position| (&a.active, a.number) == (&b.found.active, b.found.number);
         let all = of.positions.len() + of.unsolved == chosen.len();
         all && of.reference == measured.reference
             && of.positions.iter().all(|a| chosen.iter().any(|b| same(a, b)))
     };
-    drop(store);
     let mut solved = 0;
     if let Some(known) = known.filter(is_known) {
         measured = Discretisation { tolerance: measured.tolerance, ..known };
@@ -88,7 +102,7 @@ pub fn solve_discretisation(
         measured.unsolved = forces.iter().filter(|force| force.is_none()).count();
         measured.positions = forces.into_iter().flatten().collect();
     }
-    measured.keep_in(&analysis.store(space)?)?;
+    measured.keep_in(store)?;
     Ok(solved)
 }
 
@@ -182,6 +196,7 @@ fn solve(
         let begun = Instant::now();
         let place = skin.nearest(&finer.mesh, *place_m)?;
         let mut solver = Solver::new(problems.at(place));
+        solver.loading = EFFORT;
         let rest = solver.rest().ok()?;
         let at = solver.advance(&rest.seed, position.found.displacement_m).ok();
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, all);

@@ -19,7 +19,7 @@ mod ledger;
 mod visits;
 
 pub use blob::{add_ledgers, certified, certified_blob, solve_held_out_positions, unfinished};
-pub use discretisation::{DISCRETISATION_POSITIONS, solve_discretisation};
+pub use discretisation::{DISCRETISATION_POSITIONS, discretisation_in, solve_discretisation};
 pub use error::PipelineError;
 pub use ledger::ledger;
 

@@ -20,7 +20,7 @@ impl Analysis {
         positions: &[(usize, [f64; 3])],
         run: Run<'_>,
     ) -> Result<Vec<Option<[f64; 3]>>, PipelineError> {
-        let grid = self.lattice()?.grid;
+        let sampling = self.sampling()?;
         let problems: Vec<Arc<Problem>> = self.scene.active.iter().map(|a| self.problem(a)).collect();
         let mut solved: Vec<Vec<Record>> = Vec::new();
         for active in 0..problems.len() {
@@ -28,7 +28,7 @@ impl Analysis {
             solved.push(records.into_iter().filter(|r| r.tag() == ConfigTag::Expandable).collect());
         }
         let nearest = |active: usize, to: [f64; 3]| -> Option<&Record> {
-            let cells = to.map(|x| x / grid.spacing_m);
+            let cells = to.map(|x| x / sampling.unit_m());
             let distance = |record: &Record| -> f64 {
                 record.index.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
             };
@@ -43,7 +43,7 @@ impl Analysis {
                 let at = next.fetch_add(1, Ordering::Relaxed);
                 let Some(&(active, target)) = positions.get(at) else { break };
                 let Some(from) = nearest(active, target) else { continue };
-                let seed = reader.seed(active, from, grid.displacement_m(from.index))?;
+                let seed = reader.seed(active, from, sampling.displacement_m(from.index))?;
                 if let Ok(c) = solvers[active].advance(&seed, target) {
                     results.push((at, c.jet().force_n));
                 }
