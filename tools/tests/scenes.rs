@@ -24,7 +24,8 @@ fn certified(scene: &str, uniform: &str) -> Vec<Value> {
     let [space, blob] = [&space, &blob].map(|path| path.to_str().expect("plain"));
     let scene = format!("assets/scenes/{scene}.toml");
     palpate(&["precompute", &scene, "--out", space]);
-    let certificate = palpate(&["pack", space, "--out", blob, "--uniform", uniform, "--json"]);
+    let pack = ["pack", space, "--out", blob, "--uniform", uniform, "--discretisation", "2", "--json"];
+    let certificate = palpate(&pack);
     certificate["spaces"].as_array().expect("spaces").clone()
 }
 
@@ -43,16 +44,17 @@ fn uniform(space: &Value) -> &Value {
 /// The force errors are below the just-noticeable difference.
 #[test]
 fn the_seven_scenes_cannot_be_felt_and_none_is_red() {
-    for (scene, nodes) in [
-        ("palpation", 1),
-        ("deep-push", 1),
-        ("long-pull", 1),
-        ("tumour", 2),
-        ("fibres", 1),
-        ("gravity", 1),
-        ("lump", 2),
+    // Solves with quadratic elements take ten times as long.
+    for (scene, nodes, positions, exceptions) in [
+        ("palpation", 1, 20, 1),
+        ("deep-push", 1, 60, 2),
+        ("long-pull", 1, 60, 2),
+        ("tumour", 2, 20, 1),
+        ("fibres", 1, 60, 2),
+        ("gravity", 1, 60, 2),
+        ("lump", 2, 20, 1),
     ] {
-        let spaces = certified(scene, "60");
+        let spaces = certified(scene, &positions.to_string());
         assert_eq!(spaces.len(), nodes, "{scene}");
         for space in spaces {
             let (colour, why) = verdict(&space);
@@ -61,8 +63,15 @@ fn the_seven_scenes_cannot_be_felt_and_none_is_red() {
             let uniform = uniform(&space);
             let [count, below_jnd] =
                 ["count", "below_jnd"].map(|key| uniform[key].as_u64().expect("a number"));
-            // One position in a hundred may exceed it; two of sixty are improbable.
-            assert!(count >= 40 && below_jnd + 2 >= count, "{scene}: {below_jnd} of {count}");
+            // One position in a hundred may exceed it; more of so few are improbable.
+            assert!(
+                3 * count >= 2 * positions && below_jnd + exceptions >= count,
+                "{scene}: {below_jnd} of {count}"
+            );
+            // With a fingertip the elements are good enough, with nodes they cannot be.
+            let has_size = ["palpation", "tumour", "lump"].contains(&scene);
+            assert_eq!(why.contains("the tool holds nodes"), !has_size, "{scene}: {why}");
+            assert!(!why.contains("too stiff"), "{scene}: {why}");
         }
     }
 }
@@ -100,13 +109,13 @@ fn a_fingertip_feels_the_lump() {
 
 #[test]
 fn a_light_touch_is_linear_and_palpation_is_not() {
-    let spaces = certified("light-touch", "60");
+    let spaces = certified("light-touch", "30");
     let linear = &spaces[0]["linear"];
     let uniform = uniform(&spaces[0]);
     println!("{linear} {uniform}");
     assert!(linear["tests"] == 10 && linear["worst"].as_f64().is_some_and(|worst| worst < 1.0), "{linear}");
     assert!(uniform["count"] == uniform["below_jnd"] && spaces[0]["health"]["verdict"] == "green");
-    assert!(certified("palpation", "20")[0]["linear"].is_null());
+    assert!(certified("palpation", "5")[0]["linear"].is_null());
 }
 
 #[test]

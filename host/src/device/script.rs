@@ -81,7 +81,7 @@ impl Script {
             .iter()
             .map(|space| (space.active.rest_position_m, space.active.outward_normal))
             .collect();
-        Self::over_nodes(&nodes, surface_centre(organ), config)
+        Self::over_nodes(&nodes, surface_centre(organ), config, organ.fingertip.is_none())
     }
 
     /// Height above the surface at which [`Script::press_and_hold`] starts, m.
@@ -100,7 +100,8 @@ impl Script {
         Self { segments: plan.segments, current: 0, elapsed_s: 0.0 }
     }
 
-    fn over_nodes(nodes: &[(Vec3, Vec3)], centre_m: Vec3, config: &StrokeConfig) -> Self {
+    /// Presses and drags at every node; with `grips` then takes hold of it and pulls, which a fingertip cannot.
+    fn over_nodes(nodes: &[(Vec3, Vec3)], centre_m: Vec3, config: &StrokeConfig, grips: bool) -> Self {
         let mut plan = Plan { segments: Vec::new(), position_m: vec3::ZERO, buttons: 0 };
         let home_m = |(rest, normal): (Vec3, Vec3)| vec3::add(rest, vec3::scale(normal, config.clearance_m));
         for (i, &(rest, normal)) in nodes.iter().enumerate() {
@@ -117,14 +118,16 @@ impl Script {
             plan.go(aside(bottom, second, config.drag_m), 0.8);
             plan.go(bottom, 0.5);
             plan.go(height(0.5 * config.clearance_m), 0.7);
-            plan.go(grip, 0.5);
-            plan.buttons = GRASP_BUTTON;
-            plan.stay(0.2);
-            plan.go(top, 1.0);
-            plan.go(aside(top, second, -config.drag_m), 0.7);
-            plan.go(grip, 0.8);
-            plan.buttons = 0;
-            plan.stay(0.15);
+            if grips {
+                plan.go(grip, 0.5);
+                plan.buttons = GRASP_BUTTON;
+                plan.stay(0.2);
+                plan.go(top, 1.0);
+                plan.go(aside(top, second, -config.drag_m), 0.7);
+                plan.go(grip, 0.8);
+                plan.buttons = 0;
+                plan.stay(0.15);
+            }
             plan.go(home_m((rest, normal)), 0.4);
             let next = home_m(nodes[(i + 1) % nodes.len()]);
             if nodes.len() > 1 {
@@ -266,7 +269,7 @@ mod tests {
 
     fn two_nodes() -> Script {
         let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.0, 0.05], [0.0, 0.0, 1.0])];
-        Script::over_nodes(&nodes, vec3::ZERO, &StrokeConfig::default())
+        Script::over_nodes(&nodes, vec3::ZERO, &StrokeConfig::default(), true)
     }
 
     #[test]
@@ -286,10 +289,27 @@ mod tests {
     }
 
     #[test]
+    fn a_fingertip_presses_and_does_not_pull() {
+        let node = ([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]);
+        let config = StrokeConfig::default();
+        for grips in [false, true] {
+            let mut script = Script::over_nodes(&[node], vec3::ZERO, &config, grips);
+            let (mut buttons, mut deepest_m) = (0, 0.0_f32);
+            for _ in 0..(script.duration_s() / 1e-3) as usize {
+                script.advance(1e-3);
+                buttons |= script.buttons();
+                deepest_m = deepest_m.max(0.05 - script.target_m()[0]);
+            }
+            assert_eq!(buttons == GRASP_BUTTON, grips);
+            assert!((deepest_m - config.press_m).abs() < 1e-4, "{deepest_m}");
+        }
+    }
+
+    #[test]
     fn a_short_tour_stays_below_the_speed_limit() {
         let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.0, 0.25], [0.0, 0.0, 1.0])];
         let hurry = StrokeConfig { seconds_per_node: 0.5, ..StrokeConfig::default() };
-        let mut script = Script::over_nodes(&nodes, vec3::ZERO, &hurry);
+        let mut script = Script::over_nodes(&nodes, vec3::ZERO, &hurry, true);
         let (mut before, mut fastest, dt_s) = (script.target_m(), 0.0_f32, 1e-3);
         for _ in 0..(script.duration_s() / dt_s) as usize {
             script.advance(dt_s);
@@ -320,7 +340,7 @@ mod tests {
     #[test]
     fn the_path_between_nodes_goes_round_the_middle() {
         let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([-0.05, 0.001, 0.0], [-1.0, 0.0, 0.0])];
-        let mut script = Script::over_nodes(&nodes, vec3::ZERO, &StrokeConfig::default());
+        let mut script = Script::over_nodes(&nodes, vec3::ZERO, &StrokeConfig::default(), true);
         let mut nearest = f32::INFINITY;
         for _ in 0..14_000 {
             nearest = nearest.min(vec3::norm(script.target_m()));
@@ -331,7 +351,7 @@ mod tests {
 
     #[test]
     fn without_nodes_the_hand_stays() {
-        let mut script = Script::over_nodes(&[], vec3::ZERO, &StrokeConfig::default());
+        let mut script = Script::over_nodes(&[], vec3::ZERO, &StrokeConfig::default(), true);
         script.advance(0.5);
         assert_eq!(script.target_m(), vec3::ZERO);
     }

@@ -12,7 +12,7 @@ use crate::space::{Record, Store};
 
 impl Analysis {
     /// Forces h, N, at these displacements, m, of active nodes (indices into
-    /// [`crate::scene::ResolvedScene::active`]). Each is solved from the nearest configuration of the lattice in
+    /// [`crate::scene::ResolvedScene::active`]). Each is solved from the nearest configuration in
     /// `store`, and not stored; `None` if it has no solution.
     pub fn forces_at(
         &self,

@@ -68,7 +68,6 @@ const CHECKS: usize = 100;
 struct Solved {
     names: Vec<String>,
     counts: Vec<TagCounts>,
-    points: usize,
     solved_now: usize,
     seconds: f64,
     threads: usize,
@@ -264,7 +263,6 @@ fn solve(bench: &Analysis, store: &Store, stop: &AtomicBool) -> Result<Solved, F
     let mut solved = Solved {
         names: bench.scene.active.iter().map(|a| a.name.clone()).collect(),
         counts: Vec::new(),
-        points: bench.sampling()?.points().unwrap_or(0),
         solved_now: 0,
         seconds: 0.0,
         threads: threads(None)?,
@@ -303,7 +301,13 @@ fn palpate(
 ) -> Result<(touch::Touched, Vec<Visit>), Failure> {
     let nodes = organ.spaces.len().max(1) as f32;
     // The tour touches every active node once within the duration.
-    let strokes = StrokeConfig { seconds_per_node: args.seconds as f32 / nodes, ..StrokeConfig::default() };
+    // It stays within the solved radius of 20 mm.
+    let strokes = StrokeConfig {
+        press_m: 0.012,
+        drag_m: 0.012,
+        seconds_per_node: args.seconds as f32 / nodes,
+        ..StrokeConfig::default()
+    };
     let hand = SimulatedConfig { strokes, ..SimulatedConfig::default() };
     let show = touch::Show {
         seconds: Some(args.seconds),
@@ -397,7 +401,7 @@ fn figures(
         .iter()
         .zip(&solved.counts)
         .map(|(name, c)| {
-            json!({ "active": name, "points": solved.points, "expandable": c.expandable, "terminating": c.terminating,
+            json!({ "active": name, "expandable": c.expandable, "terminating": c.terminating,
                     "failed": c.failed, "unknown": c.unknown })
         })
         .collect();
