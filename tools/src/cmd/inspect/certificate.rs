@@ -29,10 +29,12 @@ const MAX_SHOWN: usize = 5;
 
 /// The tables of a certificate as text.
 pub(crate) fn as_text(certificate: &Certificate) -> String {
+    let mesh = certificate.discretisation.as_ref();
+    let mut text = mesh.map_or_else(String::new, |of| format!("discretisation: {}\n\n", of.in_words()));
     if certificate.spaces.len() <= MAX_TABLES {
-        return tables(&certificate.spaces.iter().collect::<Vec<_>>());
+        return text + &tables(&certificate.spaces.iter().collect::<Vec<_>>());
     }
-    let mut text = together(certificate);
+    text.push_str(&together(certificate));
     let felt = |space: &&SpaceCertificate| {
         let of = |m: &MethodCertificate| m.uniform.count - m.uniform.below_jnd;
         space.methods.iter().map(of).min().unwrap_or(0)
