@@ -244,11 +244,6 @@ fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     }
     if let Some((triangles, all)) = sliding {
         text.push_str(&format!("sliding  over {triangles} of {all} triangles\n"));
-        if !organ.contact.triangles.is_empty() {
-            text.push_str(
-                "         between contact points the error is predicted when they are chosen, not measured by the certificate\n",
-            );
-        }
     }
     if let Some(certificate) = &certificate {
         text.push('\n');
