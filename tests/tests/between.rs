@@ -7,18 +7,11 @@ use palpate_precompute::certificate::{Certificate, answers};
 use palpate_precompute::fem::Solver;
 use palpate_precompute::held_out::{Draw, Places};
 use palpate_precompute::mesh::Surface;
+use palpate_precompute::num::{distance, norm};
 use palpate_precompute::pipeline::{Analysis, Run, certified_blob};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use palpate_precompute::space::{Kind, Store};
 use palpate_tests::write_beam_scene;
-
-fn norm(x: [f64; 3]) -> f64 {
-    x.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    norm(std::array::from_fn(|axis| a[axis] - b[axis]))
-}
 
 /// The skin of a beam under a pad as large as an element.
 fn scene(folder: &std::path::Path) -> std::path::PathBuf {

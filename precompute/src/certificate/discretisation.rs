@@ -85,8 +85,8 @@ impl Discretisation {
         self.positions.iter().map(FinerForce::relative).fold(0.0, f64::max)
     }
 
-    /// Green if more positions were solved than not, all within the tolerance. An error of the mesh is a stiffness that the tissue
-    /// does not have, not a fault of the numbers: so it is never red.
+    /// Green if more positions were solved than not, all within the tolerance. An error of the mesh is a
+    /// stiffness that the tissue does not have, not a fault of the numbers: so it is never red.
     pub fn verdict(&self) -> Verdict {
         let is_within = |of: &FinerForce| distance(of.force_n, of.finer_n) <= self.tolerance.at(of.finer_n);
         if self.positions.len() > self.unsolved && self.positions.iter().all(is_within) {
@@ -174,6 +174,7 @@ mod tests {
         let close = of(&[at(-1.079, -1.0), at(-0.11, -0.1)]);
         assert_eq!(close.verdict(), Verdict::Green, "8 %, and 10 mN of a small force");
         assert_eq!(of(&[at(-1.09, -1.0)]).verdict(), Verdict::Yellow);
+        assert_eq!(of(&[at(-1.0, -1.0), at(-1.09, -1.0)]).verdict(), Verdict::Yellow, "one of two is enough");
         assert_eq!(Discretisation::doubt(Some(&close), true), None);
         let doubt = |measured, has_size| Discretisation::doubt(measured, has_size).expect("a reason");
         assert!(

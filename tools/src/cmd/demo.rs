@@ -33,8 +33,8 @@ use crate::{blob, output, summary, touch};
 ///
 /// Solves the configuration spaces of a fingertip at two places of a liver-like phantom (incompressible
 /// Mooney-Rivlin, quadratic elements), packs them, lets a simulated hand palpate at 1 kHz, and compares the
-/// rendered force with new finite-element solves at 100 visited positions. All files stay in the output folder. A second run uses
-/// the solved spaces there; --again solves them again.
+/// rendered force with new finite-element solves at 100 visited positions. All files stay in the output folder.
+/// A second run uses the solved spaces there; --again solves them again.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds of palpation
