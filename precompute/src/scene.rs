@@ -27,7 +27,6 @@ use std::sync::Arc;
 use crate::error::InputError;
 use crate::fem::body::{Body, Model, Region};
 use crate::fem::boundary::{Constraints, Contact};
-use crate::fem::element::Order;
 use crate::fem::material::Material;
 use crate::fem::pad::{Fingertip, PadProfile};
 use crate::fem::pressure::PressurePair;
@@ -41,7 +40,7 @@ pub(crate) use cover::choose as choose_contact_points;
 use file::SceneFile;
 pub use file::SolverOptions;
 use place::Place;
-pub use problems::{Problems, elements};
+pub use problems::{ElementOrder, Problems, elements};
 pub use reach::Unreachable;
 pub use refine::{MAX_TETS, MeshSize};
 
@@ -64,8 +63,8 @@ pub struct ResolvedScene {
     pub mesh: TetMesh,
     /// Size of the mesh in its file, if it was refined near the tool; not known of a stored scene.
     pub unrefined: Option<MeshSize>,
-    /// Order of the shape functions: 1, or 2 with straight-sided mid-edge nodes.
-    pub order: u8,
+    /// Order of the shape functions; mid-edge nodes are straight-sided.
+    pub order: ElementOrder,
     /// Material of each region; the regions are disjoint and cover the body.
     pub materials: Vec<MaterialRegion>,
     /// Fixed nodes, ascending, unique, not empty.
@@ -207,8 +206,8 @@ impl ResolvedScene {
     }
 
     /// The equilibrium problem of an active node's contact with the body of this scene.
-    pub fn problem(&self, body: &Arc<Body>, active: &ActiveNode) -> Problem {
-        self.solver.problem(body.clone(), active.on(&self.tool, body))
+    pub fn problem(&self, body: &Arc<Body>, active: &ActiveNode) -> Arc<Problem> {
+        self.problems(body).of(active)
     }
 
     /// Name of the elements.
@@ -219,7 +218,7 @@ impl ResolvedScene {
 
     /// The problems of all contacts with this body.
     pub fn problems(&self, body: &Arc<Body>) -> Problems {
-        Problems::new(self.solver, self.tool, body)
+        Problems::new(self.order, self.solver, self.tool, body)
     }
 
     /// Adds contact points, and the triangles between them as indices into these.
@@ -286,7 +285,7 @@ impl ResolvedScene {
         let region =
             |r: &MaterialRegion| Region { material: r.material.clone(), bulk_modulus_pa: r.bulk_modulus_pa };
         Model {
-            order: Order::from_number(self.order).expect("the scene's order was checked when it was read"),
+            order: self.order.of_nodes(),
             pressure_pair: self.solver.pressure,
             regions: self.materials.iter().map(region).collect(),
             region_of_tet,
@@ -338,7 +337,11 @@ impl ResolvedScene {
     pub fn model_hash(&self) -> blake3::Hash {
         let mut digest = Digest::new("palpate model v2");
         digest.bytes(&self.mesh.content_hash());
-        digest.count(usize::from(self.order));
+        digest.count(match self.order {
+            ElementOrder::Linear => 1,
+            ElementOrder::Quadratic => 2,
+            ElementOrder::NearTool => 3,
+        });
         digest.count(self.materials.len());
         for region in &self.materials {
             digest.text(region.material.name());

@@ -39,8 +39,8 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
     let store = Store::create_or_resume(&file, &identity, &scene.mesh, &scene.fixed, &active);
     let store = store.expect("the store opens");
     let body = Arc::new(scene.body().expect("the body is valid"));
-    let problem = |active| Arc::new(scene.problem(&body, active));
-    let problems: Vec<Arc<Problem>> = scene.active.iter().map(problem).collect();
+    let problems: Vec<Arc<Problem>> =
+        scene.active.iter().map(|active| scene.problem(&body, active)).collect();
     let context = WorkerContext::new(move |active, _| problems[active].clone(), sampling, scene.max_force_n);
     let actives: Vec<usize> = (0..active.len()).collect();
     let threads = available_parallelism().map_or(1, std::num::NonZero::get);

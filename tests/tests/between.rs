@@ -9,7 +9,7 @@ use palpate_precompute::held_out::{Draw, Places};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::{distance, norm};
 use palpate_precompute::pipeline::{Analysis, Run, certified_blob};
-use palpate_precompute::scene::{ResolvedScene, Scene};
+use palpate_precompute::scene::{ElementOrder, ResolvedScene, Scene};
 use palpate_precompute::space::{Kind, Store};
 use palpate_tests::write_beam_scene;
 
@@ -85,8 +85,10 @@ fn discretisation(analysis: &Analysis, organ: &Organ<'_>) {
     println!("{}", measured.in_words());
     assert_eq!((&measured.elements[..], &measured.reference[..]), ("P1/P1", "P2/P1"));
     assert_eq!((measured.positions.len(), measured.unsolved), (6, 0));
-    let finer =
-        ResolvedScene { order: 2, ..Scene::load(&analysis.path).expect("a scene").resolve().expect("sound") };
+    let finer = ResolvedScene {
+        order: ElementOrder::Quadratic,
+        ..Scene::load(&analysis.path).expect("a scene").resolve().expect("sound")
+    };
     let body = Arc::new(finer.body().expect("a body"));
     let (problems, skin) = (finer.problems(&body), Surface::of(&finer.mesh));
     let places = Places::of(analysis.scene.contacts(), &analysis.scene.mesh).expect("triangles");

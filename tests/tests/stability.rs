@@ -15,7 +15,7 @@ use palpate_core::{Method, Organ, Phase};
 use palpate_host::BlobFile;
 use palpate_host::device::hand::HandConfig;
 use palpate_host::device::profile::Profile;
-use palpate_precompute::scene::Scene;
+use palpate_precompute::scene::{ElementOrder, Scene};
 use palpate_precompute::spec::SpaceGrid;
 use palpate_tests::coarse_blob::coarse_blob;
 
@@ -43,7 +43,7 @@ fn bundled_scenes() -> Vec<PathBuf> {
 /// solve takes long.
 fn blob(path: &Path) -> BlobFile {
     let scene = Scene::load(path).expect("sound").resolve().expect("sound");
-    let is_fast = scene.order == 1 && scene.mesh.nodes_m.len() < 1_000;
+    let is_fast = scene.order == ElementOrder::Linear && scene.mesh.nodes_m.len() < 1_000;
     let cells = if is_fast { 2.0 } else { 1.0 };
     let grid = SpaceGrid::new(0.02, 0.02 * cells).expect("the grid is valid");
     coarse_blob(&scene, grid, METHOD)

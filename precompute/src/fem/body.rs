@@ -1,6 +1,7 @@
 //! A body in discretised form: elements, material regions, fixed nodes, and the layout of its state vector.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use crate::fem::element::{EDGES, LINEAR, Order, Point, QUADRATIC, Tetrahedron};
@@ -9,6 +10,7 @@ use crate::fem::ordering::nested_dissection;
 use crate::fem::pressure::{PressurePair, pressure_block};
 use crate::mesh::surface::boundary;
 use crate::mesh::{Edges, MeshFault, TetMesh};
+use crate::num::vector::distance;
 
 /// Index of a value that is prescribed to zero or does not exist.
 pub(crate) const ABSENT: u32 = u32::MAX;
@@ -75,6 +77,17 @@ pub(crate) struct Element {
     pub pressures: [u32; 4],
     /// Matrix of the pressure's quadratic form, m^3/Pa; zero for the unstabilised pairs.
     pub pressure_block: [[f64; 4]; 4],
+    /// Which of the mid-edge nodes of a quadratic element follow the ends of their edge.
+    pub follows: [bool; 6],
+}
+
+/// A mid-edge node without equations of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Follower {
+    /// The node.
+    pub node: u32,
+    /// The ends of its edge; its displacement is their mean.
+    pub ends: [u32; 2],
 }
 
 /// A meshed body with its fixed nodes.
@@ -86,8 +99,14 @@ pub(crate) struct Element {
 pub struct Body {
     /// Order of the shape functions.
     pub order: Order,
-    /// One element per tetrahedron, in file order.
+    /// One element per tetrahedron: first those with linear shape functions, then those with quadratic ones, each
+    /// in file order.
     pub(crate) elements: Vec<Element>,
+    /// Number of elements with linear shape functions: all of a body of first order; of one of second order none,
+    /// or those far from the tool ([`Body::quadratic_near`]).
+    pub(crate) linear: usize,
+    /// Mid-edge nodes of linear elements.
+    pub(crate) followers: Vec<Follower>,
     /// Node indices, `Order::nodes` per element.
     pub connectivity: Vec<u32>,
     /// Undeformed node positions, m.
@@ -152,7 +171,13 @@ impl Body {
             let region = model.region_of_tet.get(index).copied().unwrap_or(0);
             let Region { material, bulk_modulus_pa } = &model.regions[usize::from(region)];
             let shear_pa = material.shear_modulus_pa();
-            let mut element = Element { tet, region, pressures: [ABSENT; 4], pressure_block: [[0.0; 4]; 4] };
+            let mut element = Element {
+                tet,
+                region,
+                pressures: [ABSENT; 4],
+                pressure_block: [[0.0; 4]; 4],
+                follows: [false; 6],
+            };
             if material.rest_pressure_pa().is_some() {
                 element.pressures = vertices.map(|vertex| site(vertex, region));
                 element.pressure_block =
@@ -167,7 +192,12 @@ impl Body {
         let mut body = Self {
             order: model.order,
             has_pressure_blocks: elements.iter().any(|element| element.pressure_block[0][0] != 0.0),
+            linear: match model.order {
+                Order::Linear => elements.len(),
+                Order::Quadratic => 0,
+            },
             elements,
+            followers: Vec::new(),
             connectivity,
             regions: model.regions.clone(),
             fixed,
@@ -203,6 +233,85 @@ impl Body {
         }
     }
 
+    /// A body of second order with quadratic shape functions only in the tetrahedra with a vertex within `reach_m`
+    /// of a place of the undeformed body, and linear ones beyond.
+    ///
+    /// State, nodes and faces are those of this body. On an edge of a linear element the mid-edge node is the mean
+    /// of the ends, so the displacement is continuous. The pressures of linear elements are stabilised
+    /// ([`crate::fem::pressure`]), because equal orders are not stable by themselves.
+    ///
+    /// # Panics
+    ///
+    /// If the body is of first order, or has a body force: its rest state would be another one.
+    pub fn quadratic_near(&self, place_m: [f64; 3], reach_m: f64) -> Self {
+        assert!(self.order == Order::Quadratic && self.followers.is_empty() && !self.is_loaded());
+        let near: Vec<bool> = self.nodes_m.iter().map(|&x| distance(x, place_m) <= reach_m).collect();
+        let is_near = |nodes: &[u32]| nodes[..4].iter().any(|&node| near[node as usize]);
+        let mut follows = vec![false; self.nodes_m.len()];
+        let mut followers = Vec::new();
+        for nodes in self.element_nodes().filter(|nodes| !is_near(nodes)) {
+            for (&node, ends) in nodes[4..].iter().zip(EDGES) {
+                if !std::mem::replace(&mut follows[node as usize], true) {
+                    followers.push(Follower { node, ends: ends.map(|end| nodes[end]) });
+                }
+            }
+        }
+        let is_linear = |&index: &usize| self.nodes_of(index)[4..].iter().all(|&node| follows[node as usize]);
+        let (linear, quadratic): (Vec<_>, Vec<_>) = (0..self.elements.len()).partition(is_linear);
+        let order = || linear.iter().chain(&quadratic).copied();
+        let element = |(number, index): (usize, usize)| {
+            let mut element = self.elements[index];
+            if number >= linear.len() {
+                element.follows = std::array::from_fn(|e| follows[self.nodes_of(index)[4 + e] as usize]);
+            } else if element.pressures[0] != ABSENT {
+                let Region { material, bulk_modulus_pa } = &self.regions[usize::from(element.region)];
+                let (shear_pa, pair) = (material.shear_modulus_pa(), PressurePair::Stabilised);
+                element.pressure_block =
+                    pressure_block(element.tet.volume_m3, shear_pa, *bulk_modulus_pa, pair);
+            }
+            element
+        };
+        let elements: Vec<Element> = order().enumerate().map(element).collect();
+        Self {
+            order: self.order,
+            has_pressure_blocks: elements.iter().any(|element| element.pressure_block[0][0] != 0.0),
+            linear: linear.len(),
+            elements,
+            followers,
+            connectivity: order().flat_map(|index| self.nodes_of(index)).copied().collect(),
+            nodes_m: self.nodes_m.clone(),
+            regions: self.regions.clone(),
+            pressure_sites: self.pressure_sites.clone(),
+            fixed: self.fixed.clone(),
+            external_force_n: self.external_force_n.clone(),
+            edge_m: self.edge_m,
+            rest_state: self.rest_state.clone(),
+            rest_energy_j: self.rest_energy_j,
+            mean_shear_pa: self.mean_shear_pa,
+            elimination_order: OnceLock::new(),
+            skin: OnceLock::new(),
+        }
+    }
+
+    /// Gives the mid-edge nodes without equations the mean of the ends of their edge.
+    pub(crate) fn let_follow(&self, state: &mut [f64]) {
+        for &Follower { node, ends } in &self.followers {
+            for axis in 0..3 {
+                let [a, b] = ends.map(|end| state[3 * end as usize + axis]);
+                state[3 * node as usize + axis] = 0.5 * (a + b);
+            }
+        }
+    }
+
+    /// Whether each node has equations of its own where it is not prescribed.
+    pub(crate) fn independent(&self) -> Vec<bool> {
+        let mut independent = vec![true; self.nodes_m.len()];
+        for follower in &self.followers {
+            independent[follower.node as usize] = false;
+        }
+        independent
+    }
+
     /// Whether the body has a body force.
     pub(crate) fn is_loaded(&self) -> bool {
         self.external_force_n.iter().any(|&f| f != 0.0)
@@ -215,7 +324,19 @@ impl Body {
         &self.connectivity[n * element..n * (element + 1)]
     }
 
-    /// Nodes of every element, in file order.
+    /// The elements with linear and those with quadratic shape functions.
+    pub(crate) fn ranges(&self) -> [Range<usize>; 2] {
+        [0..self.linear, self.linear..self.elements.len()]
+    }
+
+    /// Nodes of every element's shape functions.
+    pub(crate) fn shape_nodes(&self) -> impl Iterator<Item = &[u32]> {
+        let (linear, quadratic) = (Order::Linear.nodes(), Order::Quadratic.nodes());
+        let nodes = move |index| if index < self.linear { linear } else { quadratic };
+        (0..self.elements.len()).map(move |index| &self.nodes_of(index)[..nodes(index)])
+    }
+
+    /// Nodes of every element.
     pub(crate) fn element_nodes(&self) -> std::slice::Chunks<'_, u32> {
         self.connectivity.chunks(self.order.nodes())
     }
@@ -265,8 +386,9 @@ impl Body {
             for &(vertex, _) in &self.pressure_sites {
                 has_pressure[vertex as usize] = true;
             }
-            nested_dissection(self.nodes_m.len(), self.element_nodes(), |node| {
-                self.fixed[node] != [true; 3] || has_pressure[node]
+            let independent = self.independent();
+            nested_dissection(self.nodes_m.len(), self.shape_nodes(), |node| {
+                independent[node] && (self.fixed[node] != [true; 3] || has_pressure[node])
             })
         })
     }

@@ -194,7 +194,8 @@ impl DofMap {
         }
         let kept = |node: usize| held[node] != [true; 3] || !pressures_at[node].is_empty();
         let order: Vec<usize> = if keep_prescribed {
-            nested_dissection(body.nodes_m.len(), body.element_nodes(), |_| true)
+            let independent = body.independent();
+            nested_dissection(body.nodes_m.len(), body.shape_nodes(), |node| independent[node])
         } else {
             body.elimination_order().iter().copied().filter(|&node| kept(node)).collect()
         };

@@ -18,7 +18,7 @@ use crate::held_out::{Draw, Places};
 use crate::mesh::{SkinPoint, Surface};
 use crate::num::parallel::in_parallel;
 use crate::num::vector::{distance, norm};
-use crate::scene::ResolvedScene;
+use crate::scene::{ElementOrder, ResolvedScene};
 use crate::space::{Kind, Store};
 
 /// Default number of positions that are compared.
@@ -149,12 +149,12 @@ fn more_accurate(
     places_m: &[[f64; 3]],
     tip: &Fingertip,
 ) -> Option<(String, ResolvedScene)> {
-    if scene.order == 1 {
-        let finer = ResolvedScene { order: 2, ..scene.clone() };
-        return Some((finer.elements().into(), finer));
+    let quadratic = ResolvedScene { order: ElementOrder::Quadratic, ..scene.clone() };
+    if scene.order == ElementOrder::Linear {
+        return Some((quadratic.elements().into(), quadratic));
     }
-    let finer = scene.refined_near(places_m, REACH * tip.radius_m, 1)?;
-    Some((format!("{} of half the size near the tool", scene.elements()), finer))
+    let finer = quadratic.refined_near(places_m, REACH * tip.radius_m, 1)?;
+    Some((format!("{} of half the size near the tool", quadratic.elements()), finer))
 }
 
 /// Mean edge of the triangles of the skin that have a corner within the radius of a place, m.

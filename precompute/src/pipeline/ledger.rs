@@ -18,7 +18,7 @@ use crate::certificate::{
 use crate::fem::solve::Solver;
 use crate::num::parallel::in_parallel;
 use crate::num::vector::norm;
-use crate::scene::ResolvedScene;
+use crate::scene::{ElementOrder, ResolvedScene};
 use crate::space::{Kind, Store, StoreError};
 
 /// The ledger of the space of active node number `active`, for the energy method if certified, otherwise for
@@ -108,10 +108,10 @@ fn linear(
 /// The other bodies: the approximation, whether the scene makes it, and the other body.
 fn others(scene: &ResolvedScene) -> Vec<(&'static str, bool, ResolvedScene)> {
     let by_order = |order| ResolvedScene { order, ..scene.clone() };
-    let order = if scene.order == 1 {
-        ("displacements of second order (tet10)", true, by_order(2))
+    let order = if scene.order == ElementOrder::Linear {
+        ("displacements of second order (tet10)", true, by_order(ElementOrder::Quadratic))
     } else {
-        ("displacements of second order (tet4 instead)", false, by_order(1))
+        ("displacements of second order (tet4 instead)", false, by_order(ElementOrder::Linear))
     };
     vec![order, ("seven of eight tets (a mesh refined once)", true, scene.refined())]
 }

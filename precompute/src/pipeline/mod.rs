@@ -158,7 +158,7 @@ impl Analysis {
     /// The equilibrium problem with this active node, or its patch, prescribed.
     #[must_use]
     pub fn problem(&self, active: &ActiveNode) -> Arc<Problem> {
-        Arc::new(self.scene.problem(&self.body, active))
+        self.scene.problem(&self.body, active)
     }
 
     /// The positions that the scene requests.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::fem::PressurePair;
 use crate::num::jet::EnergyJet;
-use crate::scene::{ResolvedScene, SolverOptions, elements};
+use crate::scene::{ElementOrder, ResolvedScene, SolverOptions, elements};
 
 use super::probe::{Probed, rest_of};
 
@@ -21,8 +21,8 @@ const QUADRATIC_TIMES: [f64; 2] = [20.0, 14.0];
 /// Shape functions, pressure and size of the elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Model {
-    /// 1 or 2.
-    pub order: u8,
+    /// Order of the shape functions.
+    pub order: ElementOrder,
     /// Pressure field of incompressible regions.
     pub pair: PressurePair,
     /// Whether the mesh is refined once near the tool.
@@ -57,8 +57,10 @@ impl Model {
     /// The keys of a scene with these elements.
     pub(super) fn keys(self) -> &'static str {
         match (self.order, self.pair, self.refined) {
+            (ElementOrder::NearTool, _, true) => "`order = \"tool\"` and `refine = \"tool\"` in [mesh]",
             (_, _, true) => "`order = 2` and `refine = \"tool\"` in [mesh]",
-            (2, ..) => "`order = 2` in [mesh]",
+            (ElementOrder::NearTool, ..) => "`order = \"tool\"` in [mesh]",
+            (ElementOrder::Quadratic, ..) => "`order = 2` in [mesh]",
             (_, PressurePair::Stabilised, _) => "`pressure = \"stabilised\"` in [solver]",
             _ => "`order = 1` in [mesh]",
         }
@@ -68,14 +70,19 @@ impl Model {
     /// is one of them.
     pub(super) fn others(self, has_pressure: bool, has_size: bool) -> Vec<Self> {
         let of = |order, pair| Self { order, pair, refined: false };
-        let quadratic = of(2, PressurePair::Plain);
-        let mut all = vec![of(1, PressurePair::Plain), quadratic];
+        let quadratic = of(ElementOrder::Quadratic, PressurePair::Plain);
+        let near_tool = of(ElementOrder::NearTool, PressurePair::Plain);
+        let mut all = vec![of(ElementOrder::Linear, PressurePair::Plain)];
         if has_pressure {
-            all.insert(1, of(1, PressurePair::Stabilised));
+            all.push(of(ElementOrder::Linear, PressurePair::Stabilised));
         }
-        all.retain(|other| *other != self && !(other.order == 2 && self.order == 2));
         if has_size {
-            all.push(Self { refined: true, ..quadratic });
+            all.push(near_tool);
+        }
+        all.push(quadratic);
+        all.retain(|other| *other != self);
+        if has_size {
+            all.extend([near_tool, quadratic].map(|model| Self { refined: true, ..model }));
         }
         all
     }
@@ -92,16 +99,20 @@ pub(super) fn beside(
     let solver = SolverOptions { pressure: model.pair, ..scene.solver };
     let tip = scene.tool.fingertip();
     let mut other = ResolvedScene { order: model.order, solver, ..scene.clone() };
+    if model.order == ElementOrder::NearTool && other.body_force.is_some() {
+        return None;
+    }
     if let Some(tip) = tip.filter(|_| model.refined) {
         let place_m = scene.active[active].place_m(&scene.mesh);
         other = other.refined_near(&[place_m], REACH * tip.radius_m, 1)?;
     }
-    if model.order == 2 && other.mesh.tets.len() > MAX_TETS[usize::from(tip.is_some())] {
+    if model.order == ElementOrder::Quadratic && other.mesh.tets.len() > MAX_TETS[usize::from(tip.is_some())]
+    {
         let [times, memory] = QUADRATIC_TIMES;
         return (!model.refined).then_some(ComparedModel { model, times, jet: None, memory });
     }
     let body = Arc::new(other.body().ok()?);
-    let problem = Arc::new(other.problem(&body, &other.active[active]));
+    let problem = other.problem(&body, &other.active[active]);
     let (seconds, jet, size) = rest_of(&problem)?;
     Some(ComparedModel {
         model,
@@ -119,11 +130,11 @@ pub(super) fn solver_bytes([unknowns, matrix, factor]: [usize; 3]) -> f64 {
 
 /// Bytes of the whole process: the program, the body with its scatter map and analysis, and a solver per
 /// thread.
-pub(super) fn memory_bytes(tets: usize, order: u8, size: [usize; 3], threads: usize) -> f64 {
+pub(super) fn memory_bytes(tets: usize, order: ElementOrder, size: [usize; 3], threads: usize) -> f64 {
     const PROCESS: f64 = 12e6;
     /// Bytes per tet: geometry, and the positions of its matrix in the sparse one.
     const TET: [f64; 2] = [3e3, 12e3];
-    let tet = TET[usize::from(order.clamp(1, 2)) - 1];
+    let tet = TET[usize::from(order != ElementOrder::Linear)];
     // Every active node in progress has its own analysis: matrix and factor as indices.
     let analysis = 8.0 * (2.0 * size[1] as f64 + 0.5 * size[2] as f64);
     PROCESS + tets as f64 * tet + threads as f64 * (solver_bytes(size) + analysis)
@@ -148,20 +159,25 @@ mod tests {
             model.others(pressure, has_size).into_iter().map(|other| other.words(pressure)).collect()
         };
         let [plain, stabilised] = [PressurePair::Plain, PressurePair::Stabilised];
-        assert_eq!(words(1, plain, true, false), ["P1/P1 stab.", "P2/P1"]);
-        assert_eq!(words(1, stabilised, true, false), ["P1/P1", "P2/P1"]);
-        assert_eq!(words(2, plain, true, false), ["P1/P1", "P1/P1 stab."]);
-        assert_eq!(words(1, plain, false, false), ["P2"]);
-        assert_eq!(words(2, plain, false, true), ["P1", "P2 h/2"]);
-        assert_eq!(words(1, plain, true, true), ["P1/P1 stab.", "P2/P1", "P2/P1 h/2"]);
+        let [linear, quadratic] = [ElementOrder::Linear, ElementOrder::Quadratic];
+        assert_eq!(words(linear, plain, true, false), ["P1/P1 stab.", "P2/P1"]);
+        assert_eq!(words(linear, stabilised, true, false), ["P1/P1", "P2/P1"]);
+        assert_eq!(words(quadratic, plain, true, false), ["P1/P1", "P1/P1 stab."]);
+        assert_eq!(words(linear, plain, false, false), ["P2"]);
+        assert_eq!(
+            words(quadratic, plain, false, true),
+            ["P1", "P2 near tool", "P2 near tool h/2", "P2 h/2"]
+        );
+        let of_near = words(ElementOrder::NearTool, plain, true, true);
+        assert_eq!(of_near, ["P1/P1", "P1/P1 stab.", "P2/P1", "P2/P1 near tool h/2", "P2/P1 h/2"]);
     }
 
     #[test]
     fn memory_grows_with_threads_and_entries() {
         let size = [2_000, 60_000, 300_000];
-        let [one, two] = [1, 2].map(|threads| memory_bytes(1_800, 1, size, threads));
+        let [one, two] = [1, 2].map(|threads| memory_bytes(1_800, ElementOrder::Linear, size, threads));
         assert!(two > one && two < 2.0 * one);
-        assert!(memory_bytes(1_800, 2, size.map(|n| 5 * n), 1) > one);
+        assert!(memory_bytes(1_800, ElementOrder::Quadratic, size.map(|n| 5 * n), 1) > one);
     }
 
     #[test]

@@ -15,6 +15,7 @@ use super::tables;
 use crate::mesh::Surface;
 use crate::num::in_parallel;
 use crate::pipeline::Analysis;
+use crate::scene::ElementOrder;
 use crate::space::ExpansionError;
 use crate::spec::{Requirements, Sampling, Scattered, Tolerance};
 
@@ -105,7 +106,7 @@ impl Results {
             tolerance,
             spacing_m: sampling.lattice().map(|lattice| lattice.grid.spacing_m),
             skin: [surface.nodes.len(), surface.triangles.len()],
-            is_quadratic: scene.order == 2,
+            is_quadratic: scene.order == ElementOrder::Quadratic,
             has_pressure,
         })
     }

@@ -3,6 +3,7 @@
 use crate::num::jet::EnergyJet;
 use crate::num::vector::norm;
 use crate::pipeline::Analysis;
+use crate::scene::ElementOrder;
 use crate::spec::Tolerance;
 use palpate_core::Method;
 
@@ -145,7 +146,9 @@ impl Results {
     /// How much stiffer a model feels than the most accurate one of second order, minus 1: by the force of a push,
     /// to third order from rest, or for a point by the stiffness at rest.
     fn stiffer(&self, jet: &EnergyJet) -> Option<f64> {
-        let of = |refined| self.besides.iter().find(|b| b.model.order == 2 && b.model.refined == refined);
+        let is_best =
+            |model: Model, refined| model.order == ElementOrder::Quadratic && model.refined == refined;
+        let of = |refined| self.besides.iter().find(|beside| is_best(beside.model, refined));
         let best = of(true).or_else(|| of(false)).and_then(|beside| beside.jet.as_ref());
         let own = self.is_quadratic.then(|| &self.nodes[0].probed.jets[0]);
         let felt = |jet: &EnergyJet| match self.push_m {

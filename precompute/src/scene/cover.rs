@@ -21,7 +21,7 @@ mod net;
 
 use net::{Candidate, Net};
 
-use super::{ActiveNode, ResolvedScene};
+use super::{ActiveNode, ElementOrder, ResolvedScene};
 use crate::fem::{Body, Fingertip, SolveFailure, Solver};
 use crate::mesh::{SkinPoint, Surface};
 use crate::num::jet::EnergyJet;
@@ -56,7 +56,8 @@ pub(crate) fn choose(
     body: &Arc<Body>,
     threads: usize,
 ) -> Result<(Vec<ActiveNode>, Vec<[u32; 3]>), SolveFailure> {
-    let linear = (scene.order > 1).then(|| ResolvedScene { order: 1, ..scene.clone() });
+    let linear = (scene.order != ElementOrder::Linear)
+        .then(|| ResolvedScene { order: ElementOrder::Linear, ..scene.clone() });
     // A body that only second order can solve keeps its order.
     let linear = linear.and_then(|scene| Some((Arc::new(scene.body().ok()?), scene)));
     let (body, solved_scene) = linear.as_ref().map_or((body, scene), |(body, scene)| (body, scene));

@@ -38,7 +38,7 @@ pub(super) struct SceneFile {
 pub(super) struct MeshTable {
     pub(super) file: Spanned<String>,
     pub(super) unit: Option<Spanned<String>>,
-    pub(super) order: Option<Spanned<i64>>,
+    pub(super) order: Option<Spanned<toml::Value>>,
     /// Name of the cell array that numbers the regions.
     pub(super) regions: Option<Spanned<String>>,
     pub(super) refine: Option<Spanned<Refine>>,

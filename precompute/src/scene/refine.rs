@@ -7,7 +7,7 @@ use toml::Spanned;
 use super::file::{Refine, tables};
 use super::lookup::Lookup;
 use super::place::positive;
-use super::{ResolvedScene, Scene, reach, regions, tool};
+use super::{ElementOrder, ResolvedScene, Scene, reach, regions, tool};
 use crate::error::InputError;
 use crate::fem::Fingertip;
 use crate::mesh::{Near, Refined, Surface, TetMesh, mean_edge_m};
@@ -67,7 +67,7 @@ pub(super) struct Loaded {
 }
 
 /// Reads the mesh of a scene and refines it near the tool, if the scene asks for it.
-pub(super) fn load(scene: &Scene, order: u8) -> Result<Loaded, InputError> {
+pub(super) fn load(scene: &Scene, order: ElementOrder) -> Result<Loaded, InputError> {
     let mesh = regions::load_mesh(scene)?;
     let Scene { place, file } = scene;
     let table = file.mesh.get_ref();
@@ -93,7 +93,7 @@ pub(super) fn load(scene: &Scene, order: u8) -> Result<Loaded, InputError> {
     };
     let edge_m = match given_edge {
         Some(edge) => positive(place, "refine_edge_m", edge)?,
-        None => EDGE[usize::from(order) - 1] * tip.radius_m,
+        None => EDGE[usize::from(order != ElementOrder::Linear)] * tip.radius_m,
     };
     let size = MeshSize { nodes: mesh.nodes_m.len(), tets: mesh.tets.len() };
     let (mesh, fixed) = near_tool(scene, mesh, tip, edge_m)?.ok_or_else(|| {

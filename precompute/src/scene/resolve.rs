@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use palpate_core::format::SCENE_NAME_LEN;
-use toml::Spanned;
+use toml::{Spanned, Value};
 
 use super::file::{BodyForceTable, Contact, NeedsTable};
 use super::lookup::Lookup;
 use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
 use super::refine::{self, Loaded};
-use super::{ActiveNode, ResolvedScene, Scene, SolverOptions, device, reach, tool};
+use super::{ActiveNode, ElementOrder, ResolvedScene, Scene, SolverOptions, Tool, device, reach, tool};
 use crate::error::{InputError, count};
 use crate::fem::pressure::PressurePair;
 use crate::mesh::{Surface, TetMesh, doubtful_for_pressure, surface};
@@ -53,12 +53,13 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     }
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
     let solver = solver(scene, order)?;
+    check_near_tool(scene, order, &tool)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
     let mut warnings = lookup.warnings;
     if materials.iter().any(|region| region.material.rest_pressure_pa().is_some()) {
         let doubts = doubtful_for_pressure(&mesh, &fixed);
         // The paper's P1/P1 pair is unstable on every mesh, so its only warning is about slivers.
-        if order == 2 || doubts.slivers_below_5_deg > 0 {
+        if order != ElementOrder::Linear || doubts.slivers_below_5_deg > 0 {
             warnings.extend(doubts.warning());
         }
     }
@@ -136,9 +137,9 @@ fn body_force(place: &Place, table: &Spanned<BodyForceTable>) -> Result<[f64; 3]
 }
 
 /// The options of the solver, checked against the order of the elements.
-fn solver(scene: &Scene, order: u8) -> Result<SolverOptions, InputError> {
+fn solver(scene: &Scene, order: ElementOrder) -> Result<SolverOptions, InputError> {
     let Some(table) = &scene.file.solver else { return Ok(SolverOptions::default()) };
-    if order == 2 && table.get_ref().pressure == PressurePair::Stabilised {
+    if order != ElementOrder::Linear && table.get_ref().pressure == PressurePair::Stabilised {
         let what = "`pressure` = \"stabilised\" is for `order` = 1: the pair of order 2 is stable by itself";
         let at = scene.place.key_in(table.span(), "pressure");
         return Err(scene.place.error(at, what, "leave `pressure` out"));
@@ -146,15 +147,37 @@ fn solver(scene: &Scene, order: u8) -> Result<SolverOptions, InputError> {
     Ok(*table.get_ref())
 }
 
-fn order(scene: &Scene) -> Result<u8, InputError> {
-    let Some(order) = &scene.file.mesh.get_ref().order else { return Ok(1) };
-    u8::try_from(*order.get_ref()).ok().filter(|order| (1..=2).contains(order)).ok_or_else(|| {
-        scene.place.error(
+fn order(scene: &Scene) -> Result<ElementOrder, InputError> {
+    let Some(order) = &scene.file.mesh.get_ref().order else { return Ok(ElementOrder::Linear) };
+    match order.get_ref() {
+        Value::Integer(1) => Ok(ElementOrder::Linear),
+        Value::Integer(2) => Ok(ElementOrder::Quadratic),
+        Value::String(word) if word == "tool" => Ok(ElementOrder::NearTool),
+        other => Err(scene.place.error(
             order.span(),
-            format!("`order` = {} is neither 1 nor 2", order.get_ref()),
-            "use `order = 1` or `order = 2`",
-        )
-    })
+            format!("`order` = {other} is neither 1, 2 nor \"tool\""),
+            "use `order = 1`, `order = 2`, or `order = \"tool\"`: 2 near the tool and 1 beyond",
+        )),
+    }
+}
+
+/// Refuses what does not go with quadratic elements near the tool only.
+fn check_near_tool(scene: &Scene, order: ElementOrder, tool: &Tool) -> Result<(), InputError> {
+    let Some(key) = scene.file.mesh.get_ref().order.as_ref().filter(|_| order == ElementOrder::NearTool)
+    else {
+        return Ok(());
+    };
+    let error = |what: &str, fix: &str| Err(scene.place.error(key.span(), what, fix));
+    if tool.fingertip().is_none() {
+        let what = "`order` = \"tool\" needs a tool with a size, which says what is near";
+        return error(what, "add [tool] with shape = \"fingertip\", or use `order = 2`");
+    }
+    if scene.file.body_force.is_some() {
+        let what = "`order` = \"tool\" cannot be combined with [body_force]: the rest state would depend on the \
+                    contact point";
+        return error(what, "use `order = 2`");
+    }
+    Ok(())
 }
 
 impl Lookup<'_> {

@@ -132,7 +132,7 @@ fn a_scene_resolves_to_indices_and_metres() {
     assert_eq!(scene.name, "block");
     assert_eq!((scene.mesh.nodes_m.len(), scene.mesh.tets.len()), (64, 162));
     assert_eq!(scene.mesh.nodes_m[63], [0.3; 3], "centimetres became metres");
-    assert_eq!(scene.order, 1);
+    assert_eq!(scene.order, ElementOrder::Linear);
     let material = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
     assert_eq!(scene.materials, [MaterialRegion { material, bulk_modulus_pa: None, tets: None }]);
     assert_eq!(scene.fixed, (0..16).collect::<Vec<u32>>());
@@ -163,7 +163,7 @@ fn what_is_left_out_has_defaults() {
     let text = text[..text.find("[grid]").expect("there")].replace("[0.31, 0.1, 0.1]", "[30.0, 10.0, 10.0]");
     let scene = bench.resolve(&text).expect("sound");
     assert_eq!(scene.name, "block", "the file's stem");
-    assert_eq!(scene.order, 1);
+    assert_eq!(scene.order, ElementOrder::Linear);
     assert_eq!(scene.mesh.nodes_m[63], [30.0; 3], "metres");
     assert_eq!((scene.grid, scene.max_force_n, scene.visual), (None, f64::INFINITY, true));
 }
@@ -274,7 +274,14 @@ fn wrong_meshes_name_the_scene_or_the_mesh_file() {
     let refuses = |from, to, place, what, fix| bench.refuses(from, to, place, what, fix);
     refuses("cube.msh", "cub.msh", "block.toml:3", "cannot open the mesh", "relative to the scene file");
     refuses("\"cm\"", "\"inch\"", "block.toml:4", "unknown unit \"inch\"", "\"m\", \"cm\" or \"mm\"");
-    refuses("order = 1", "order = 3", "block.toml:5", "`order` = 3 is neither 1 nor 2", "`order = 1`");
+    refuses("order = 1", "order = \"tool\"", "block.toml:5", "needs a tool with a size", "`order = 2`");
+    refuses(
+        "order = 1",
+        "order = 3",
+        "block.toml:5",
+        "`order` = 3 is neither 1, 2 nor \"tool\"",
+        "`order = 1`",
+    );
     let mesh = std::fs::read_to_string(bench.path("cube.msh")).expect("written above");
     bench.write("cut.msh", &mesh[..mesh.len() / 2]);
     let line = mesh[..mesh.len() / 2].lines().count();
@@ -287,7 +294,7 @@ fn wrong_meshes_name_the_scene_or_the_mesh_file() {
 #[test]
 fn order_regions_body_force_patch_and_solver_are_read() {
     let bench = Bench::new();
-    assert_eq!(bench.with("order = 1", "order = 2").expect("sound").order, 2);
+    assert_eq!(bench.with("order = 1", "order = 2").expect("sound").order, ElementOrder::Quadratic);
     let table = |text: &str| bench.with("[device]", &format!("{text}\n[device]"));
     let force = |text: &str| table(&format!("[body_force]\n{text}")).map(|scene| scene.body_force);
     assert_eq!(force("force_n_per_m3 = [0, 0, -1e4]").expect("sound"), Some([0.0, 0.0, -1e4]));

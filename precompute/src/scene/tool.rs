@@ -165,7 +165,7 @@ impl Lookup<'_> {
             let longest_m = edges_m.iter().copied().fold(0.0, f64::max);
             self.warnings.push(format!(
                 "the tool is smaller than its elements: the pad has a radius of {:.1} mm, and the edges under it are up to \
-                 {:.1} mm long at {coarse} of {}; refine the mesh, or use `order = 2`",
+                 {:.1} mm long at {coarse} of {}; refine the mesh, or use `order = \"tool\"`",
                 1e3 * tip.radius_m,
                 1e3 * longest_m,
                 count(edges_m.len(), "contact point")

@@ -31,12 +31,53 @@ fn case(name: &str, change: impl FnOnce(&mut Model)) -> Case {
     Case { name: name.into(), body, contact, constraints: Constraints::Elimination }
 }
 
+/// With quadratic elements everywhere or nowhere the body is that of the order, with its digits.
+#[test]
+fn the_ends_of_quadratic_elements_near_the_tool_are_the_orders() {
+    let law = |m: &mut Model, order| {
+        m.regions = vec![mooney_rivlin().into(), st_venant_kirchhoff().into()];
+        m.region_of_tet = (0..96).map(|tet| u16::from(tet >= 60)).collect();
+        m.order = order;
+    };
+    let quadratic = case("quadratic", |m| law(m, Order::Quadratic));
+    let linear = case("linear", |m| {
+        law(m, Order::Linear);
+        m.pressure_pair = PressurePair::Stabilised;
+    });
+    let with = |reach_m| Case {
+        name: String::new(),
+        body: Arc::new(quadratic.body.quadratic_near([0.04, 0.02, 0.02], reach_m)),
+        contact: quadratic.contact.clone(),
+        constraints: quadratic.constraints,
+    };
+    for (reach_m, of_order) in [(1.0, &quadratic), (0.0, &linear)] {
+        let [found, wanted] = [&with(reach_m), of_order].map(|case| {
+            let mut solver = solver(case);
+            let rest = solver.rest().expect("the beam is fixed");
+            let at = solver.advance(&rest.seed, [0.004, -0.003, -0.008]).expect("the beam converges");
+            (solver.problem().unknowns(), *at.jet())
+        });
+        assert_eq!(found.0, wanted.0);
+        let error = Vector3::from(found.1.force_n) - Vector3::from(wanted.1.force_n);
+        assert!(error.norm() < 1e-9 * Vector3::from(wanted.1.force_n).norm(), "{}: {error}", of_order.name);
+        assert!((found.1.energy_j / wanted.1.energy_j - 1.0).abs() < 1e-9);
+    }
+}
+
 /// The same body under a fingertip on a face of the skin.
 fn under_a_pad(case: &Case, profile: PadProfile) -> Case {
     let tip = Fingertip { radius_m: 0.025, stiffness_pa_m: 1e6, profile };
     let pad = Pad::new(&case.body, tip, [0.055, 0.017, 0.04]).expect("the point is on the skin");
     let name = format!("{}, pad", case.name);
     Case { name, body: case.body.clone(), contact: pad.into(), constraints: case.constraints }
+}
+
+/// The same with quadratic elements only near the contact point.
+fn near_the_pad(case: &Case, reach_m: f64) -> Case {
+    let centre_m = case.contact.pad().expect("a pad").centre_m;
+    let body = Arc::new(case.body.quadratic_near(centre_m, reach_m));
+    let (name, contact) = (format!("{}, P2 near it", case.name), case.contact.clone());
+    Case { name, body, contact, constraints: case.constraints }
 }
 
 /// Every law, every field pair, and every boundary condition and load of the beam.
@@ -69,7 +110,11 @@ fn cases() -> Vec<Case> {
         .zip([PadProfile::Quartic, PadProfile::Hertz].into_iter().cycle())
         .map(|(case, profile)| under_a_pad(case, profile))
         .collect();
+    // Only the pressed part of the body is quadratic.
+    let is_near = |case: &&Case| case.body.order == Order::Quadratic;
+    let near: Vec<Case> = pads.iter().filter(is_near).map(|case| near_the_pad(case, 0.035)).collect();
     all.extend(pads);
+    all.extend(near);
     let mut patch = case("rigid patch", |_| {});
     let mesh = beam();
     let tip = nodes_where(&mesh, |x| x[2] > 0.039 && (x[0] - 0.06).abs() < 0.01);

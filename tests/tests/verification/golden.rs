@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use palpate_precompute::fem::material::{Material, Value};
 use palpate_precompute::fem::{Body, Problem, Solver};
-use palpate_precompute::scene::Scene;
+use palpate_precompute::scene::{ElementOrder, Scene};
 
 /// One row: displacement, force and energy.
 struct Row {
@@ -65,7 +65,7 @@ fn forces_and_energies_on_the_bundled_organ_agree_with_getfem() {
     for ((case, law, order, mesh, fixed, node), rows) in cases {
         let scene = Scene::load(&assets.join(format!("{mesh}.toml"))).and_then(|scene| scene.resolve());
         let mut scene = scene.unwrap_or_else(|error| panic!("{error}"));
-        scene.order = order;
+        scene.order = if order == 1 { ElementOrder::Linear } else { ElementOrder::Quadratic };
         scene.materials[0].material = material(&law);
         scene.fixed = scene.mesh.node_groups[&fixed].clone();
         let body = Body::new(&scene.mesh, &scene.model()).expect("the organ is valid");

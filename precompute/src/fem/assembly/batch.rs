@@ -1,5 +1,7 @@
 //! Batches of elements for SIMD: grouping, and gathering of their data into lanes.
 
+use std::ops::Range;
+
 use crate::fem::body::{ABSENT, Body, Element};
 use crate::fem::element::Point;
 use crate::fem::material::Material;
@@ -20,11 +22,11 @@ impl Batch {
         Self { first: element, count: 1 }
     }
 
-    /// Batches of all elements in file order.
+    /// Batches of the elements of a range, in their order.
     #[inline(always)]
-    pub(super) fn all<R: Real>(body: &Body) -> impl Iterator<Item = Self> {
-        let elements = &body.elements;
-        let mut next = 0;
+    pub(super) fn all<R: Real>(body: &Body, range: Range<usize>) -> impl Iterator<Item = Self> {
+        let elements = &body.elements[..range.end];
+        let mut next = range.start;
         std::iter::from_fn(
             #[inline(always)]
             move || {
@@ -86,11 +88,12 @@ impl<R: Real, const N: usize> LocalState<R, N> {
     #[inline(always)]
     pub(super) fn gather(machine: R::Machine, body: &Body, batch: &Batch, state: &[f64]) -> Self {
         let zero = R::new(machine, |_| 0.0);
+        let stride = body.order.nodes();
         let mut displacements = [Vec3([zero; 3]); N];
         for (a, displacement) in displacements.iter_mut().enumerate() {
             for (axis, value) in displacement.0.iter_mut().enumerate() {
                 *value = R::new(machine, |lane| {
-                    let node = body.connectivity[N * batch.index(lane) + a];
+                    let node = body.connectivity[stride * batch.index(lane) + a];
                     state[3 * node as usize + axis]
                 });
             }

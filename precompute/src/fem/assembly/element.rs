@@ -81,6 +81,70 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
             // Loops over single elements are short or a fallback: one compiled loop for all laws is enough.
             self.add_points::<_, TANGENT>(machine, material.erased(), body, batch, rule, &local);
         }
+        if N > 4 {
+            self.fold::<TANGENT>(machine, body, batch);
+        }
+    }
+
+    /// Adds what belongs to mid-edge nodes that follow the ends of their edge to these ends, half to each: the
+    /// force T^T f and the tangent T^T K T of the map T from the independent nodes to all. The entries of the
+    /// followers keep values that belong to no equation; their force is zero.
+    #[inline(always)]
+    fn fold<const TANGENT: bool>(&mut self, machine: R::Machine, body: &Body, batch: &Batch) {
+        for (edge, ends) in EDGES.into_iter().enumerate() {
+            let follows = |lane| batch.element(body, lane).follows[edge];
+            if !(0..R::LANES).any(follows) {
+                continue;
+            }
+            let half = R::new(machine, |lane| if follows(lane) { 0.5 } else { 0.0 });
+            let middle = 4 + edge;
+            let share = self.force[middle] * half;
+            self.force[middle] = self.force[middle] * (half * -2.0 + 1.0);
+            for end in ends {
+                self.force[end] += share;
+            }
+            if !TANGENT {
+                continue;
+            }
+            for row in &mut self.coupling {
+                let share = row[middle] * half;
+                for end in ends {
+                    row[end] += share;
+                }
+            }
+            // K_ij += (K_mj)/2 for the ends i, in the stored lower triangle; the row of an end itself receives
+            // also the column.
+            for end in ends {
+                for other in (0..N).filter(|&other| other != middle) {
+                    let block = scaled(self.block(middle, other), half);
+                    self.add_block(end, other, &block);
+                    if other == end {
+                        self.add_block(end, end, &transposed(&block));
+                    }
+                }
+            }
+            let own = scaled(self.block(middle, middle), half * half);
+            let [i, j] = ends;
+            for (row, column) in [(i, i), (j, j), (i, j)] {
+                self.add_block(row, column, &own);
+            }
+        }
+    }
+
+    /// Block of the tangent for any order of two nodes.
+    #[inline(always)]
+    fn block(&self, row: usize, column: usize) -> [R; 9] {
+        if column <= row { self.stiffness[row][column] } else { transposed(&self.stiffness[column][row]) }
+    }
+
+    /// Adds to the block of two nodes, in the stored triangle.
+    #[inline(always)]
+    fn add_block(&mut self, row: usize, column: usize, block: &[R; 9]) {
+        if column <= row {
+            add(&mut self.stiffness[row][column], block, 1.0);
+        } else {
+            add(&mut self.stiffness[column][row], &transposed(block), 1.0);
+        }
     }
 
     #[inline(always)]

@@ -9,10 +9,13 @@ mod tests;
 
 pub(crate) use pattern::Pattern;
 
+use std::ops::Range;
+use std::slice::ChunksExact;
+
 use nalgebra::Matrix3;
 
 use crate::fem::body::{ABSENT, Body};
-use crate::fem::element::{LINEAR, Order, Point, QUADRATIC};
+use crate::fem::element::{LINEAR, Point, QUADRATIC};
 use crate::num::jet::SymmetricThird;
 use crate::num::lanes::{self, Lanes, Real};
 use batch::Batch;
@@ -78,21 +81,24 @@ impl Assembled {
         lanes::dispatch(Pass::<false> { to: self, body, pattern: None, state });
     }
 
+    /// Adds the elements of a range; `scatter` gives the places of their entries.
     #[inline(always)]
     fn pass<R: Real, const N: usize, const TANGENT: bool>(
         &mut self,
         machine: R::Machine,
         body: &Body,
-        pattern: Option<&Pattern>,
+        range: Range<usize>,
+        mut scatter: Option<ChunksExact<'_, u32>>,
         rule: &[Point<N>],
         state: &[f64],
     ) {
-        self.clear();
+        if range.is_empty() {
+            return;
+        }
         let mut system = ElementSystem::<R, N>::new(machine);
-        let mut scatter = pattern.map(Pattern::scatter);
-        for batch in Batch::all::<R>(body) {
+        for batch in Batch::all::<R>(body, range) {
             system.compute::<TANGENT>(machine, body, &batch, rule, state);
-            // Lane by lane, so that every sum runs over the elements in file order for any number of lanes.
+            // Lane by lane, so that every sum runs over the elements in their order for any number of lanes.
             for lane in 0..batch.count.min(R::LANES) {
                 let element = batch.element(body, lane);
                 self.energy_j += system.energy_j.lane(lane);
@@ -119,6 +125,10 @@ impl Assembled {
                 }
             }
         }
+    }
+
+    /// Subtracts the body force.
+    fn load(&mut self, body: &Body, state: &[f64]) {
         if body.is_loaded() {
             for ((force, external), u) in self.nodal_force_n.iter_mut().zip(&body.external_force_n).zip(state)
             {
@@ -215,17 +225,25 @@ impl HandleCoupling {
     pub(crate) fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.free.fill(0.0);
         self.own = Matrix3::zeros();
-        match body.order {
-            Order::Linear => self.pass::<4>(body, pattern, &LINEAR, state),
-            Order::Quadratic => self.pass::<10>(body, pattern, &QUADRATIC, state),
-        }
+        let (linear, quadratic) = pattern
+            .handle_elements
+            .split_at(pattern.handle_elements.partition_point(|&e| (e as usize) < body.linear));
+        self.pass::<4>(body, pattern, linear, &LINEAR, state);
+        self.pass::<10>(body, pattern, quadratic, &QUADRATIC, state);
     }
 
-    fn pass<const N: usize>(&mut self, body: &Body, pattern: &Pattern, rule: &[Point<N>], state: &[f64]) {
+    fn pass<const N: usize>(
+        &mut self,
+        body: &Body,
+        pattern: &Pattern,
+        elements: &[u32],
+        rule: &[Point<N>],
+        state: &[f64],
+    ) {
         let n = pattern.unknowns();
         let scale = body.pressure_scale();
         let mut system = ElementSystem::<f64, N>::new(());
-        for &index in &pattern.handle_elements {
+        for &index in elements {
             let index = index as usize;
             system.compute::<true>((), body, &Batch::single(index), rule, state);
             let dofs = pattern.dofs_of(index);
@@ -270,9 +288,14 @@ pub(crate) fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f6
 
     impl Work<'_> {
         #[inline(always)]
-        fn pass<R: Real, const N: usize>(self, machine: R::Machine, rule: &[Point<N>]) -> SymmetricThird {
-            let mut sum = [0.0; 10];
-            for batch in Batch::all::<R>(self.body) {
+        fn pass<R: Real, const N: usize>(
+            &self,
+            machine: R::Machine,
+            range: Range<usize>,
+            rule: &[Point<N>],
+            mut sum: SymmetricThird,
+        ) -> SymmetricThird {
+            for batch in Batch::all::<R>(self.body, range) {
                 let third = element::third_along::<R, N>(
                     machine,
                     self.body,
@@ -296,31 +319,31 @@ pub(crate) fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f6
 
         #[inline(always)]
         fn with_simd<S: pulp::Simd>(self, simd: S) -> SymmetricThird {
-            match self.body.order {
-                Order::Linear => self.pass::<Lanes<S>, 4>(simd, &LINEAR),
-                Order::Quadratic => self.pass::<Lanes<S>, 10>(simd, &QUADRATIC),
-            }
+            let [linear, quadratic] = self.body.ranges();
+            let sum = self.pass::<Lanes<S>, 4>(simd, linear, &LINEAR, [0.0; 10]);
+            self.pass::<Lanes<S>, 10>(simd, quadratic, &QUADRATIC, sum)
         }
     }
 
     lanes::dispatch(Work { body, state, directions })
 }
 
-/// Ratio of deformed to undeformed volume of every element, in file order.
+/// Ratio of deformed to undeformed volume of every element of the body.
 pub fn volume_ratios(body: &Body, state: &[f64]) -> Vec<f64> {
-    fn pass<const N: usize>(body: &Body, rule: &[Point<N>], state: &[f64]) -> Vec<f64> {
+    fn pass<const N: usize>(
+        body: &Body,
+        range: Range<usize>,
+        rule: &[Point<N>],
+        state: &[f64],
+    ) -> impl Iterator<Item = f64> {
         let mut system = ElementSystem::<f64, N>::new(());
-        let each = body.elements.iter().enumerate();
-        each.map(|(index, element)| {
+        range.map(move |index| {
             system.compute::<false>((), body, &Batch::single(index), rule, state);
-            system.volume_m3 / element.tet.volume_m3
+            system.volume_m3 / body.elements[index].tet.volume_m3
         })
-        .collect()
     }
-    match body.order {
-        Order::Linear => pass::<4>(body, &LINEAR, state),
-        Order::Quadratic => pass::<10>(body, &QUADRATIC, state),
-    }
+    let [linear, quadratic] = body.ranges();
+    pass::<4>(body, linear, &LINEAR, state).chain(pass::<10>(body, quadratic, &QUADRATIC, state)).collect()
 }
 
 /// A loop over the elements, compiled for the widest vectors of this machine. The bits are independent of the
@@ -338,9 +361,11 @@ impl<const TANGENT: bool> pulp::WithSimd for Pass<'_, TANGENT> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
         let Self { to, body, pattern, state } = self;
-        match body.order {
-            Order::Linear => to.pass::<Lanes<S>, 4, TANGENT>(simd, body, pattern, &LINEAR, state),
-            Order::Quadratic => to.pass::<Lanes<S>, 10, TANGENT>(simd, body, pattern, &QUADRATIC, state),
-        }
+        let [linear, quadratic] = body.ranges();
+        to.clear();
+        let [of_linear, of_quadratic] = pattern.map(Pattern::scatter).map_or([None, None], |of| of.map(Some));
+        to.pass::<Lanes<S>, 4, TANGENT>(simd, body, linear, of_linear, &LINEAR, state);
+        to.pass::<Lanes<S>, 10, TANGENT>(simd, body, quadratic, of_quadratic, &QUADRATIC, state);
+        to.load(body, state);
     }
 }

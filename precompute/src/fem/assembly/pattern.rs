@@ -3,8 +3,11 @@
 //! Only the lower triangle of the symmetric matrix is stored, by columns. A precomputed map gives the
 //! position of each element entry, so that the assembly needs no search.
 
+use std::ops::Range;
+
 use crate::fem::body::Body;
 use crate::fem::boundary::DofMap;
+use crate::fem::element::Order;
 
 /// Sparsity of the lower triangle and the scatter map into it.
 #[derive(Debug)]
@@ -13,16 +16,49 @@ pub(crate) struct Pattern {
     pub(crate) column_starts: Vec<usize>,
     /// Row of every entry, sorted in each column; the diagonal comes first.
     pub(crate) rows: Vec<usize>,
-    /// Equations of each element's local unknowns: displacements node-major, then four pressures.
-    element_dofs: Vec<u32>,
-    /// Position of each element entry in the values; eliminated entries have the position one past the end.
-    scatter: Vec<u32>,
-    /// Numbers of local unknowns and of entries of an element.
-    strides: [usize; 2],
+    /// The elements with linear shape functions, then those with quadratic ones.
+    kinds: [ElementEntries; 2],
     /// Positions of the entries that couple a multiplier to its displacement.
     pub(super) ties: Vec<usize>,
-    /// Elements with a node of the handle.
+    /// Elements with a node of the handle, ascending.
     pub(super) handle_elements: Vec<u32>,
+}
+
+/// Equations and entries of the elements with the same number of nodes.
+#[derive(Debug)]
+struct ElementEntries {
+    /// Equations of each element's local unknowns: displacements node-major, then four pressures.
+    dofs: Vec<u32>,
+    /// Position of each element entry in the values; eliminated entries have the position one past the end.
+    scatter: Vec<u32>,
+    /// Pairs of local unknowns of an element.
+    pairs: Vec<(usize, usize)>,
+    /// Number of local unknowns of an element.
+    stride: usize,
+}
+
+impl ElementEntries {
+    /// Those of a range of elements, with an empty scatter map.
+    fn new(body: &Body, dofs: &DofMap, range: Range<usize>, nodes: usize) -> Self {
+        let stride = 3 * nodes + 4;
+        let mut of_elements = Vec::with_capacity(stride * range.len());
+        for index in range {
+            let nodes = &body.nodes_of(index)[..nodes];
+            of_elements.extend(nodes.iter().flat_map(|&node| dofs.displacement(node)));
+            of_elements.extend(body.elements[index].pressures.map(|p| dofs.pressure(p)));
+        }
+        let pairs = local_pairs(nodes, body.has_pressure(), body.has_pressure_blocks).collect();
+        Self { dofs: of_elements, scatter: Vec::new(), pairs, stride }
+    }
+
+    /// (row, column) in the lower triangle of each entry, element by element.
+    fn entries(&self) -> impl Iterator<Item = (usize, usize)> {
+        self.dofs.chunks(self.stride).flat_map(|local| {
+            self.pairs
+                .iter()
+                .map(|&(i, j)| (local[i].max(local[j]) as usize, local[i].min(local[j]) as usize))
+        })
+    }
 }
 
 /// Pairs (row, column) of local unknowns in the order of the scatter map. First the displacement blocks of
@@ -44,27 +80,18 @@ impl Pattern {
     /// Pattern of `body` with the unknowns of `dofs`.
     pub(crate) fn new(body: &Body, dofs: &DofMap) -> Self {
         let n = dofs.unknowns;
-        let nodes = body.order.nodes();
-        let pairs: Vec<(usize, usize)> =
-            local_pairs(nodes, body.has_pressure(), body.has_pressure_blocks).collect();
-        let stride = 3 * nodes + 4;
-        let mut element_dofs = Vec::with_capacity(stride * body.elements.len());
-        for (index, element) in body.elements.iter().enumerate() {
-            element_dofs.extend(body.nodes_of(index).iter().flat_map(|&node| dofs.displacement(node)));
-            element_dofs.extend(element.pressures.map(|p| dofs.pressure(p)));
-        }
+        let [linear, quadratic] = body.ranges();
+        let mut kinds = [
+            ElementEntries::new(body, dofs, linear, Order::Linear.nodes()),
+            ElementEntries::new(body, dofs, quadratic, Order::Quadratic.nodes()),
+        ];
         // Every diagonal entry exists, because the regularisation is added to pressures without a block.
         let mut columns: Vec<Vec<u32>> = (0..n).map(|i| vec![i as u32]).collect();
         let ties = || {
             dofs.multipliers.iter().map(|m| (m.equation as usize, dofs.displacement(m.node)[m.axis] as usize))
         };
-        for local in element_dofs.chunks(stride) {
-            for &(i, j) in &pairs {
-                let (row, column) = (local[i].max(local[j]), local[i].min(local[j]));
-                if (row as usize) < n {
-                    columns[column as usize].push(row);
-                }
-            }
+        for (row, column) in kinds.iter().flat_map(ElementEntries::entries).filter(|&(row, _)| row < n) {
+            columns[column].push(row as u32);
         }
         for (multiplier, displacement) in ties() {
             columns[displacement].push(multiplier as u32);
@@ -83,30 +110,16 @@ impl Pattern {
             start + rows[start..end].binary_search(&row).expect("every pair was entered above")
         };
         let nowhere = rows.len() as u32;
-        let mut scatter = Vec::with_capacity(pairs.len() * body.elements.len());
-        for local in element_dofs.chunks(stride) {
-            scatter.extend(pairs.iter().map(|&(i, j)| {
-                let (row, column) = (local[i].max(local[j]) as usize, local[i].min(local[j]) as usize);
-                if row < n { place(row, column) as u32 } else { nowhere }
-            }));
+        for kind in &mut kinds {
+            let place = |(row, column)| if row < n { place(row, column) as u32 } else { nowhere };
+            kind.scatter = kind.entries().map(place).collect();
         }
         let ties = ties().map(|(row, column)| place(row, column)).collect();
         let prescribed = |dof: &u32| (n..n + 3).contains(&(*dof as usize));
-        let handle_elements = element_dofs
-            .chunks(stride)
-            .zip(0u32..)
-            .filter(|(local, _)| local.iter().any(prescribed))
-            .map(|(_, element)| element)
-            .collect();
-        Self {
-            column_starts,
-            rows,
-            element_dofs,
-            scatter,
-            strides: [stride, pairs.len()],
-            ties,
-            handle_elements,
-        }
+        let elements = kinds.iter().flat_map(|kind| kind.dofs.chunks(kind.stride)).zip(0u32..);
+        let handle_elements =
+            elements.filter(|(local, _)| local.iter().any(prescribed)).map(|(_, element)| element).collect();
+        Self { column_starts, rows, kinds, ties, handle_elements }
     }
 
     /// Place in the values of the entry of two equations that share an element; one past the end if one of them
@@ -132,13 +145,15 @@ impl Pattern {
 
     /// Equations of an element's local unknowns.
     pub(super) fn dofs_of(&self, element: usize) -> &[u32] {
-        let stride = self.strides[0];
-        &self.element_dofs[stride * element..stride * (element + 1)]
+        let [linear, quadratic] = &self.kinds;
+        let beyond = element.checked_sub(linear.dofs.len() / linear.stride);
+        let (kind, index) = beyond.map_or((linear, element), |index| (quadratic, index));
+        &kind.dofs[kind.stride * index..kind.stride * (index + 1)]
     }
 
-    /// Positions of each element's entries, element by element.
-    pub(super) fn scatter(&self) -> std::slice::ChunksExact<'_, u32> {
-        self.scatter.chunks_exact(self.strides[1])
+    /// Positions of each element's entries, element by element: of the linear, and of the quadratic ones.
+    pub(super) fn scatter(&self) -> [std::slice::ChunksExact<'_, u32>; 2] {
+        self.kinds.each_ref().map(|kind| kind.scatter.chunks_exact(kind.pairs.len()))
     }
 
     /// The same entries as columns of the upper triangle: (column starts, sorted rows).

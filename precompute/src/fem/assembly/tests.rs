@@ -54,8 +54,11 @@ fn the_patch_test_holds_for_inner_nodes_and_faces() {
     let gradient = Matrix3::new(1.2, 0.1, -0.05, 0.02, 0.9, 0.15, -0.1, 0.07, 1.05);
     let mut worst = 0.0f64;
     for law in livers() {
-        for order in [Order::Linear, Order::Quadratic] {
-            let body = free_box(law.clone(), order);
+        let [linear, quadratic] = [Order::Linear, Order::Quadratic].map(|order| free_box(law.clone(), order));
+        let mixed = quadratic.quadratic_near([0.0; 3], 0.03);
+        assert!((1..mixed.elements.len()).contains(&mixed.linear) && !mixed.followers.is_empty());
+        for body in [linear, quadratic, mixed] {
+            let order = body.order;
             let (result, _) = homogeneous(&body, &gradient, 5000.0);
             let largest = result.nodal_force_n.iter().fold(0.0f64, |m, f| m.max(f.abs()));
             let inside = |x: &[f64; 3]| (0..3).all(|a| x[a] > 1e-9 && x[a] < SIZE_M[a] - 1e-9);

@@ -27,15 +27,6 @@ pub enum Order {
 }
 
 impl Order {
-    /// The order with number 1 or 2.
-    pub(crate) fn from_number(order: u8) -> Option<Self> {
-        match order {
-            1 => Some(Self::Linear),
-            2 => Some(Self::Quadratic),
-            _ => None,
-        }
-    }
-
     /// Number of nodes of an element.
     pub(crate) const fn nodes(self) -> usize {
         match self {

@@ -145,6 +145,7 @@ impl Solver {
                     *value = f64::from(u8::from(component == axis));
                 }
             }
+            body.let_follow(state_column);
         }
         sensitivity
     }

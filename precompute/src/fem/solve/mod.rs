@@ -107,6 +107,13 @@ impl Problem {
     }
 
     fn touched_by(self, contact: Option<Contact>) -> Self {
+        let follows = |node: u32| self.body.followers.iter().any(|follower| follower.node == node);
+        debug_assert!(
+            contact
+                .as_ref()
+                .and_then(Contact::pad)
+                .is_none_or(|pad| !pad.nodes.iter().any(|n| follows(n.node)))
+        );
         let pairs = contact.as_ref().and_then(Contact::pad).map_or(&[][..], |pad| &pad.pairs);
         let place = |pair: &PadPair| {
             let [i, j] = pair.nodes.map(|node| self.dofs.displacement(node));
@@ -148,12 +155,12 @@ impl Problem {
 /// (equation, V_i / mu in scaled units) of every pressure without a block.
 fn regularised_diagonal(body: &Body, dofs: &DofMap) -> Vec<(usize, f64)> {
     let mut volume_m3 = vec![0.0; body.pressure_sites.len()];
-    let mut own_block = vec![false; body.pressure_sites.len()];
+    let mut own_block = vec![true; body.pressure_sites.len()];
     for element in &body.elements {
         for (v, &pressure) in element.pressures.iter().enumerate() {
             if let Some(volume) = volume_m3.get_mut(pressure as usize) {
                 *volume += 0.25 * element.tet.volume_m3;
-                own_block[pressure as usize] |= element.pressure_block[v][v] != 0.0;
+                own_block[pressure as usize] &= element.pressure_block[v][v] != 0.0;
             }
         }
     }

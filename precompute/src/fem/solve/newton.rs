@@ -120,6 +120,8 @@ impl Solver {
     /// cheaper than a new factorisation.
     pub(super) fn equilibrate(&mut self) -> Result<(f64, u32), SolveFailure> {
         let (mut iterations, mut rising_steps) = (0, 0);
+        // The guess may be a state of the same body with other elements.
+        self.problem.body.let_follow(&mut self.state);
         let mut residual_n = self.evaluate(true);
         let first = residual_n.max(self.scale_n());
         let (mut is_frozen, mut has_tangent) = (false, true);
@@ -289,6 +291,7 @@ impl Solver {
             let unit = if position < displacement_len { 1.0 } else { pressure_scale };
             self.state[position] += omega * unit * self.step[equation];
         }
+        body.let_follow(&mut self.state);
         for (value, m) in self.multipliers.iter_mut().zip(&self.problem.dofs.multipliers) {
             *value += omega * self.step[m.equation as usize];
         }

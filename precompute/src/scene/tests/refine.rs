@@ -47,10 +47,13 @@ fn the_mesh_is_fine_near_the_tool() {
     let place_m = [0.17, 0.3, 0.12];
     assert!(edge_near_m(&coarse, place_m) > 0.12);
     let mut tets = Vec::new();
-    for (keys, order, edge_m) in
-        [("", 1, 0.4 * 0.08), ("", 2, 0.8 * 0.08), ("refine_edge_m = 0.05\n", 2, 0.05)]
-    {
-        let text = scene(&format!("{REFINE}{keys}"), FACE).replace("order = 1", &format!("order = {order}"));
+    for (keys, key, order, edge_m) in [
+        ("", "1", ElementOrder::Linear, 0.4 * 0.08),
+        ("", "2", ElementOrder::Quadratic, 0.8 * 0.08),
+        ("", "\"tool\"", ElementOrder::NearTool, 0.8 * 0.08),
+        ("refine_edge_m = 0.05\n", "2", ElementOrder::Quadratic, 0.05),
+    ] {
+        let text = scene(&format!("{REFINE}{keys}"), FACE).replace("order = 1", &format!("order = {key}"));
         let fine = bench.resolve(&text).expect("sound");
         assert!(edge_near_m(&fine, place_m) <= edge_m && edge_near_m(&fine, place_m) > 0.5 * edge_m);
         let size = MeshSize { nodes: 64, tets: 162 };
@@ -67,7 +70,8 @@ fn the_mesh_is_fine_near_the_tool() {
         assert_eq!(again.content_hash(), fine.content_hash());
         assert_eq!(again, ResolvedScene { unrefined: None, ..fine });
     }
-    assert!(tets[0] > tets[2] && tets[2] > tets[1] && tets[1] > 2 * 162, "{tets:?}");
+    assert!(tets[0] > tets[3] && tets[3] > tets[1] && tets[1] > 2 * 162, "{tets:?}");
+    assert_eq!(tets[1], tets[2]);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_precompute::fem::material::{Lame, Material, MooneyRivlin, StVenantKirchhoff};
 use palpate_precompute::fem::{Body, IterationProfile, Pose, Problem, Solver};
-use palpate_precompute::scene::{ResolvedScene, Scene};
+use palpate_precompute::scene::{ElementOrder, ResolvedScene, Scene};
 use serde::{Deserialize, Serialize};
 
 use super::common::{Out, assets};
@@ -40,12 +40,12 @@ pub(crate) struct Args {
 }
 
 /// One body: name, scene, law, element order.
-const CASES: [(&str, &str, bool, u8); 5] = [
-    ("stvk-p1-small", "liver-small", false, 1),
-    ("mr-p1p1-small", "liver-small", true, 1),
-    ("stvk-p1-large", "liver-large", false, 1),
-    ("mr-p2p1-small", "liver-small", true, 2),
-    ("mr-p1p1-large", "liver-large", true, 1),
+const CASES: [(&str, &str, bool, ElementOrder); 5] = [
+    ("stvk-p1-small", "liver-small", false, ElementOrder::Linear),
+    ("mr-p1p1-small", "liver-small", true, ElementOrder::Linear),
+    ("stvk-p1-large", "liver-large", false, ElementOrder::Linear),
+    ("mr-p2p1-small", "liver-small", true, ElementOrder::Quadratic),
+    ("mr-p1p1-large", "liver-large", true, ElementOrder::Linear),
 ];
 
 /// The direction of the peer's script: into the body at A2.
@@ -114,7 +114,7 @@ fn measure(
     case: &'static str,
     mut scene: ResolvedScene,
     incompressible: bool,
-    order: u8,
+    order: ElementOrder,
     repetitions: usize,
 ) -> Result<Row, Failure> {
     scene.order = order;
