@@ -26,11 +26,13 @@ PLACE_Z = 0.0446569144
 
 # Law, order, pair of displacement and pressure.
 MODELS = {
-    "NH P1": ("neo-hookean", 1, None),
-    "NH P2": ("neo-hookean", 2, None),
-    "MR P1/P1": ("mooney-rivlin", 1, "plain"),
-    "MR P1/P1 stabilised": ("mooney-rivlin", 1, "stabilised"),
-    "MR P2/P1": ("mooney-rivlin", 2, "plain"),
+    "NH P1": ("neo-hookean", "1", None),
+    "NH P2 near tool": ("neo-hookean", '"tool"', None),
+    "NH P2": ("neo-hookean", "2", None),
+    "MR P1/P1": ("mooney-rivlin", "1", "plain"),
+    "MR P1/P1 stabilised": ("mooney-rivlin", "1", "stabilised"),
+    "MR P2/P1 near tool": ("mooney-rivlin", '"tool"', "plain"),
+    "MR P2/P1": ("mooney-rivlin", "2", "plain"),
 }
 PAD = '[tool]\nshape = "fingertip"\nradius_m = 0.01\nstiffness_pa_m = 2e6\n'
 # Table [tool], the key of the place, and a key of [mesh].
@@ -98,7 +100,7 @@ def measure(program, folder, size, model, tool):
         forces.update({(active, depth): force_n(solved[depth]) for depth in (5, 10) if depth in solved})
     inspected = subprocess.run([program, "inspect", file, "--json"], capture_output=True, text=True, check=True).stdout
     mesh = json.loads(inspected)["mesh"]
-    return forces, seconds, most, mesh["nodes"] + (mesh["edges"] if MODELS[model][1] == 2 else 0)
+    return forces, seconds, most, mesh["nodes"] + (mesh["edges"] if MODELS[model][1] != "1" else 0)
 
 
 def main():

@@ -52,8 +52,9 @@ pub(super) fn row(row: &Row) -> String {
 
 /// The rows as a table.
 pub(super) fn table(rows: &[Row], threads: usize) -> String {
+    let width = rows.iter().map(|row| row.model.len()).fold("model".len(), usize::max);
     let mut text = format!(
-        "  {:<12} {:<17} {:<10} {:>7} {:>9} {:>8} {:>9} {:>7} {:>9} {:>8} {:>9}\n",
+        "  {:<width$} {:<17} {:<10} {:>7} {:>9} {:>8} {:>9} {:>7} {:>9} {:>8} {:>9}\n",
         "model",
         "sampling",
         "method",
@@ -74,7 +75,7 @@ pub(super) fn table(rows: &[Row], threads: usize) -> String {
         let stiffer = row.stiffer.map_or("-".into(), |s| format!("{:+.0} %", 100.0 * s));
         let _ = writeln!(
             text,
-            "{mark} {:<12} {sampling:<17} {:<10} {:>7.0} {:>9} {:>8} {:>9} {:>7.0} {:>9} {:>7.1}% {stiffer:>9}{}",
+            "{mark} {:<width$} {sampling:<17} {:<10} {:>7.0} {:>9} {:>8} {:>9} {:>7.0} {:>9} {:>7.1}% {stiffer:>9}{}",
             row.model,
             row.method,
             row.configurations,
