@@ -32,13 +32,13 @@ pub struct DisplacementPlanes<'a> {
     pub row: &'a [u32],
     /// `[mode][surface vertex][xyz]`.
     pub modes: &'a [i16],
-    /// Metres per unit of a mode times unit of its coefficient, one per mode.
+    /// Metres per unit of a mode times unit of its coefficient, one per mode; not negative.
     pub scale: &'a [f32],
     /// Rows of the values of all modes, then of the slopes along x, along y and along z, per cell.
     pub coefficients: &'a [i16],
     /// Rows of the outliers, ascending.
     pub outlier_row: &'a [u32],
-    /// Metres per unit, one per outlier.
+    /// Metres per unit, one per outlier; not negative.
     pub outlier_scale: &'a [f32],
     /// `[outlier][surface vertex][xyz]`: the residual.
     pub outliers: &'a [i16],
@@ -103,7 +103,8 @@ impl<'a> DisplacementTable<'a> {
             return Err(PlaneProblem::Order { index }.of("displacement outlier row"));
         }
         check_len("displacement outlier scale", outlier_scale, outlier_row.len())?;
-        check_values("displacement outlier scale", outlier_scale, |s| s.abs() * UNITS <= LARGEST_VALUE)?;
+        let is_scale = |s: &f32| (0.0..=LARGEST_VALUE).contains(&(s * UNITS));
+        check_values("displacement outlier scale", outlier_scale, is_scale)?;
         check_len("displacement outliers", planes.outliers, outlier_row.len().saturating_mul(stride))?;
         Ok(Self { planes, vertices, per_row, used: slopes })
     }
@@ -237,12 +238,13 @@ fn hermite_weights(t: Vec3) -> [[f32; 4]; 8] {
     weights
 }
 
-/// Checks that no sum over the modes exceeds [`LARGEST_VALUE`].
+/// Checks that no scale is negative or NaN, and that no sum over the modes exceeds [`LARGEST_VALUE`].
 fn check_scales(scale: &[f32]) -> Result<(), PlaneError> {
     let mut sum = 0.0;
     for (index, scale) in scale.iter().enumerate() {
-        sum += scale.abs() * (UNITS * UNITS);
-        if sum.is_nan() || sum > LARGEST_VALUE {
+        sum += scale * (UNITS * UNITS);
+        // The sum is NaN if the scale is.
+        if *scale < 0.0 || sum.is_nan() || sum > LARGEST_VALUE {
             return Err(PlaneProblem::Value { index }.of("displacement scale"));
         }
     }

@@ -39,8 +39,8 @@ pub enum PlaneProblem {
         /// Elements needed.
         need: usize,
     },
-    /// A value is NaN, infinite or so large that its interpolation could overflow.
-    #[error("element {index} is NaN, infinite or too large")]
+    /// A value is NaN, infinite or so large that its interpolation could overflow, or a scale is negative.
+    #[error("element {index} is NaN, infinite, too large or a negative scale")]
     Value {
         /// Element of the plane.
         index: usize,

@@ -95,6 +95,17 @@ fn displacement_planes_that_do_not_fit_together() {
         draft.area.plane(scale, 4)[4..8].copy_from_slice(&1.0_f32.to_le_bytes());
     });
     assert_eq!(error, plane("displacement scale", PlaneProblem::Value { index: 1 }));
+    // A small number of the wrong sign: a scale is a size.
+    let negative = |of: fn(&DisplacementHeader) -> PlaneRef| {
+        spoiled(|draft| {
+            let scale = of(&draft.spaces[0].displacement.expect("packed"));
+            let last = scale.len as usize * 4 - 4;
+            draft.area.plane(scale, 4)[last..].copy_from_slice(&(-1e-9_f32).to_le_bytes());
+        })
+    };
+    assert_eq!(negative(|d| d.scale), plane("displacement scale", PlaneProblem::Value { index: 2 }));
+    let outlier = plane("displacement outlier scale", PlaneProblem::Value { index: 0 });
+    assert_eq!(negative(|d| d.outlier_scale), outlier);
 }
 
 /// Floats of every float plane, replaced by NaN, infinity and a number that would overflow, one at a time.

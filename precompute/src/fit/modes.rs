@@ -104,4 +104,18 @@ mod tests {
         let again = PackedModes::of(modes.numbers.clone(), modes.scale.clone());
         assert_eq!(again.unpacked, modes.unpacked);
     }
+
+    /// Read as the core reads it, a mode is within half a unit of its largest value.
+    #[test]
+    fn a_mode_is_rounded_by_at_most_half_a_unit() {
+        let shape: Vec<f64> = (1..500).map(|n| 0.07 * (f64::from(n) * 1.7).sin()).collect();
+        let range = 0.02;
+        let PackedModes { numbers, scale, .. } = PackedModes::pack(&[Mode { shape: shape.clone(), range }]);
+        let top = shape.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
+        let unit = 1.01 * range / UNITS;
+        let apart = |(n, x): (&i16, &f64)| (f64::from(*n) * f64::from(scale[0]) / unit - x).abs();
+        let largest = numbers.iter().zip(&shape).map(apart).fold(0.0, f64::max);
+        // The scale as f32 adds at most 6e-8 of the value, 0.004 units.
+        assert!(largest <= 1.004 * top / 65_534.0 && largest > 0.9 * top / 65_534.0, "{largest}");
+    }
 }
