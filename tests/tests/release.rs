@@ -243,7 +243,9 @@ fn closed_paths(organ: &Organ<'_>, surface: TouchSurface<'_>) {
             *least_j = least_j.min(low_j);
         }
     }
-    assert!(least_j[0] > -2e-6, "the hand receives {} J", least_j[0]);
+    let [with_j, without_j] = least_j;
+    assert!(with_j > -2e-6, "the hand receives {with_j} J");
+    assert!(without_j < -1e-4, "the paths are too easy: {without_j}");
 }
 
 /// Work on the body, J; `None` if the path crosses no triangle of contact points.
