@@ -21,6 +21,7 @@
 pub mod blob_file;
 pub mod device;
 pub mod doctor;
+pub mod first_place;
 pub mod guard;
 pub mod instructions;
 pub mod model;

@@ -70,7 +70,8 @@ fn the_small_organ_measures_what_its_readme_says() {
 #[test]
 fn a_sagged_body_is_pushed_against_its_normal_at_rest() {
     let path = asset("scenes/gravity.toml");
-    let text = std::fs::read_to_string(&path).expect("bundled") + "\n[needs]\ncontact = \"push\"\n";
+    // Linear elements, which take a tenth of the time: this is about normals.
+    let text = std::fs::read_to_string(&path).expect("bundled").replace("order = 2", "order = 1");
     let scene = Scene::parse(&path, text).and_then(|scene| scene.resolve()).expect("sound");
     let (mut mesh, node) = (scene.mesh.clone(), scene.active[0].node);
     let analysis = Analysis::of_scene(&path, scene).expect("it rests");

@@ -12,12 +12,12 @@ use palpate_precompute::scene::ResolvedScene;
 use palpate_precompute::space::{Store, StoreIdentity, WorkerContext, expand, with_threads};
 use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid};
 
-/// Solves every active node of a scene on this grid and packs it for one method, without displacements.
+/// Solves every active node of a scene on this grid and packs it for these methods, without displacements.
 ///
 /// # Panics
 ///
 /// If any step fails.
-pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> BlobFile {
+pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, methods: &[Method]) -> BlobFile {
     let sampling = Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None });
     let identity = StoreIdentity {
         scene_name: scene.name.clone(),
@@ -28,7 +28,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
         max_force_n: scene.max_force_n,
         sampling,
         normals: Vec::new(),
-        contacts: None,
+        contacts: scene.contacts(),
         visual: false,
         displacement_bound: scene.displacement_bound,
     };
@@ -50,7 +50,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
     for count in counts.expect("the run completes") {
         assert!(count.solved() >= 20, "{}: {count:?}", scene.name);
     }
-    let options = PackOptions { methods: &[method], use_intermediate_states: false, threads };
+    let options = PackOptions { methods, use_intermediate_states: false, threads };
     let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
     BlobFile::of(&bytes)
 }

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use palpate_core::{AlignedBytes, Method, Organ};
-use palpate_precompute::certificate::{Certificate, answers};
+use palpate_precompute::certificate::{Certificate, Discretisation, answers};
 use palpate_precompute::fem::Solver;
 use palpate_precompute::held_out::{Draw, Places};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::{distance, norm};
-use palpate_precompute::pipeline::{Analysis, Run, certified_blob};
+use palpate_precompute::pipeline::{Analysis, Run, certified_blob, solve_discretisation};
 use palpate_precompute::scene::{ElementOrder, ResolvedScene, Scene};
 use palpate_precompute::space::{Kind, Store};
 use palpate_tests::write_beam_scene;
@@ -75,6 +75,40 @@ fn held_out_positions_lie_between_contact_points_and_are_blended() {
     }
     assert!(checked >= 8 && 3 * between > checked, "{checked} {between}");
     discretisation(&analysis, &organ);
+    drop(store);
+    replacement(&space);
+}
+
+/// A result that lacks a position, as an earlier version kept it, gets the next held-out position.
+fn replacement(space: &std::path::Path) {
+    let kept = |space: &std::path::Path| -> (rusqlite::Connection, serde_json::Value) {
+        let database = rusqlite::Connection::open(space).expect("a database");
+        let sql = "SELECT value FROM meta WHERE key = 'held_out_discretisation'";
+        let text: String = database.query_row(sql, [], |row| row.get(0)).expect("kept");
+        (database, serde_json::from_str(&text).expect("JSON"))
+    };
+    let (database, mut value) = kept(space);
+    let whole: Discretisation = serde_json::from_value(value.clone()).expect("a measurement");
+    let fields = value.as_object_mut().expect("fields");
+    fields.remove("replaced").expect("not in an earlier version");
+    fields.insert("unsolved".into(), 1.into());
+    fields["positions"].as_array_mut().expect("positions").remove(0);
+    let sql = "UPDATE meta SET value = ?1 WHERE key = 'held_out_discretisation'";
+    database.execute(sql, [value.to_string()]).expect("kept");
+    drop(database);
+    let solve = || solve_discretisation(space, 6, Run::run_to_end(), |_, _| {}).expect("solved");
+    assert_eq!(solve(), 1, "the replacement and no other");
+    let found: Discretisation = serde_json::from_value(kept(space).1).expect("a measurement");
+    assert_eq!((found.positions.len(), found.unsolved, found.replaced), (6, 1, 1));
+    assert_eq!(found.positions[..5], whole.positions[1..]);
+    let [old, new] = [&whole.positions[0], &found.positions[5]];
+    assert!(new.number > old.number || new.active != old.active, "{old:?} {new:?}");
+    assert!(
+        norm(new.finer_n) > 0.0 && found.in_words().contains("1 more not solved"),
+        "{}",
+        found.in_words()
+    );
+    assert_eq!(solve(), 0);
 }
 
 /// The positions of the certificate's discretisation are solved again with quadratic elements.

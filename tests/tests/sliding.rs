@@ -73,7 +73,7 @@ fn strokes_over_the_liver_have_no_force_jumps() {
     scene.active = (surface.nodes.iter().filter(near))
         .map(|&node| ActiveNode { name: format!("P{node}"), node, patch: Vec::new(), contact: None })
         .collect();
-    let file = coarse_blob(&scene, SpaceGrid::new(0.01, 0.02).expect("valid"), Method::Energy);
+    let file = coarse_blob(&scene, SpaceGrid::new(0.01, 0.02).expect("valid"), &[Method::Energy]);
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
     let mut memory = vec![0; TouchSurface::words(&organ)];
     let touch_surface = TouchSurface::new(&organ, &mut memory).expect("the surface is packed");

@@ -46,7 +46,7 @@ fn blob(path: &Path) -> BlobFile {
     let is_fast = scene.order == ElementOrder::Linear && scene.mesh.nodes_m.len() < 1_000;
     let cells = if is_fast { 2.0 } else { 1.0 };
     let grid = SpaceGrid::new(0.02, 0.02 * cells).expect("the grid is valid");
-    coarse_blob(&scene, grid, METHOD)
+    coarse_blob(&scene, grid, &[METHOD])
 }
 
 /// After a knock the motion of the hand at rest is less than an encoder step, with or without friction.

@@ -145,8 +145,9 @@ const CORE: [&str; 12] = [
 
 /// The real-time host, lowest stratum first. The trait of a device is below the loop; a profile uses the
 /// loop's timing statistics, which are below both.
-const HOST: [&str; 23] = [
+const HOST: [&str; 24] = [
     "sys",
+    "first_place",
     "blob_file",
     "instructions",
     "rt::clock",

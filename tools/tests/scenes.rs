@@ -69,7 +69,7 @@ fn the_seven_scenes_cannot_be_felt_and_none_is_red() {
                 "{scene}: {below_jnd} of {count}"
             );
             // With a fingertip the elements are good enough, with nodes they cannot be.
-            let has_size = ["palpation", "tumour", "lump"].contains(&scene);
+            let has_size = scene != "long-pull";
             assert_eq!(why.contains("the tool holds nodes"), !has_size, "{scene}: {why}");
             assert!(!why.contains("too stiff"), "{scene}: {why}");
         }

@@ -2,6 +2,7 @@
 //! seed.
 
 use super::script::{GRASP_BUTTON, GRIP_HEIGHT_M, Script, Segment, SplitMix, surface_centre, tangents};
+use crate::first_place::first_place;
 use palpate_core::{Organ, Vec3, vec3};
 
 /// Ranges of random palpation. Each value is drawn uniformly from its range.
@@ -72,14 +73,15 @@ pub struct RandomPalpation {
 }
 
 impl RandomPalpation {
-    /// A hand above the first active node. Without active nodes it stays at the origin.
+    /// A hand above the active node of [`first_place`]. Without active nodes it stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: RandomConfig) -> Self {
-        let nodes = organ
+        let mut nodes: Box<[_]> = organ
             .spaces
             .iter()
             .map(|space| (space.active.rest_position_m, space.active.outward_normal))
             .collect();
+        nodes.rotate_left(first_place(organ));
         Self::over_nodes(nodes, surface_centre(organ), config)
     }
 

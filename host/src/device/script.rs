@@ -1,5 +1,6 @@
 //! Scripted motion of the simulated hand: a closed tour of strokes over the active nodes.
 
+use crate::first_place::first_place;
 use palpate_core::{Organ, Vec3, vec3};
 
 /// Button bit that the script holds while grasping; equal to the default of `ContactConfig::grasp_button`.
@@ -76,11 +77,12 @@ impl Script {
     /// Plans the tour over an organ's active nodes. Without active nodes the hand stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: &StrokeConfig) -> Self {
-        let nodes: Vec<(Vec3, Vec3)> = organ
+        let mut nodes: Vec<(Vec3, Vec3)> = organ
             .spaces
             .iter()
             .map(|space| (space.active.rest_position_m, space.active.outward_normal))
             .collect();
+        nodes.rotate_left(first_place(organ));
         Self::over_nodes(&nodes, surface_centre(organ), config, organ.fingertip.is_none())
     }
 

@@ -6,11 +6,12 @@ use super::help::{self, Help};
 use super::image::{Image, StrokeMask};
 use super::live::Live;
 use super::palette::{BAD, BRIGHT, ColourMap, FAINT, GOOD, MUTED, WAITING, packed};
-use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MAX_NAMES, magnitudes};
+use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, magnitudes};
 use super::verdict::Verdict;
 use core::time::Duration;
 use glam::Vec2;
 use palpate_core::Phase;
+use palpate_host::first_place::MAX_NAMED;
 use palpate_host::rt::{SessionState, TickRecord};
 
 /// Text for a model without displacements.
@@ -101,7 +102,7 @@ impl Overlay {
     pub fn draw_names(&mut self, image: &mut Image, captions: &Captions, at: &[Option<Vec2>]) {
         let scale = image.height() as f32 / 720.0;
         // The names of many nodes would cover the organ.
-        if at.len() > MAX_NAMES {
+        if at.len() > MAX_NAMED {
             return;
         }
         for (name, place) in captions.spaces.iter().zip(at) {

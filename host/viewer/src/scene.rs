@@ -14,6 +14,7 @@ use super::viewpoint;
 use crate::deformation::Deformation;
 use glam::{Vec2, Vec3};
 use palpate_core::{Organ, Space, vec3};
+use palpate_host::first_place::MAX_NAMED;
 use palpate_host::rt::TickRecord;
 
 /// Colour of the force, here and in the overlay.
@@ -34,8 +35,10 @@ const MIN_GHOST: f32 = 0.06;
 /// Opacity of the ghost's mesh relative to its outline.
 const GHOST_MESH: f32 = 0.42;
 
-/// Largest number of active nodes for which names and large markers are drawn.
-pub(super) const MAX_NAMES: usize = 24;
+/// Radius of the marker of an active node, in radii of the organ.
+const MARKER: f32 = 0.018;
+/// Radius of the markers of many contact points, which must not cover the organ.
+const DOT: f32 = 0.005;
 /// Edge length below which the mesh is not drawn, pixels of a picture 720 high; from twice this length its
 /// opacity is full.
 const MIN_EDGE_PX: f32 = 12.0;
@@ -109,13 +112,6 @@ impl Scene {
         self.tool
     }
 
-    /// Current position of an active node on the surface.
-    #[must_use]
-    pub fn active_point(&self, surface: &Deformation, space: usize) -> Option<Vec3> {
-        let vertex = self.active.get(space).copied().flatten()?;
-        surface.position_m().get(vertex).copied()
-    }
-
     /// Draws all solids. `full_scale_m` is the displacement at the bright end of the colour map.
     pub fn draw_solids<const N: usize>(
         &mut self,
@@ -137,21 +133,23 @@ impl Scene {
         self.smooth.refine(&mut self.vertices);
         raster.draw(&self.vertices, self.smooth.triangles(), Material::Tissue);
 
-        let unit = self.radius_m;
-        // Many markers must not cover the organ.
-        let marker = if organ.spaces.len() > MAX_NAMES { 0.014 } else { 0.018 };
         for (i, space) in organ.spaces.iter().enumerate() {
-            let engaged = record.engaged.is_some_and(|index| usize::from(index) == i);
-            if engaged {
-                continue;
-            }
-            let rest = Vec3::from_array(space.active.rest_position_m);
-            let moved = self.active_point(surface, i).unwrap_or(rest);
-            self.shapes.sphere(raster, moved, marker * unit, linear(ACTIVE_COLOUR), Material::Plain);
+            let Some(radius) = marker(i, organ.spaces.len(), record) else { continue };
+            let at_m = self.marker_m(surface, i, space);
+            let radius_m = radius * self.radius_m;
+            self.shapes.sphere(raster, at_m, radius_m, linear(ACTIVE_COLOUR), Material::Plain);
         }
         let hip = Vec3::from_array(record.hip_m);
         self.tool.draw_solid(&mut self.shapes, raster, hip);
         self.draw_force(raster, organ, record, hip);
+    }
+
+    /// Where an active node is marked: it moves with the nearest vertex of the skin.
+    fn marker_m(&self, surface: &Deformation, index: usize, space: &Space<'_>) -> Vec3 {
+        let rest_m = Vec3::from_array(space.active.rest_position_m);
+        let vertex = self.active.get(index).copied().flatten();
+        let moved_m = vertex.and_then(|at| Some(*surface.position_m().get(at)? - *surface.rest_m().get(at)?));
+        rest_m + moved_m.unwrap_or(Vec3::ZERO)
     }
 
     /// Draws the force on the body as in a free-body diagram: a push ends at its point of application, a pull
@@ -278,9 +276,7 @@ impl Scene {
         found.clear();
         found.extend(organ.spaces.iter().enumerate().map(|(i, space)| {
             let touched = record.engaged.is_some_and(|index| usize::from(index) == i);
-            let place =
-                self.active_point(surface, i).unwrap_or(Vec3::from_array(space.active.rest_position_m));
-            let (pixel, inverse_depth) = projection.project(place)?;
+            let (pixel, inverse_depth) = projection.project(self.marker_m(surface, i, space))?;
             let front = raster.inverse_depth_at(pixel.x as i32, pixel.y as i32);
             let hidden = front > 0.0 && front.recip() < inverse_depth.recip() - 0.05 * self.radius_m;
             (!touched && !hidden).then_some(pixel)
@@ -291,6 +287,18 @@ impl Scene {
     pub(super) fn draw_tool(&mut self, view: (&Raster, &Projection), touched: &Touched, image: &mut Image) {
         self.tool.draw_translucent(touched, view, &mut self.mask, image);
     }
+}
+
+/// Radius of the marker of active node `index` of `count`, in radii of the organ; `None` where the tool stands.
+fn marker(index: usize, count: usize, record: &TickRecord) -> Option<f32> {
+    let is = |space: u16| usize::from(space) == index;
+    if count <= MAX_NAMED {
+        return (!record.engaged.is_some_and(is)).then_some(MARKER);
+    }
+    // The corners of the triangle between which the force is blended.
+    let shared = record.engaged.is_some()
+        && record.shares.iter().any(|share| share.weight > 0.0 && share.weight < 1.0 && is(share.space));
+    if shared { Some(MARKER) } else { (!record.engaged.is_some_and(is)).then_some(DOT) }
 }
 
 /// Rectangle of the picture with the visibly displaced part of the rest shape: left, top, width, height.
@@ -366,6 +374,48 @@ pub fn magnitudes(record: &TickRecord) -> (f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::synthetic::{self, Shape};
+    use palpate_core::NodeWeight;
+
+    #[test]
+    fn of_many_active_nodes_only_those_between_which_it_touches_are_large() {
+        let share = |space, weight| NodeWeight { space, weight };
+        let free = TickRecord::EMPTY;
+        let between = TickRecord {
+            engaged: Some(5),
+            shares: [share(5, 0.6), share(40, 0.3), share(7, 0.1)],
+            ..TickRecord::EMPTY
+        };
+        let at_one = TickRecord { shares: [share(5, 1.0), share(0, 0.0), share(0, 0.0)], ..between };
+        // A few are all large, but where the tool stands.
+        assert_eq!([0, 5].map(|index| marker(index, 6, &free)), [Some(MARKER); 2]);
+        assert_eq!([0, 5].map(|index| marker(index, 6, &at_one)), [Some(MARKER), None]);
+        let many = |record: &TickRecord| [0, 5, 7, 40].map(|index| marker(index, 490, record));
+        assert_eq!(many(&free), [Some(DOT); 4]);
+        assert_eq!(many(&between), [Some(DOT), Some(MARKER), Some(MARKER), Some(MARKER)]);
+        assert_eq!(many(&at_one), [Some(DOT), None, Some(DOT), Some(DOT)]);
+    }
+
+    /// A contact point lies between the vertices of the skin.
+    #[test]
+    fn a_contact_point_is_marked_at_its_place() {
+        let blob = synthetic::organ(&Shape::default());
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+        let rest = Deformation::at_rest(&organ);
+        let scene = Scene::new(&organ, &rest);
+        let mut space = organ.spaces[0].clone();
+        space.active.rest_position_m = vec3::add(space.active.rest_position_m, [1e-3, 2e-3, 0.0]);
+        let place_m = Vec3::from_array(space.active.rest_position_m);
+        assert_eq!(scene.marker_m(&rest, 0, &space), place_m);
+        let mut pushed = Deformation::at_rest(&organ);
+        let (shares, d) = (
+            [NodeWeight { space: 0, weight: 1.0 }, NodeWeight::default(), NodeWeight::default()],
+            [0.0, 0.004, 0.0],
+        );
+        pushed.update(&organ, &shares, d);
+        let moved_m = scene.marker_m(&pushed, 0, &space) - place_m;
+        assert!((moved_m.y - 0.004).abs() < 5e-4 && moved_m.x.abs() < 5e-4, "{moved_m}");
+    }
 
     #[test]
     fn the_colour_scale_has_round_ends_and_covers_the_maximum() {

@@ -12,6 +12,7 @@ use core::ops::ControlFlow;
 use core::time::Duration;
 use palpate_core::{Method, Organ, vec3};
 use palpate_host::device::mouse::MouseHandle;
+use palpate_host::first_place::first_place;
 use palpate_host::rt::{Controls, TickRecord};
 use palpate_host::session::Observer;
 use std::path::PathBuf;
@@ -58,12 +59,12 @@ impl fmt::Display for Frames {
     }
 }
 
-/// Height of the tool above the first active node before a device reports its position, m.
+/// Height of the tool above its first place before a device reports its position, m.
 const WAITING_HEIGHT_M: f32 = 0.03;
 
-/// A record before the first tick: no device, the tool above the first active node.
+/// A record before the first tick: no device, the tool above its first place.
 fn at_rest<const N: usize>(organ: &Organ<'_, N>) -> TickRecord {
-    let hip_m = organ.spaces.first().map_or(vec3::ZERO, |space| {
+    let hip_m = organ.spaces.get(first_place(organ)).map_or(vec3::ZERO, |space| {
         vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, WAITING_HEIGHT_M))
     });
     TickRecord { hip_m, ..TickRecord::EMPTY }

@@ -1,27 +1,26 @@
-//! Choice of the initial view of an organ: the first active node is visible, strokes are in profile, the long
-//! axis is across the picture, and the fixed part is visible.
+//! Choice of the initial view of an organ: the place where a session opens is visible, strokes are in profile,
+//! the long axis is across the picture, and the fixed part is visible.
 
 use super::camera::OrbitCamera;
 use super::pick;
 use crate::deformation::Deformation;
 use glam::{Vec2, Vec3};
 use palpate_core::{Organ, Space};
+use palpate_host::first_place::{MAX_NAMED, first_place};
 
 /// Number of directions tried round the up axis.
 const AZIMUTHS: usize = 48;
 /// Elevations tried, rad.
 const ELEVATIONS: [f32; 2] = [0.26, 0.44];
-/// Elevations tried if none of the others shows the first active node, rad.
+/// Elevations tried if none of the others shows that place, rad.
 const STEEPER: [f32; 3] = [0.70, 0.95, -0.20];
-/// Smallest cosine between the view and the normal of the first active node.
+/// Smallest cosine between the view and the normal of that place.
 const MIN_FACING: f32 = 0.5;
 /// Largest thickness of surface between the eye and a visible active node, in radii of the organ.
 const MAX_COVER: f32 = 0.02;
 /// Cosine between the view and the normal of an active node at which strokes are seen best: neither end-on
 /// nor hidden.
 const PROFILE: f32 = 0.5;
-/// Largest number of active nodes considered.
-const MAX_NODES: usize = 32;
 /// Free area of the picture, across and down, as a share of its size; the rest is for text.
 const FREE_AREA: Vec2 = Vec2::new(0.60, 0.64);
 /// Space for tool and arrow above an active node, in radii of the organ.
@@ -29,18 +28,17 @@ const MARKER_SPACE: f32 = 0.30;
 
 /// A camera with the whole organ in the free area of the picture.
 ///
-/// If such a view exists, the first active node faces the eye and is not hidden, so that the user sees where
-/// to touch. A model does not define the up direction. The organ's long axis is across the picture, seen from
-/// the side that the active nodes face, and the model axis nearest to the resulting up direction becomes up.
+/// If such a view exists, the place where a session opens ([`first_place`]) faces the eye and is not hidden, so
+/// that the user sees where to touch. A model does not define the up direction. The organ's long axis is across
+/// the picture, seen from the side that the active nodes face, and the model axis nearest to the resulting up
+/// direction becomes up.
 #[must_use]
 pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: f32) -> OrbitCamera {
     let (centre_m, radius_m) = bounds(rest);
-    let normals: Vec<Vec3> = organ
-        .spaces
-        .iter()
-        .take(MAX_NODES)
-        .map(|space| Vec3::from_array(space.active.outward_normal))
-        .collect();
+    let first = organ.spaces.get(first_place(organ));
+    let shown = shown(organ);
+    let normals: Vec<Vec3> =
+        shown.iter().map(|space| Vec3::from_array(space.active.outward_normal)).collect();
     let up = up_axis(&normals, longest_axis(rest.rest_m(), centre_m));
     // The other nodes may face elsewhere; the first must not be on the underside.
     let up = if normals.first().is_some_and(|first| up.dot(*first) < -0.25) { -up } else { up };
@@ -77,19 +75,25 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
         let mut ranked: Vec<(f32, OrbitCamera)> = all.map(|camera| (merit(&camera), camera)).collect();
         ranked.sort_by(|(a, _), (b, _)| b.total_cmp(a));
         let framed = ranked.into_iter().map(|(_, camera)| OrbitCamera {
-            distance_m: distance_m(organ, rest, &camera, aspect),
+            distance_m: distance_m(shown, rest, &camera, aspect),
             ..camera
         });
-        framed.into_iter().find(|camera| {
-            organ.spaces.first().is_none_or(|space| shows(camera, organ, rest, space, MAX_COVER * radius_m))
-        })
+        framed
+            .into_iter()
+            .find(|camera| first.is_none_or(|space| shows(camera, organ, rest, space, MAX_COVER * radius_m)))
     };
     best(&ELEVATIONS).or_else(|| best(&STEEPER)).unwrap_or_else(|| {
         // The node is at the bottom of a hole: look straight into it.
         let facing = normals.first().copied().unwrap_or(Vec3::ZERO);
         let camera = OrbitCamera::framing(centre_m, radius_m, facing, up);
-        OrbitCamera { distance_m: distance_m(organ, rest, &camera, aspect), ..camera }
+        OrbitCamera { distance_m: distance_m(shown, rest, &camera, aspect), ..camera }
     })
+}
+
+/// The active nodes that a view is chosen for: all of a few. Many face every way, so of these it is the first place.
+fn shown<'s, 'o, const N: usize>(organ: &'s Organ<'o, N>) -> &'s [Space<'o>] {
+    let first = first_place(organ);
+    if organ.spaces.len() > MAX_NAMED { &organ.spaces[first..=first] } else { &organ.spaces }
 }
 
 /// Whether an active node faces this camera and no surface thicker than `skin_m` hides it.
@@ -152,16 +156,11 @@ fn share_in_sight(normals: &[Vec3], view: Vec3) -> f32 {
 }
 
 /// Smallest distance at which every point is inside the free area: |x| f <= share (D - z), solved for D.
-fn distance_m<const N: usize>(
-    organ: &Organ<'_, N>,
-    rest: &Deformation,
-    camera: &OrbitCamera,
-    aspect: f32,
-) -> f32 {
+fn distance_m(shown: &[Space<'_>], rest: &Deformation, camera: &OrbitCamera, aspect: f32) -> f32 {
     let (_, radius_m) = bounds(rest);
     let projection = camera.projection(1, 1);
     let share = FREE_AREA * Vec2::new(aspect, 1.0) * (0.5 * camera.field_of_view_rad).tan();
-    let hands = organ.spaces.iter().map(|space| {
+    let hands = shown.iter().map(|space| {
         Vec3::from_array(space.active.rest_position_m)
             + Vec3::from_array(space.active.outward_normal) * (MARKER_SPACE * radius_m)
     });

@@ -28,6 +28,9 @@ pub struct Discretisation {
     pub positions: Vec<FinerForce>,
     /// Number of positions that the more accurate model did not solve.
     pub unsolved: usize,
+    /// Number of those whose place another position took; 0 in files of earlier versions, which replaced none.
+    #[serde(default)]
+    pub replaced: usize,
 }
 
 /// One position.
@@ -85,15 +88,12 @@ impl Discretisation {
         self.positions.iter().map(FinerForce::relative).fold(0.0, f64::max)
     }
 
-    /// Green if more positions were solved than not, all within the tolerance. An error of the mesh is a
+    /// Green if as many positions were solved as are wanted, all within the tolerance. An error of the mesh is a
     /// stiffness that the tissue does not have, not a fault of the numbers: so it is never red.
     pub fn verdict(&self) -> Verdict {
         let is_within = |of: &FinerForce| distance(of.force_n, of.finer_n) <= self.tolerance.at(of.finer_n);
-        if self.positions.len() > self.unsolved && self.positions.iter().all(is_within) {
-            Verdict::Green
-        } else {
-            Verdict::Yellow
-        }
+        let all = !self.positions.is_empty() && self.unsolved == self.replaced;
+        if all && self.positions.iter().all(is_within) { Verdict::Green } else { Verdict::Yellow }
     }
 
     /// The reason to distrust the forces of a mesh, from its measurement and whether the tool has a size.
@@ -117,9 +117,14 @@ impl Discretisation {
     pub fn in_words(&self) -> String {
         let Self { elements, reference, edge_m, radius_m, .. } = self;
         let size = format!("{elements}, h = {:.2} a", edge_m / radius_m);
-        let unsolved = match self.unsolved {
-            0 => String::new(),
-            some => format!("; {some} not solved"),
+        let unsolved = match (self.unsolved, self.replaced) {
+            (0, _) => String::new(),
+            (some, all) if some == all => {
+                format!("; {some} more not solved by it and replaced, error unknown there")
+            }
+            (some, part) => {
+                format!("; {some} more not solved by it, {part} of them replaced, error unknown there")
+            }
         };
         let count = self.positions.len();
         if count == 0 {
@@ -160,6 +165,7 @@ mod tests {
             tolerance: Tolerance { relative: 0.08, absolute_n: 0.02 },
             positions: positions.to_vec(),
             unsolved: 0,
+            replaced: 0,
         }
     }
 
@@ -189,7 +195,31 @@ mod tests {
         assert!(of(&[at(-0.95, -1.0)]).in_words().contains("5.0 % too soft"));
         assert_eq!(of(&[]).verdict(), Verdict::Yellow);
         assert_eq!(of(&[]).in_words(), "P1, h = 0.84 a: not measured");
-        assert_eq!(Discretisation { unsolved: 1, ..close.clone() }.verdict(), Verdict::Green);
-        assert_eq!(Discretisation { unsolved: 2, ..close }.verdict(), Verdict::Yellow);
+    }
+
+    #[test]
+    fn green_needs_a_position_in_place_of_each_that_was_not_solved() {
+        let close = of(&[at(-1.02, -1.0), at(-1.03, -1.0)]);
+        let lacking = |unsolved, replaced| Discretisation { unsolved, replaced, ..close.clone() };
+        assert_eq!(lacking(2, 2).verdict(), Verdict::Green);
+        assert!(
+            lacking(2, 2).in_words().ends_with(
+                "at 2 held-out positions; 2 more not solved by it and replaced, error unknown there"
+            )
+        );
+        assert_eq!(lacking(1, 0).verdict(), Verdict::Yellow);
+        assert_eq!(lacking(3, 2).verdict(), Verdict::Yellow);
+        let doubt = Discretisation::doubt(Some(&lacking(3, 2)), true).expect("a reason");
+        assert!(doubt.what.contains("3 more not solved by it, 2 of them replaced"), "{}", doubt.what);
+        assert_eq!(of(&[]).verdict(), Verdict::Yellow, "none wanted");
+    }
+
+    #[test]
+    fn a_file_of_an_earlier_version_is_read() {
+        let now = Discretisation { unsolved: 1, ..of(&[at(-1.02, -1.0)]) };
+        let mut json = serde_json::to_value(&now).expect("numbers and names");
+        json.as_object_mut().expect("fields").remove("replaced").expect("the new one");
+        let read: Discretisation = serde_json::from_value(json).expect("read");
+        assert_eq!((&read, read.verdict()), (&now, Verdict::Yellow));
     }
 }

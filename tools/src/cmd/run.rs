@@ -15,6 +15,7 @@ use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::first_place::first_place;
 use palpate_host::guard::{DEFAULT_LIMIT_MS, GuardOptions};
 use palpate_host::rt::Miss;
 use palpate_host::{BlobFile, Device};
@@ -174,7 +175,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
     seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).ok_or_else(|| "seconds, at least 0.01".into())
 }
 
-/// Initial height of the mouse's tool above the first active node, m.
+/// Initial height of the mouse's tool above its first place, m.
 const MOUSE_HEIGHT_M: f32 = 0.03;
 
 /// The mouse device, and the handle of the window.
@@ -182,7 +183,7 @@ fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Fa
     if args.headless {
         return Err(Failure::input(touch::MOUSE_NEEDS_WINDOW));
     }
-    let start_m = organ.spaces.first().map_or(vec3::ZERO, |space| {
+    let start_m = organ.spaces.get(first_place(organ)).map_or(vec3::ZERO, |space| {
         vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, MOUSE_HEIGHT_M))
     });
     Ok(mouse(start_m, MouseConfig::default()))

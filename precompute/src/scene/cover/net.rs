@@ -10,7 +10,7 @@ use crate::spec::Tolerance;
 
 /// Share of the tolerance that the predicted difference may use at the removed candidates, where it is largest,
 /// in the worst of the pushes. Half of it needs nearly twice as many points.
-const SHARE: f64 = 1.0;
+const SHARE: f64 = 0.7;
 /// Largest distance of a removed candidate from the triangles, as a share of the radius of the pad.
 const LARGEST_SAG: f64 = 0.05;
 /// Largest edge of a triangle, in radii of the pad.

@@ -62,7 +62,10 @@ fn elements_may_be_quadratic_near_the_tool_only() {
     assert!(unknowns[0] < unknowns[1] && 2 * unknowns[0] > unknowns[1], "{unknowns:?}");
     let load = "[body_force]\nforce_n_per_m3 = [0, 0, -1e4]\n";
     let error = bench.resolve(&text("\"tool\"", load)).expect_err("refused").to_string();
-    assert!(error.contains("cannot be combined with [body_force]") && error.contains("`order = 2`"), "{error}");
+    assert!(
+        error.contains("cannot be combined with [body_force]") && error.contains("`order = 2`"),
+        "{error}"
+    );
 }
 
 #[test]
