@@ -106,10 +106,20 @@ impl Discretisation {
             None => yellow("the error of the discretisation was not measured".into()),
             Some(of) if of.verdict() == Verdict::Green => None,
             Some(of) => yellow(format!(
-                "{}; the tolerance is {} %: use order = 2, or [mesh] refine = \"tool\"",
+                "{}; the tolerance is {} %: use {}",
                 of.in_words(),
-                100.0 * of.tolerance.relative
+                100.0 * of.tolerance.relative,
+                of.remedy()
             )),
+        }
+    }
+
+    /// What makes the elements more accurate.
+    fn remedy(&self) -> &'static str {
+        match &self.elements[..] {
+            linear if linear.starts_with("P1") => "order = \"tool\" or 2, or [mesh] refine = \"tool\"",
+            near_tool if near_tool.ends_with("near tool") => "order = 2, or [mesh] refine = \"tool\"",
+            _ => "[mesh] refine = \"tool\" with a smaller refine_edge_m",
         }
     }
 
@@ -186,7 +196,7 @@ mod tests {
         assert!(
             doubt(Some(&stiff), true)
                 .what
-                .ends_with("the tolerance is 8 %: use order = 2, or [mesh] refine = \"tool\"")
+                .ends_with("the tolerance is 8 %: use order = \"tool\" or 2, or [mesh] refine = \"tool\"")
         );
         assert!(
             doubt(None, true).what.contains("not measured")

@@ -221,7 +221,7 @@ impl Health {
         say(
             INVERTED.of(self.share(self.inverted)),
             format!(
-                "{} {of_all} have inverted elements (smallest J {:.2}): refine the mesh there, or use order = 2 or a smaller radius_m",
+                "{} {of_all} have inverted elements (smallest J {:.2}): refine the mesh there, or use a smaller radius_m",
                 self.inverted, self.min_jacobian
             ),
         );

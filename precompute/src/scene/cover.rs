@@ -47,8 +47,8 @@ const ALIKE: f64 = 2.0;
 /// Depth of the pushes that are compared, in radii of the pad: the third order is accurate there.
 const DEPTH: f64 = 0.75;
 
-/// Chooses the contact points of `cover`, and triangulates them. `body` is that of the scene; its rest solutions
-/// are those of linear elements, which show how the tissue changes as well as others.
+/// Chooses the contact points of `cover`, and triangulates them. `body` is that of the scene. Instead of quadratic
+/// elements everywhere, linear ones show where the tissue changes, in less time.
 pub(crate) fn choose(
     scene: &ResolvedScene,
     cover: &Cover,
@@ -56,7 +56,7 @@ pub(crate) fn choose(
     body: &Arc<Body>,
     threads: usize,
 ) -> Result<(Vec<ActiveNode>, Vec<[u32; 3]>), SolveFailure> {
-    let linear = (scene.order != ElementOrder::Linear)
+    let linear = (scene.order == ElementOrder::Quadratic)
         .then(|| ResolvedScene { order: ElementOrder::Linear, ..scene.clone() });
     // A body that only second order can solve keeps its order.
     let linear = linear.and_then(|scene| Some((Arc::new(scene.body().ok()?), scene)));
