@@ -50,6 +50,10 @@ pub fn controller_config<const N: usize>(
         contact.release_height_m = contact.release_height_m.max(HYSTERESIS_COUNTS * count_m);
         contact.grasp_button = profile.buttons.grasp;
     }
+    // A finger only presses: its springs would pull the skin.
+    if organs.iter().any(|organ| organ.fingertip.is_some()) {
+        contact.grasp_button = 0;
+    }
     config
 }
 
@@ -66,6 +70,7 @@ mod tests {
     use crate::device::Device;
     use crate::device::simulated::{SimulatedConfig, SimulatedHand};
     use crate::synthetic;
+    use palpate_core::format::Fingertip;
 
     #[test]
     fn the_workspace_scale_multiplies_hand_values_and_the_device_limits_apply() {
@@ -112,6 +117,20 @@ mod tests {
             assert_eq!(config.contact.grasp_button, grasp, "{name}");
         }
         assert_eq!(arm_button(&motors, None), 1);
+    }
+
+    #[test]
+    fn a_fingertip_does_not_grasp() {
+        let blob = synthetic::organ(&synthetic::Shape::default());
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+        let info = SimulatedHand::new(&organ, SimulatedConfig::default()).info();
+        let grasp_button = |organ: &Organ<'_>| {
+            let profile = Profile::bundled("link").expect("bundled");
+            controller_config(&[organ], Method::Trilinear, &info, Some(&profile)).contact.grasp_button
+        };
+        assert_eq!(grasp_button(&organ), 1);
+        let tip = Fingertip { radius_m: 0.01, stiffness_n_m: 500.0 };
+        assert_eq!(grasp_button(&Organ { fingertip: Some(tip), ..organ }), 0);
     }
 
     #[test]
