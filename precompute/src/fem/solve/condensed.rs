@@ -130,10 +130,16 @@ impl Solver {
 
     /// du/dd and dp/dd of every node along each axis, from the solved columns.
     pub(super) fn sensitivity_of_state(&self) -> [Vec<f64>; 3] {
+        let mut sensitivity = [(); 3].map(|()| vec![0.0; self.problem.body.state_len()]);
+        self.sensitivity_into(&mut sensitivity);
+        sensitivity
+    }
+
+    /// The same into vectors of zeros or of earlier sensitivities.
+    pub(super) fn sensitivity_into(&self, sensitivity: &mut [Vec<f64>; 3]) {
         let (problem, body) = (&*self.problem, &self.problem.body);
         let n = problem.unknowns();
         let (displacement_len, pressure_scale) = (body.displacement_len(), body.pressure_scale());
-        let mut sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
         for (axis, state_column) in sensitivity.iter_mut().enumerate() {
             let x = &self.columns[axis * n..(axis + 1) * n];
             for &(equation, position) in problem.positions.iter() {
@@ -147,7 +153,6 @@ impl Solver {
             }
             body.let_follow(state_column);
         }
-        sensitivity
     }
 
     /// S from the solved columns x_j of the right-hand sides b_j and their residuals r_j = b_j - K x_j.
@@ -170,7 +175,7 @@ impl Solver {
     }
 
     /// Force on the handle, and moment about the current position of its centre.
-    fn resultants(&self, pose: &Pose) -> ([f64; 3], [f64; 3]) {
+    pub(super) fn resultants(&self, pose: &Pose) -> ([f64; 3], [f64; 3]) {
         let (problem, body) = (&*self.problem, &self.problem.body);
         if problem.pad().is_some() {
             return (self.pad.force_n, self.pad.torque_n_m);

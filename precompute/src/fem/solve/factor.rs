@@ -38,6 +38,12 @@ pub(super) struct Accuracy {
     accepted: f64,
 }
 
+impl Accuracy {
+    pub(super) const fn new(target: f64, accepted: f64) -> Self {
+        Self { target, accepted }
+    }
+}
+
 /// For a Newton step; the error is below the linearisation error of the step.
 pub(super) const STEP_ACCURACY: Accuracy = Accuracy { target: 1e-6, accepted: 1e-6 };
 /// For sensitivities: W_ijk needs seven digits, and unstable pressures cost some digits. (The condensed
@@ -185,8 +191,13 @@ impl Factor {
         }
     }
 
+    /// Whether there is a factor to solve with.
+    pub(super) fn is_ready(&self) -> bool {
+        self.route != Route::Pivoted || self.pivoted.is_some()
+    }
+
     /// Computes the residuals b - K x of all columns of `right`; returns the largest one relative to its b.
-    fn measure(&mut self, matrix: Matrix<'_>, right: &[f64], x: &[f64]) -> f64 {
+    pub(super) fn measure(&mut self, matrix: Matrix<'_>, right: &[f64], x: &[f64]) -> f64 {
         let n = matrix.pattern.unknowns();
         let mut worst = 0.0f64;
         for ((b, x), residual) in right.chunks(n).zip(x.chunks(n)).zip(self.residual.chunks_mut(n)) {
@@ -202,6 +213,25 @@ impl Factor {
             worst = if relative > worst || relative.is_nan() { relative } else { worst };
         }
         worst
+    }
+
+    /// One sweep of refinement with the current factor, also that of another matrix, from the residuals of the last
+    /// [`Factor::measure`], whose result was `before`. A sweep that increases the residual is undone. Returns the
+    /// largest relative residual after it.
+    pub(super) fn sweep(&mut self, matrix: Matrix<'_>, right: &[f64], x: &mut [f64], before: f64) -> f64 {
+        self.correction[..x.len()].copy_from_slice(&self.residual[..x.len()]);
+        self.apply(matrix.symbolic, matrix.pattern.unknowns(), x.len());
+        for (x, c) in x.iter_mut().zip(&self.correction) {
+            *x += c;
+        }
+        let after = self.measure(matrix, right, x);
+        if after <= before {
+            return after;
+        }
+        for (x, c) in x.iter_mut().zip(&self.correction) {
+            *x -= c;
+        }
+        self.measure(matrix, right, x)
     }
 
     /// Solves for the columns of `right` with the current factor and refines; returns the largest relative

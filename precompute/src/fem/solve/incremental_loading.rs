@@ -184,7 +184,7 @@ fn leaves_branch(seed: &Seed, found: &Configuration) -> bool {
 }
 
 /// First-order prediction of the state at `pose`.
-fn predict(seed: &Seed, pose: &Pose, state: &mut [f64]) {
+pub(super) fn predict(seed: &Seed, pose: &Pose, state: &mut [f64]) {
     state.copy_from_slice(&seed.state);
     for (axis, column) in seed.sensitivity.iter().enumerate() {
         let change = pose.displacement_m[axis] - seed.pose.displacement_m[axis];

@@ -7,6 +7,7 @@
 mod body_force;
 mod condensed;
 mod factor;
+mod follow;
 mod incremental_loading;
 mod newton;
 mod profile;
@@ -18,6 +19,7 @@ mod tests;
 use std::sync::Arc;
 
 pub use body_force::solve_body_force;
+pub use follow::{FollowCount, FollowOptions, Followed};
 pub(crate) use incremental_loading::LoadingOptions;
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;

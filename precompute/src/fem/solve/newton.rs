@@ -200,7 +200,7 @@ impl Solver {
 
     /// One quasi-Newton step with the current factor. `None`, with an unchanged state, if it does not reduce
     /// the residual.
-    fn frozen_step(&mut self, residual_n: f64) -> Option<f64> {
+    pub(super) fn frozen_step(&mut self, residual_n: f64) -> Option<f64> {
         self.solve_unrefined();
         if !self.history.apply_broyden(&mut self.step) {
             return None;
@@ -217,7 +217,7 @@ impl Solver {
     /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual; if it `may_rise`, a finite
     /// residual is enough. Returns the new residual and whether the step was the full one. If no step
     /// qualifies, restores the state and returns `None`.
-    fn line_search(&mut self, residual_n: f64, may_rise: bool) -> Option<(f64, bool)> {
+    pub(super) fn line_search(&mut self, residual_n: f64, may_rise: bool) -> Option<(f64, bool)> {
         let mut omega = 1.0;
         for halvings in 0..=self.newton.max_halvings {
             let reached = self.try_step(omega);

@@ -1,0 +1,234 @@
+//! Continuation with the factor at hand: a new jet in a fraction of the time of [`Solver::advance`].
+//!
+//! A solver beside the haptic loop needs many jets near each other and none to the last digit. From a seed with
+//! the state u, the sensitivities X and the control d0, the state at d is guessed as u + X (d - d0). Broyden steps
+//! with the factor of an earlier jet bring the residual r down to a share of the force, and sweeps of refinement
+//! with the same factor bring X to the tangent of the new state. Then
+//!
+//! h = dL/dd + X^T r           the error is of second order in that of the state (adjoint correction),
+//! S by the formula of `condensed_stiffness`, of second order in the error of X,
+//! W = L,                      of second order in the error of the state,
+//! W_ijk = D3 L [X_i, X_j, X_k], of first order in the error of X.
+//!
+//! A new factorisation is made if it is asked for, if there is no factor yet, if the steps do not converge, or if
+//! X does not.
+
+use super::factor::Accuracy;
+use super::{FailureReason, Seed, SolveFailure, Solver};
+use crate::fem::assembly::third_derivatives;
+use crate::fem::boundary::Pose;
+use crate::num::jet::EnergyJet;
+use crate::num::vector::inner;
+
+/// How accurate a continuation is, and what it may cost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FollowOptions {
+    /// The state is good enough if its residual is below this share of the force scale.
+    pub residual: f64,
+    /// Largest number of steps with one factor.
+    pub max_frozen_steps: u32,
+    /// X is good enough below this relative residual.
+    pub sensitivity: f64,
+    /// Largest number of sweeps for it.
+    pub max_sweeps: u32,
+    /// Above this relative residual after the sweeps a new factor is made.
+    pub worst_sensitivity: f64,
+}
+
+impl Default for FollowOptions {
+    fn default() -> Self {
+        Self { residual: 1e-3, max_frozen_steps: 8, sensitivity: 5e-2, max_sweeps: 2, worst_sensitivity: 0.3 }
+    }
+}
+
+/// Accuracy of X after a new factorisation for it.
+const FRESH: Accuracy = Accuracy::new(1e-4, 1e-2);
+/// Largest number of steps of a continuation.
+const MAX_STEPS: u32 = 30;
+
+/// Work of a continuation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FollowCount {
+    /// Steps, with a frozen or a new factor.
+    pub steps: u32,
+    /// Factorisations.
+    pub factorisations: u32,
+    /// Sweeps of refinement of the sensitivities.
+    pub sweeps: u32,
+}
+
+/// Figures of a continuation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Followed {
+    /// Work.
+    pub count: FollowCount,
+    /// Norm of the residual, N.
+    pub residual_n: f64,
+    /// Largest relative residual of the sensitivities.
+    pub sensitivity: f64,
+    /// Number of elements with J <= 0.
+    pub inverted: usize,
+    /// Number of directions in which the energy decreases; known only from a factor of this continuation.
+    pub unstable_modes: Option<u32>,
+}
+
+impl Solver {
+    /// The equilibrium at `control_m`, continued from `from`, written into `to`, whose vectors have the lengths of
+    /// those of `from`. With `refresh` the first step makes a new factor. Allocates nothing once a factor was made
+    /// (unless the matrix needs pivoting).
+    ///
+    /// # Panics
+    ///
+    /// If the problem uses multipliers: continuation needs elimination.
+    pub fn follow(
+        &mut self,
+        from: &Seed,
+        control_m: [f64; 3],
+        refresh: bool,
+        options: &FollowOptions,
+        to: &mut Seed,
+    ) -> Result<Followed, SolveFailure> {
+        assert!(self.problem.dofs.multipliers.is_empty(), "continuation needs elimination");
+        let pose = Pose { displacement_m: control_m, ..from.pose };
+        let mut count = FollowCount::default();
+        let residual_n = self.reach_frozen(from, &pose, refresh, options, &mut count)?;
+        self.evaluate(true);
+        let sensitivity = self.follow_sensitivity(from, options, &mut count).ok_or(SolveFailure {
+            reason: FailureReason::SingularTangent,
+            iterations: count.steps,
+            residual_n,
+        })?;
+        let (problem, n) = (self.problem.clone(), self.problem.unknowns());
+        let stiffness = self.condensed_stiffness(&problem);
+        self.sensitivity_into(&mut to.sensitivity);
+        let (mut force_n, _) = self.resultants(&pose);
+        for (axis, force) in force_n.iter_mut().enumerate() {
+            *force += inner(&self.columns[axis * n..(axis + 1) * n], &self.residual);
+        }
+        to.pose = pose;
+        to.state.copy_from_slice(&self.state);
+        to.jet = EnergyJet {
+            control_m,
+            energy_j: self.assembled.energy_j - problem.body.rest_energy_j + self.pad.energy_j,
+            force_n,
+            stiffness_n_m: 0.5 * (stiffness + stiffness.transpose()),
+            third_n_m2: third_derivatives(&problem.body, &self.state, &to.sensitivity),
+        };
+        if !to.jet.is_finite() {
+            let reason = FailureReason::NotFinite;
+            return Err(SolveFailure { reason, iterations: count.steps, residual_n });
+        }
+        let unstable_modes =
+            (count.factorisations > 0).then(|| self.factor.unstable_modes(&problem.symbolic)).flatten();
+        let inverted = self.assembled.inverted;
+        Ok(Followed { count, residual_n, sensitivity, inverted, unstable_modes })
+    }
+
+    /// Brings `self.state` to the equilibrium at `pose`; returns the residual.
+    fn reach_frozen(
+        &mut self,
+        from: &Seed,
+        pose: &Pose,
+        refresh: bool,
+        options: &FollowOptions,
+        count: &mut FollowCount,
+    ) -> Result<f64, SolveFailure> {
+        let mut state = std::mem::take(&mut self.state);
+        super::incremental_loading::predict(from, pose, &mut state);
+        self.problem.body.let_follow(&mut state);
+        self.state = state;
+        self.prescribe(pose);
+        self.history.clear();
+        let mut is_fresh = refresh || !self.factor.is_ready();
+        let mut frozen = 0;
+        let mut residual_n = self.evaluate(is_fresh);
+        loop {
+            let failed = |reason, steps| Err(SolveFailure { reason, iterations: steps, residual_n });
+            if !residual_n.is_finite() {
+                return failed(FailureReason::NotFinite, count.steps);
+            }
+            let enough_n = options.residual * self.scale_n();
+            // A factor that is asked for is made in any case: it serves the sensitivities and later jets.
+            if residual_n <= enough_n && !(is_fresh && count.factorisations == 0) {
+                return Ok(residual_n);
+            }
+            if count.steps >= MAX_STEPS {
+                return failed(FailureReason::MaxIterations, count.steps);
+            }
+            count.steps += 1;
+            if is_fresh {
+                count.factorisations += 1;
+                if !self.newton_step() {
+                    return failed(FailureReason::SingularTangent, count.steps);
+                }
+                let Some((reached, full)) = self.line_search(residual_n, count.steps == 1) else {
+                    // At the rounding floor no step helps.
+                    if residual_n <= enough_n {
+                        return Ok(residual_n);
+                    }
+                    return failed(FailureReason::LineSearch, count.steps);
+                };
+                self.history.clear();
+                if full {
+                    self.history.push(&self.step);
+                }
+                (residual_n, is_fresh, frozen) = (reached, false, 0);
+                continue;
+            }
+            frozen += 1;
+            let reached = self.frozen_step(residual_n);
+            let goes_on = reached.is_some_and(|reached| {
+                let steps = libm::log(enough_n / reached) / libm::log(reached / residual_n);
+                reached <= enough_n
+                    || frozen < options.max_frozen_steps
+                        && !self.history.is_full()
+                        && steps <= f64::from(options.max_frozen_steps - frozen)
+            });
+            is_fresh = !goes_on;
+            residual_n = match reached {
+                Some(reached) if goes_on => reached,
+                _ => self.evaluate(true),
+            };
+        }
+    }
+
+    /// Brings the columns X from those of a seed to the tangent at hand; returns their largest relative residual.
+    /// `None` if also a new factor does not solve them.
+    fn follow_sensitivity(
+        &mut self,
+        from: &Seed,
+        options: &FollowOptions,
+        count: &mut FollowCount,
+    ) -> Option<f64> {
+        let problem = self.problem.clone();
+        let n = problem.unknowns();
+        let (displacement_len, pressure_scale) =
+            (problem.body.displacement_len(), problem.body.pressure_scale());
+        self.translation_columns();
+        for (column, sensitivity) in self.columns.chunks_mut(n).zip(&from.sensitivity) {
+            for &(equation, position) in problem.positions.iter() {
+                let unit = if position < displacement_len { 1.0 } else { pressure_scale };
+                column[equation] = sensitivity[position] / unit;
+            }
+        }
+        let matrix = problem.matrix(&self.assembled.tangent);
+        let mut residual = self.factor.measure(matrix, &self.right, &self.columns);
+        let mut before = f64::INFINITY;
+        for _ in 0..options.max_sweeps {
+            if residual <= options.sensitivity || residual >= 0.9 * before {
+                break;
+            }
+            before = residual;
+            residual = self.factor.sweep(matrix, &self.right, &mut self.columns, before);
+            count.sweeps += 1;
+        }
+        // The negated comparison is also true for NaN.
+        if !(residual <= options.worst_sensitivity) {
+            count.factorisations += 1;
+            let solved = self.factor.factorise_and_solve(matrix, &self.right, &mut self.columns, FRESH);
+            residual = solved.ok()?;
+            self.history.clear();
+        }
+        Some(residual)
+    }
+}
