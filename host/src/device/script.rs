@@ -25,6 +25,19 @@ pub struct StrokeConfig {
     pub seconds_per_node: f32,
 }
 
+/// Largest press and drag of a simulated finger, as a share of the solved radius: together they stay within it.
+const SHARE_OF_RADIUS: f32 = 0.65;
+
+/// Largest press and largest drag of a hand on this organ, m. A fingertip stays within what is solved at every
+/// contact point; a hand that holds nodes may leave it, as the paper's does.
+pub(super) fn largest_stroke_m<const N: usize>(organ: &Organ<'_, N>) -> f32 {
+    if organ.fingertip.is_none() {
+        return f32::INFINITY;
+    }
+    let radii_m = organ.spaces.iter().map(|space| space.lattice().radius_m());
+    SHARE_OF_RADIUS * radii_m.fold(f32::INFINITY, f32::min)
+}
+
 impl Default for StrokeConfig {
     fn default() -> Self {
         Self { press_m: 0.015, drag_m: 0.015, pull_m: 0.020, clearance_m: 0.030, seconds_per_node: 7.0 }
@@ -83,7 +96,13 @@ impl Script {
             .map(|space| (space.active.rest_position_m, space.active.outward_normal))
             .collect();
         nodes.rotate_left(first_place(organ));
-        Self::over_nodes(&nodes, surface_centre(organ), config, organ.fingertip.is_none())
+        let largest_m = largest_stroke_m(organ);
+        let config = StrokeConfig {
+            press_m: config.press_m.min(largest_m),
+            drag_m: config.drag_m.min(largest_m),
+            ..*config
+        };
+        Self::over_nodes(&nodes, surface_centre(organ), &config, organ.fingertip.is_none())
     }
 
     /// Height above the surface at which [`Script::press_and_hold`] starts, m.

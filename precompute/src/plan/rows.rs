@@ -14,6 +14,10 @@ use super::results::Results;
 use super::row::{self, LINEAR, Row};
 use super::tables;
 
+/// Share of the tolerance of the mesh that a prediction may use: the certificate measures other places and
+/// pushes, where the error is larger.
+const MARGIN: f64 = 0.8;
+
 impl Results {
     /// All rows, the recommended row, and the reason for it.
     pub(super) fn rows(&self, analysis: &Analysis, prediction: &Prediction) -> (Vec<Row>, usize, String) {
@@ -36,7 +40,7 @@ impl Results {
         let size = self.nodes[0].probed.size;
         let mut cheapest = own;
         let tolerance = analysis.scene.discretisation.relative;
-        let is_within = |stiffer: Option<f64>| stiffer.is_some_and(|stiffer| stiffer.abs() <= tolerance);
+        let is_within = |stiffer: Option<f64>| stiffer.is_some_and(|of| of.abs() <= MARGIN * tolerance);
         let mut least_s = rows[chosen].solving_s;
         if !is_within(rows[chosen].stiffer) {
             least_s = f64::INFINITY;
@@ -172,7 +176,8 @@ impl Results {
             let row = rows.iter().rev().find(|row| row.model == words(model));
             row.and_then(|row| row.stiffer).map_or_else(String::new, percent)
         };
-        let limit = 100.0 * tolerance;
+        let limit = format!("{:.3}", 100.0 * tolerance);
+        let limit = limit.trim_end_matches('0').trim_end_matches('.');
         if least_s.is_infinite() {
             return format!(
                 "; no discretisation is known to be within {limit} % of a finer one: use a finer mesh"

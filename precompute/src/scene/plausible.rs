@@ -20,11 +20,11 @@ fn is_within([low, high]: [f64; 2], value: f64) -> bool {
 }
 
 impl Lookup<'_> {
-    /// Warns of a body that is too large or too small; `unit` is that of the scene, if it is given.
-    pub(super) fn warn_of_size(&mut self, unit: Option<&str>) {
+    /// The doubt about a body that is too large or too small; `unit` is that of the scene, if it is given.
+    pub(super) fn doubt_of_size(&self, unit: Option<&str>) -> Option<String> {
         let size_m = self.mesh.diagonal_m();
         if is_within(SIZES_M, size_m) {
-            return;
+            return None;
         }
         let per_metre = |unit: &str| unit.parse().map_or(1.0, LengthUnit::per_metre);
         let in_file = size_m * per_metre(unit.unwrap_or("m"));
@@ -38,7 +38,7 @@ impl Lookup<'_> {
             (None, _) => "check the scale of the mesh".into(),
         };
         let read_as = unit.map_or(String::new(), |unit| format!(" with `unit = \"{unit}\"`"));
-        self.warnings.push(format!("the body is {} across{read_as}: {cause}", length(size_m)));
+        Some(format!("the body is {} across{read_as}: {cause}", length(size_m)))
     }
 
     /// Warns of materials that are too soft or too stiff.
