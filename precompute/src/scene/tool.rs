@@ -22,7 +22,7 @@ const PULP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile
 /// integrated over them.
 const LEAST_RADIUS: f64 = 0.5;
 /// Largest distance of a given point from the skin, as a share of the body's diagonal.
-const LARGEST_DISTANCE: f64 = 0.1;
+const LARGEST_DISTANCE: f64 = 0.25;
 
 /// The tool of a scene with this mesh.
 pub(super) fn tool(
