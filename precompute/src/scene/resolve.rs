@@ -10,6 +10,7 @@ use super::file::{BodyForceTable, Contact, NeedsTable};
 use super::lookup::Lookup;
 use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
+use super::plausible::doubt_of_size;
 use super::refine::{self, Loaded};
 use super::{ActiveNode, ElementOrder, ResolvedScene, Scene, SolverOptions, Tool, device, reach, tool};
 use crate::error::{InputError, count};
@@ -35,7 +36,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, is_stored, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
     let doubt_of_size =
-        lookup.doubt_of_size(file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));
+        doubt_of_size(&mesh, file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));
     lookup.warnings.extend(doubt_of_size.clone());
     // A tool that does not fit a body of an unlikely size is most likely right, and the unit wrong.
     let doubt = |error: InputError| match &doubt_of_size {
