@@ -94,8 +94,8 @@ fn a_tool_that_does_not_fit_is_refused() {
     refuses(good, "point = [9.0, 0.15, 0.15]", "from the body", "in metres");
     refuses(
         good,
-        "point = [0.15, 0.15, 0.36]",
-        "lies 0.060 m from the body's skin",
+        "point = [0.15, 0.15, 0.5]",
+        "lies 0.200 m from the body's skin",
         "give a place on the skin",
     );
     let hertz = "radius_m = 0.12\nprofile = \"hertz\"";
