@@ -287,6 +287,9 @@ impl SplitMix {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::palpation::{RandomConfig, RandomPalpation};
+    use crate::synthetic;
+    use palpate_core::format::Fingertip;
 
     fn two_nodes() -> Script {
         let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.0, 0.05], [0.0, 0.0, 1.0])];
@@ -323,6 +326,37 @@ mod tests {
             }
             assert_eq!(buttons == GRASP_BUTTON, grips);
             assert!((deepest_m - config.press_m).abs() < 1e-4, "{deepest_m}");
+        }
+    }
+
+    /// A finger stays within what is solved, with its press and its drag together; the scripted and the random one.
+    #[test]
+    fn a_fingertip_stays_within_the_solved_radius() {
+        let blob = synthetic::organ(&synthetic::Shape::default());
+        let mut organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+        organ.spaces.truncate(1);
+        let (solved_m, active) = (organ.spaces[0].lattice().radius_m(), organ.spaces[0].active.clone());
+        let far_m = 2.0 * solved_m;
+        let strokes = StrokeConfig { press_m: far_m, drag_m: far_m, ..StrokeConfig::default() };
+        let random = RandomConfig { depth_m: [0.0, far_m], drag_m: [0.0, far_m], ..RandomConfig::new(3) };
+        for fingertip in [None, Some(Fingertip { radius_m: 0.01, stiffness_n_m: 500.0 })] {
+            let organ = Organ { fingertip, ..organ.clone() };
+            let mut script = Script::new(&organ, &strokes);
+            let mut hand = RandomPalpation::new(&organ, random);
+            let mut farthest_m = [0.0_f32; 2];
+            for _ in 0..20_000 {
+                script.advance(1e-3);
+                hand.advance(1e-3);
+                for (farthest_m, target_m) in farthest_m.iter_mut().zip([script.target_m(), hand.target_m()])
+                {
+                    let d_m = vec3::sub(target_m, active.rest_position_m);
+                    if vec3::dot(d_m, active.outward_normal) < 0.0 {
+                        *farthest_m = farthest_m.max(vec3::norm(d_m));
+                    }
+                }
+            }
+            let is_within = farthest_m.map(|metres| metres <= solved_m);
+            assert_eq!(is_within, [fingertip.is_some(); 2], "{farthest_m:?} of {solved_m}");
         }
     }
 

@@ -38,9 +38,9 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let doubt_of_size =
         doubt_of_size(&mesh, file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));
     lookup.warnings.extend(doubt_of_size.clone());
-    // A tool that does not fit a body of an unlikely size is most likely right, and the unit wrong.
+    // A tool or a place that does not fit a body of an unlikely size is most likely right, and the unit wrong.
     let doubt = |error: InputError| match &doubt_of_size {
-        Some(doubt) => InputError { fix: doubt.clone(), ..error },
+        Some(doubt) => InputError { fix: format!("{doubt}; otherwise {}", error.fix), ..error },
         None => error,
     };
     lookup.warn_of_moduli(&materials);
