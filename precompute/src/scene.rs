@@ -40,6 +40,7 @@ pub(crate) use cover::choose as choose_contact_points;
 use file::SceneFile;
 pub use file::SolverOptions;
 use place::Place;
+pub use plausible::doubt_of_size;
 pub use problems::{ElementOrder, Problems, elements};
 pub use reach::Unreachable;
 pub use refine::{MAX_TETS, MeshSize};

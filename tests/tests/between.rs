@@ -139,7 +139,7 @@ fn discretisation(analysis: &Analysis, organ: &Organ<'_>) {
         assert!(of.relative() > 0.01, "linear elements of this size are not those of second order");
     }
     // Every space says so.
-    let reason = "use order = 2, or [mesh] refine = \"tool\"";
+    let reason = "use order = \"tool\" or 2, or [mesh] refine = \"tool\"";
     for space in &certificate.spaces {
         let health = space.health.as_ref().expect("judged");
         assert!(health.reasons.iter().any(|of| of.what.ends_with(reason)), "{}", space.active);

@@ -152,6 +152,13 @@ fn inspect_measures_meshes_and_scenes() {
     let head = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID";
     std::fs::write(&curved, format!("{head}\nPOINTS 10 double\n{points}\n{cells}")).expect("written");
     refused(&["inspect", text(&curved)], &["curved.vtk:8: ", "edge 0-1 is curved", "straight-sided"]);
+    // A mesh in millimetres, read in metres.
+    let large = folder.path().join("large.vtk");
+    let body = "POINTS 4 double\n0 0 0 100 0 0 0 100 0 0 0 100\nCELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\n";
+    std::fs::write(&large, format!("{head}\n{body}")).expect("written");
+    let shown = show(&[text(&large)]);
+    assert!(shown.starts_with("warning: the body is 173 m across: is the mesh in mm?"), "{shown}");
+    assert!(!show(&[text(&large), "--unit", "mm"]).contains("is the mesh in"));
 }
 
 #[test]

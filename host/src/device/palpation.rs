@@ -1,7 +1,9 @@
 //! Motion of the simulated hand: the tour of a [`Script`], or endless random palpation that depends only on a
 //! seed.
 
-use super::script::{GRASP_BUTTON, GRIP_HEIGHT_M, Script, Segment, SplitMix, surface_centre, tangents};
+use super::script::{
+    GRASP_BUTTON, GRIP_HEIGHT_M, Script, Segment, SplitMix, largest_stroke_m, surface_centre, tangents,
+};
 use crate::first_place::first_place;
 use palpate_core::{Organ, Vec3, vec3};
 
@@ -82,6 +84,14 @@ impl RandomPalpation {
             .map(|space| (space.active.rest_position_m, space.active.outward_normal))
             .collect();
         nodes.rotate_left(first_place(organ));
+        let largest_m = largest_stroke_m(organ);
+        let shrink = |range: [f32; 2]| range.map(|metres| metres * (largest_m / range[1]).min(1.0));
+        let config = RandomConfig {
+            depth_m: shrink(config.depth_m),
+            drag_m: shrink(config.drag_m),
+            grasps: if organ.fingertip.is_some() { 0.0 } else { config.grasps },
+            ..config
+        };
         Self::over_nodes(nodes, surface_centre(organ), config)
     }
 

@@ -25,6 +25,19 @@ pub struct StrokeConfig {
     pub seconds_per_node: f32,
 }
 
+/// Largest press and drag of a simulated finger, as a share of the solved radius: together they stay within it.
+const SHARE_OF_RADIUS: f32 = 0.65;
+
+/// Largest press and largest drag of a hand on this organ, m. A fingertip stays within what is solved at every
+/// contact point; a hand that holds nodes may leave it, as the paper's does.
+pub(super) fn largest_stroke_m<const N: usize>(organ: &Organ<'_, N>) -> f32 {
+    if organ.fingertip.is_none() {
+        return f32::INFINITY;
+    }
+    let radii_m = organ.spaces.iter().map(|space| space.lattice().radius_m());
+    SHARE_OF_RADIUS * radii_m.fold(f32::INFINITY, f32::min)
+}
+
 impl Default for StrokeConfig {
     fn default() -> Self {
         Self { press_m: 0.015, drag_m: 0.015, pull_m: 0.020, clearance_m: 0.030, seconds_per_node: 7.0 }
@@ -83,7 +96,13 @@ impl Script {
             .map(|space| (space.active.rest_position_m, space.active.outward_normal))
             .collect();
         nodes.rotate_left(first_place(organ));
-        Self::over_nodes(&nodes, surface_centre(organ), config, organ.fingertip.is_none())
+        let largest_m = largest_stroke_m(organ);
+        let config = StrokeConfig {
+            press_m: config.press_m.min(largest_m),
+            drag_m: config.drag_m.min(largest_m),
+            ..*config
+        };
+        Self::over_nodes(&nodes, surface_centre(organ), &config, organ.fingertip.is_none())
     }
 
     /// Height above the surface at which [`Script::press_and_hold`] starts, m.
@@ -268,6 +287,9 @@ impl SplitMix {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::palpation::{RandomConfig, RandomPalpation};
+    use crate::synthetic;
+    use palpate_core::format::Fingertip;
 
     fn two_nodes() -> Script {
         let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.0, 0.05], [0.0, 0.0, 1.0])];
@@ -304,6 +326,37 @@ mod tests {
             }
             assert_eq!(buttons == GRASP_BUTTON, grips);
             assert!((deepest_m - config.press_m).abs() < 1e-4, "{deepest_m}");
+        }
+    }
+
+    /// A finger stays within what is solved, with its press and its drag together; the scripted and the random one.
+    #[test]
+    fn a_fingertip_stays_within_the_solved_radius() {
+        let blob = synthetic::organ(&synthetic::Shape::default());
+        let mut organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+        organ.spaces.truncate(1);
+        let (solved_m, active) = (organ.spaces[0].lattice().radius_m(), organ.spaces[0].active.clone());
+        let far_m = 2.0 * solved_m;
+        let strokes = StrokeConfig { press_m: far_m, drag_m: far_m, ..StrokeConfig::default() };
+        let random = RandomConfig { depth_m: [0.0, far_m], drag_m: [0.0, far_m], ..RandomConfig::new(3) };
+        for fingertip in [None, Some(Fingertip { radius_m: 0.01, stiffness_n_m: 500.0 })] {
+            let organ = Organ { fingertip, ..organ.clone() };
+            let mut script = Script::new(&organ, &strokes);
+            let mut hand = RandomPalpation::new(&organ, random);
+            let mut farthest_m = [0.0_f32; 2];
+            for _ in 0..20_000 {
+                script.advance(1e-3);
+                hand.advance(1e-3);
+                for (farthest_m, target_m) in farthest_m.iter_mut().zip([script.target_m(), hand.target_m()])
+                {
+                    let d_m = vec3::sub(target_m, active.rest_position_m);
+                    if vec3::dot(d_m, active.outward_normal) < 0.0 {
+                        *farthest_m = farthest_m.max(vec3::norm(d_m));
+                    }
+                }
+            }
+            let is_within = farthest_m.map(|metres| metres <= solved_m);
+            assert_eq!(is_within, [fingertip.is_some(); 2], "{farthest_m:?} of {solved_m}");
         }
     }
 

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::{Reason, Verdict};
 use crate::num::vector::{distance, norm};
 use crate::space::{Store, StoreError};
-use crate::spec::Tolerance;
+use crate::spec::{Tolerance, percent_in_words};
 
 /// Forces of the scene's elements and of more accurate ones at some held-out positions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -108,7 +108,7 @@ impl Discretisation {
             Some(of) => yellow(format!(
                 "{}; the tolerance is {} %: use {}",
                 of.in_words(),
-                100.0 * of.tolerance.relative,
+                percent_in_words(of.tolerance.relative),
                 of.remedy()
             )),
         }
@@ -192,6 +192,10 @@ mod tests {
         assert_eq!(of(&[at(-1.09, -1.0)]).verdict(), Verdict::Yellow);
         assert_eq!(of(&[at(-1.0, -1.0), at(-1.09, -1.0)]).verdict(), Verdict::Yellow, "one of two is enough");
         assert_eq!(Discretisation::doubt(Some(&close), true), None);
+        let strict = Tolerance { relative: 0.035, absolute_n: 0.02 };
+        let strict = Discretisation { tolerance: strict, ..stiff.clone() };
+        let said = Discretisation::doubt(Some(&strict), true).expect("a reason").what;
+        assert!(said.contains("the tolerance is 3.5 %: use"), "{said}");
         let doubt = |measured, has_size| Discretisation::doubt(measured, has_size).expect("a reason");
         assert!(
             doubt(Some(&stiff), true)

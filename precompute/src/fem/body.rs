@@ -238,7 +238,7 @@ impl Body {
     ///
     /// State, nodes and faces are those of this body. On an edge of a linear element the mid-edge node is the mean
     /// of the ends, so the displacement is continuous. The pressures of linear elements are stabilised
-    /// ([`crate::fem::pressure`]), because equal orders are not stable by themselves.
+    /// ([`PressurePair::Stabilised`]), because equal orders are not stable by themselves.
     ///
     /// # Panics
     ///

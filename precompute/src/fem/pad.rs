@@ -339,6 +339,17 @@ mod tests {
         assert!((found.energy_j / (0.5 * stiffness * norm(d).powi(2)) - 1.0).abs() < 1e-13);
     }
 
+    /// A triangle of fixed nodes only has no springs, though it is within the radius.
+    #[test]
+    fn fixed_skin_is_not_touched() {
+        let mesh = TetMesh::cuboid([6, 12, 3], 0.01);
+        let body = body(&mesh, Order::Linear);
+        let pad = Pad::new(&body, tip(PadProfile::Quartic), [0.012, 0.06, 0.03]).expect("on the skin");
+        let at = |node: &PadNode| body.nodes_m[node.node as usize];
+        assert!(pad.nodes.iter().any(|node| at(node)[0] == 0.0), "the edge of the fixed face is touched");
+        assert!(pad.nodes.iter().all(|node| at(node)[2] == 0.03), "the rest of it is not");
+    }
+
     /// The other side of a thin plate is near, but not connected within the radius.
     #[test]
     fn only_the_skin_round_the_contact_point_is_touched() {

@@ -12,6 +12,7 @@ use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
 use super::{Scene, Unreachable};
 use crate::error::{InputError, count};
+use crate::fem::PadProfile;
 use crate::mesh::surface;
 use crate::num::vector::distance;
 use crate::spec::{ActiveNode, Tool, Workspace, is_within};
@@ -146,7 +147,16 @@ impl Lookup<'_> {
             self.check_keys(table.table, name.get_ref(), tool)?;
             let mut found = self.active(table, name.get_ref(), fixed)?;
             self.keep_reachable(table, &mut found, workspace, &mut unreachable)?;
-            if let (Tool::Fingertip(tip), Some(_)) = (tool, &table.table.group) {
+            if let (Tool::Fingertip(tip), Some(group)) = (tool, &table.table.group) {
+                if tip.profile == PadProfile::Hertz {
+                    let what = "a tool with `profile` = \"hertz\" cannot slide over a group: its stiffness ends \
+                                abruptly at the rim";
+                    return Err(self.place.error(
+                        group.span(),
+                        what,
+                        "use `profile = \"quartic\"`, or touch places",
+                    ));
+                }
                 let cover =
                     cover.get_or_insert_with(|| Cover { name: name.get_ref().clone(), nodes: Vec::new() });
                 for active in &mut found {
@@ -185,7 +195,7 @@ impl Lookup<'_> {
             }
         }
         if let Tool::Fingertip(tip) = tool {
-            self.warn_of_coarse_skin(tip, &edges_m);
+            self.warn_of_coarse_skin(scene.order()?, tip, &edges_m);
         }
         self.warn_of_unequal_places(&named);
         let limit = Limits::PC.spaces;

@@ -2,7 +2,7 @@
 
 use super::MaterialRegion;
 use super::lookup::Lookup;
-use crate::mesh::LengthUnit;
+use crate::mesh::{LengthUnit, TetMesh};
 use crate::num::vector::distance;
 
 /// Diagonal of a plausible body, m.
@@ -19,28 +19,28 @@ fn is_within([low, high]: [f64; 2], value: f64) -> bool {
     (low..=high).contains(&value)
 }
 
-impl Lookup<'_> {
-    /// Warns of a body that is too large or too small; `unit` is that of the scene, if it is given.
-    pub(super) fn warn_of_size(&mut self, unit: Option<&str>) {
-        let size_m = self.mesh.diagonal_m();
-        if is_within(SIZES_M, size_m) {
-            return;
-        }
-        let per_metre = |unit: &str| unit.parse().map_or(1.0, LengthUnit::per_metre);
-        let in_file = size_m * per_metre(unit.unwrap_or("m"));
-        let size_with = |candidate: &str| in_file / per_metre(candidate);
-        let away = |candidate: &str| libm::log(size_with(candidate) / TYPICAL_M).abs();
-        let likely = UNITS.into_iter().filter(|candidate| is_within(SIZES_M, size_with(candidate)));
-        let likely = likely.min_by(|a, b| away(a).total_cmp(&away(b)));
-        let cause = match (likely, unit) {
-            (Some(likely), None) => format!("is the mesh in {likely}? add `unit = \"{likely}\"` to [mesh]"),
-            (Some(likely), Some(_)) => format!("is the mesh in {likely}? correct `unit` in [mesh]"),
-            (None, _) => "check the scale of the mesh".into(),
-        };
-        let read_as = unit.map_or(String::new(), |unit| format!(" with `unit = \"{unit}\"`"));
-        self.warnings.push(format!("the body is {} across{read_as}: {cause}", length(size_m)));
+/// The doubt about a body that is too large or too small; `unit` is that of its file, if it is given.
+pub fn doubt_of_size(mesh: &TetMesh, unit: Option<&str>) -> Option<String> {
+    let size_m = mesh.diagonal_m();
+    if is_within(SIZES_M, size_m) {
+        return None;
     }
+    let per_metre = |unit: &str| unit.parse().map_or(1.0, LengthUnit::per_metre);
+    let in_file = size_m * per_metre(unit.unwrap_or("m"));
+    let size_with = |candidate: &str| in_file / per_metre(candidate);
+    let away = |candidate: &str| libm::log(size_with(candidate) / TYPICAL_M).abs();
+    let likely = UNITS.into_iter().filter(|candidate| is_within(SIZES_M, size_with(candidate)));
+    let likely = likely.min_by(|a, b| away(a).total_cmp(&away(b)));
+    let cause = match (likely, unit) {
+        (Some(likely), None) => format!("is the mesh in {likely}? add `unit = \"{likely}\"` to [mesh]"),
+        (Some(likely), Some(_)) => format!("is the mesh in {likely}? correct `unit` in [mesh]"),
+        (None, _) => "check the scale of the mesh".into(),
+    };
+    let read_as = unit.map_or(String::new(), |unit| format!(" with `unit = \"{unit}\"`"));
+    Some(format!("the body is {} across{read_as}: {cause}", length(size_m)))
+}
 
+impl Lookup<'_> {
     /// Warns of materials that are too soft or too stiff.
     pub(super) fn warn_of_moduli(&mut self, regions: &[MaterialRegion]) {
         let moduli_pa: Vec<f64> = regions.iter().map(|region| region.material.shear_modulus_pa()).collect();

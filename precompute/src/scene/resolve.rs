@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use palpate_core::format::SCENE_NAME_LEN;
-use toml::{Spanned, Value};
+use toml::Spanned;
 
 use super::file::{BodyForceTable, Contact, NeedsTable};
 use super::lookup::Lookup;
 use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
+use super::plausible::doubt_of_size;
 use super::refine::{self, Loaded};
 use super::{ActiveNode, ElementOrder, ResolvedScene, Scene, SolverOptions, Tool, device, reach, tool};
 use crate::error::{InputError, count};
@@ -24,7 +25,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let name = scene.name();
     let name_span = file.name.as_ref().map_or(0..0, Spanned::span);
     check_name(place, name_span, &name, SCENE_NAME_LEN)?;
-    let order = order(scene)?;
+    let order = scene.order()?;
     let is_stored = kept.is_some();
     let Loaded { mesh, fixed: known_fixed, unrefined } = match kept {
         Some((mesh, fixed)) => Loaded { mesh, fixed: Some(fixed), unrefined: None },
@@ -34,14 +35,21 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let seen = skin.clone().seen(&mesh);
     let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, is_stored, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
-    lookup.warn_of_size(file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));
+    let doubt_of_size =
+        doubt_of_size(&mesh, file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));
+    lookup.warnings.extend(doubt_of_size.clone());
+    // A tool or a place that does not fit a body of an unlikely size is most likely right, and the unit wrong.
+    let doubt = |error: InputError| match &doubt_of_size {
+        Some(doubt) => InputError { fix: format!("{doubt}; otherwise {}", error.fix), ..error },
+        None => error,
+    };
     lookup.warn_of_moduli(&materials);
     let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
     let grid_table = file.grid.as_ref().map(Spanned::get_ref);
     let workspace = grid_table.map_or(Ok(None), |table| reach::workspace(place, table))?;
-    let tool = tool::tool(place, &mesh, file.tool.as_ref())?;
+    let tool = tool::tool(place, &mesh, file.tool.as_ref()).map_err(doubt)?;
     let Touchable { active, cover, unreachable } =
-        lookup.all_active(scene, &tool, &fixed, workspace.as_ref())?;
+        lookup.all_active(scene, &tool, &fixed, workspace.as_ref()).map_err(doubt)?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
     let only_push = file.needs.contact == Contact::Push;
     let grid =
@@ -145,20 +153,6 @@ fn solver(scene: &Scene, order: ElementOrder) -> Result<SolverOptions, InputErro
         return Err(scene.place.error(at, what, "leave `pressure` out"));
     }
     Ok(*table.get_ref())
-}
-
-fn order(scene: &Scene) -> Result<ElementOrder, InputError> {
-    let Some(order) = &scene.file.mesh.get_ref().order else { return Ok(ElementOrder::Linear) };
-    match order.get_ref() {
-        Value::Integer(1) => Ok(ElementOrder::Linear),
-        Value::Integer(2) => Ok(ElementOrder::Quadratic),
-        Value::String(word) if word == "tool" => Ok(ElementOrder::NearTool),
-        other => Err(scene.place.error(
-            order.span(),
-            format!("`order` = {other} is neither 1, 2 nor \"tool\""),
-            "use `order = 1`, `order = 2`, or `order = \"tool\"`: 2 near the tool and 1 beyond",
-        )),
-    }
 }
 
 /// Refuses what does not go with quadratic elements near the tool only.

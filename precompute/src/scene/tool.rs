@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use toml::Spanned;
 
+use super::ElementOrder;
 use super::file::{ActiveTable, ToolTable};
 use super::lookup::Lookup;
 use super::place::{Place, finite, positive};
@@ -20,6 +21,8 @@ const PULP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile
 /// A pad whose radius is smaller than this share of the mean edge of the triangles under it cannot be
 /// integrated over them.
 const LEAST_RADIUS: f64 = 0.5;
+/// Largest distance of a given point from the skin, as a share of the body's diagonal.
+const LARGEST_DISTANCE: f64 = 0.25;
 
 /// The tool of a scene with this mesh.
 pub(super) fn tool(
@@ -72,11 +75,12 @@ impl Lookup<'_> {
             return Err(self.place.error(point.span(), what, "choose a point on the outside"));
         }
         let size_m = self.mesh.diagonal_m();
-        if away_m > size_m {
+        if away_m > LARGEST_DISTANCE * size_m {
             let what = format!(
-                "`point` of \"{name}\" lies {away_m:.3} m from the body, which is {size_m:.3} m across"
+                "`point` of \"{name}\" lies {away_m:.3} m from the body's skin; the body is {size_m:.3} m across"
             );
-            return Err(self.place.error(point.span(), what, "give it in metres, in the mesh's frame"));
+            let fix = "give a place on the skin, in metres, in the mesh's frame";
+            return Err(self.place.error(point.span(), what, fix));
         }
         Ok(found)
     }
@@ -140,7 +144,10 @@ impl Lookup<'_> {
                  are {:.1} mm long",
                 1e3 * edge_m
             );
-            let fix = format!("refine the mesh there, or give [tool] a `radius_m` of {edge_m:.4} or more");
+            let fix = format!(
+                "refine the mesh there, or give [tool] a `radius_m` of {:.4} or more",
+                LEAST_RADIUS * edge_m
+            );
             return Err(self.place.error(span, what, fix));
         }
         let own = pieces[active.node as usize];
@@ -158,14 +165,19 @@ impl Lookup<'_> {
         Ok(edge_m)
     }
 
-    /// Warns once of a pad that is smaller than its elements. `edges_m` has the mean edge under each pad.
-    pub(super) fn warn_of_coarse_skin(&mut self, tip: &Fingertip, edges_m: &[f64]) {
+    /// Warns once of a pad of linear elements that is smaller than they are. `edges_m` has the mean edge under each
+    /// pad.
+    pub(super) fn warn_of_coarse_skin(&mut self, order: ElementOrder, tip: &Fingertip, edges_m: &[f64]) {
         let coarse = edges_m.iter().filter(|edge_m| tip.radius_m < **edge_m).count();
         if coarse > 0 {
+            let remedy = match order {
+                ElementOrder::Linear => "refine the mesh, or use quadratic elements (`order`)",
+                ElementOrder::Quadratic | ElementOrder::NearTool => "refine the mesh",
+            };
             let longest_m = edges_m.iter().copied().fold(0.0, f64::max);
             self.warnings.push(format!(
                 "the tool is smaller than its elements: the pad has a radius of {:.1} mm, and the edges under it are up to \
-                 {:.1} mm long at {coarse} of {}; refine the mesh, or use `order = \"tool\"`",
+                 {:.1} mm long at {coarse} of {}; {remedy}",
                 1e3 * tip.radius_m,
                 1e3 * longest_m,
                 count(edges_m.len(), "contact point")

@@ -20,4 +20,5 @@ pub(crate) use grid::{MAX_RADIUS_M, UNIT_M, displacement_m, nearest_index};
 pub use requirements::Requirements;
 pub use sampling::{Lattice, Sampling, Scattered};
 pub use tolerance::Tolerance;
+pub(crate) use tolerance::percent_in_words;
 pub(crate) use workspace::{Workspace, is_within};

@@ -12,6 +12,12 @@ pub struct Tolerance {
     pub absolute_n: f64,
 }
 
+/// A share in per cent with at most three decimals.
+pub(crate) fn percent_in_words(share: f64) -> String {
+    let text = format!("{:.3}", 100.0 * share);
+    text.trim_end_matches('0').trim_end_matches('.').into()
+}
+
 impl Tolerance {
     /// Half the just noticeable difference of force (7 %), and at least the detection threshold of a finger.
     pub const IMPERCEPTIBLE: Self = Self { relative: 0.035, absolute_n: 0.02 };

@@ -301,7 +301,6 @@ fn palpate(
 ) -> Result<(touch::Touched, Vec<Visit>), Failure> {
     let nodes = organ.spaces.len().max(1) as f32;
     // The tour touches every active node once within the duration.
-    // It stays within the solved radius of 20 mm.
     let strokes = StrokeConfig {
         press_m: 0.012,
         drag_m: 0.012,

@@ -9,8 +9,7 @@ use crate::num::vector::{cross, difference, distance, dot, norm, unit};
 use crate::spec::Tolerance;
 
 /// Share of the tolerance that the predicted difference may use at the removed candidates, where it is largest,
-/// in the worst of the pushes. On the bundled organ 1.0 leaves 1 % of the held-out positions beyond the tolerance,
-/// 0.8 leaves 0.1 %, 0.5 needs nearly twice as many points.
+/// in the worst of the pushes. In scene `anywhere` it leaves 0.1 % of the held-out positions beyond the JND.
 const SHARE: f64 = 0.8;
 /// Largest distance of a removed candidate from the triangles, as a share of the radius of the pad.
 const LARGEST_SAG: f64 = 0.05;

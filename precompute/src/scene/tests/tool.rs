@@ -91,8 +91,20 @@ fn a_tool_that_does_not_fit_is_refused() {
     refuses("radius_m = 0.12\nstiffness_pa_m = 0.0", face, "is not a positive number", "correct the value");
     refuses("radius_m = 0.12\nprofile = \"flat\"", face, "unknown word \"flat\"", "\"quartic\"");
     refuses(good, "point = [0.0, 0.15, 0.15]", "is in the fixed set", "choose a point on the free skin");
-    refuses(good, "point = [9.0, 0.15, 0.15]", "from the body", "give it in metres");
+    refuses(good, "point = [9.0, 0.15, 0.15]", "from the body", "in metres");
+    refuses(
+        good,
+        "point = [0.15, 0.15, 0.5]",
+        "lies 0.200 m from the body's skin",
+        "give a place on the skin",
+    );
+    let hertz = "radius_m = 0.12\nprofile = \"hertz\"";
+    refuses(hertz, "group = \"right\"", "cannot slide over a group", "`profile = \"quartic\"`");
     refuses(good, "node = 63\npatch_radius_m = 0.1", "no rigid patch", "remove the patch");
+    // A body in the wrong unit does not fit its tool either.
+    let text = scene("radius_m = 0.12", face).replacen("unit = \"cm\"", "unit = \"m\"", 1);
+    let error = bench.resolve(&text).expect_err("refused").to_string();
+    assert!(error.contains("is the mesh in cm? correct `unit`"), "{error}");
     let error = bench.with("node = 63", face).expect_err("refused").to_string();
     assert!(error.contains("is for a tool with a size") && error.contains("[tool]"), "{error}");
     let error =

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use clap::Args as ClapArgs;
 use palpate_core::{Foot, Method, Organ, Space, TouchSurface};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
-use palpate_precompute::scene::{Scene, Unreachable};
+use palpate_precompute::scene::{Scene, Unreachable, doubt_of_size};
 use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Lattice, Sampling, Scattered, Tolerance};
 use palpate_viewer::map::Side;
@@ -103,7 +103,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             recording::show(&args.file, csv.as_ref())?
         }
         "toml" => scene(&args.file, args.verbose)?,
-        _ => mesh(&args.file, args.unit.unwrap_or_default(), args.verbose)?,
+        _ => mesh(&args.file, args.unit, args.verbose)?,
     };
     if args.json { output::json(&figures) } else { output::line(text) }
 }
@@ -115,9 +115,16 @@ const MAX_NAMES: usize = 8;
 
 type Shown = (String, serde_json::Value);
 
-fn mesh(path: &Path, unit: LengthUnit, verbose: bool) -> Result<Shown, Failure> {
-    let mesh = palpate_precompute::mesh::read(path, unit)?;
-    describe_mesh(&mesh, verbose)
+fn mesh(path: &Path, unit: Option<LengthUnit>, verbose: bool) -> Result<Shown, Failure> {
+    let mesh = palpate_precompute::mesh::read(path, unit.unwrap_or_default())?;
+    let (mut text, mut figures) = describe_mesh(&mesh, verbose)?;
+    if unit.is_none()
+        && let Some(doubt) = doubt_of_size(&mesh, None)
+    {
+        text = format!("warning: {doubt}, or inspect it with --unit\n{text}");
+        figures["warnings"].as_array_mut().expect("a list").insert(0, doubt.into());
+    }
+    Ok((text, figures))
 }
 
 /// The warnings, then the figures; with `verbose` also the histogram.
