@@ -245,6 +245,12 @@ pub(crate) struct PadState {
 }
 
 impl PadState {
+    /// The state without a pad; keeps its memory.
+    pub(crate) fn clear(&mut self) {
+        self.nodal_n.clear();
+        (self.force_n, self.torque_n_m, self.energy_j) = ([0.0; 3], [0.0; 3], 0.0);
+    }
+
     /// Computes the forces at the state of a body with the finger displaced by `control_m`.
     pub(crate) fn compute(&mut self, pad: &Pad, body: &Body, state: &[f64], control_m: [f64; 3]) {
         let from_rest = |node: u32| {

@@ -5,18 +5,18 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use palpate_precompute::fem::material::Material;
 use palpate_precompute::fem::{
-    Body, Configuration, Constraints, Contact, Fingertip, FollowOptions, Handle, Model, Order, Pad,
-    PadProfile, PressurePair, Problem, Region, Solver, solve_body_force,
+    Body, Configuration, Constraints, Contact, Fingertip, Handle, Model, Order, Pad, PadProfile,
+    PressurePair, Problem, Region, Solver, solve_body_force,
 };
 use palpate_precompute::num::THIRD_INDICES;
 use palpate_tests::{beam, livers, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
 
 /// A body and its name in the output.
-struct Case {
-    name: String,
-    body: Arc<Body>,
-    contact: Contact,
-    constraints: Constraints,
+pub(super) struct Case {
+    pub(super) name: String,
+    pub(super) body: Arc<Body>,
+    pub(super) contact: Contact,
+    pub(super) constraints: Constraints,
 }
 
 fn case(name: &str, change: impl FnOnce(&mut Model)) -> Case {
@@ -81,7 +81,7 @@ fn near_the_pad(case: &Case, reach_m: f64) -> Case {
 }
 
 /// Every law, every field pair, and every boundary condition and load of the beam.
-fn cases() -> Vec<Case> {
+pub(super) fn cases() -> Vec<Case> {
     let mut all: Vec<Case> = livers()
         .into_iter()
         .map(|law| case(&format!("{} tet4", law.name()), |m| m.regions = vec![law.into()]))
@@ -125,44 +125,9 @@ fn cases() -> Vec<Case> {
     all
 }
 
-fn solver(case: &Case) -> Solver {
+pub(super) fn solver(case: &Case) -> Solver {
     let problem = Problem::with(case.body.clone(), Some(case.contact.clone()), case.constraints);
     Solver::new(Arc::new(problem))
-}
-
-/// A continuation with the factor of a place 2 mm away has the force of a full solution in a fraction of its work.
-#[test]
-fn a_continuation_agrees_with_the_full_solution() {
-    println!("{:46} {:>9} {:>9} {:>9} {:>9}   steps, factorisations, sweeps", "", "W", "h", "S", "W_ijk");
-    for case in cases().into_iter().filter(|case| case.constraints == Constraints::Elimination) {
-        let mut solver = solver(&case);
-        let rest = solver.rest().expect("the beam is fixed");
-        let d = [0.004, -0.003, -0.008];
-        let before = d.map(|x| 0.8 * x);
-        let wanted = solver.advance(&rest.seed, d).expect("the beam converges");
-        let from = solver.advance(&rest.seed, before).expect("the beam converges");
-        let mut to = from.seed.clone();
-        for refresh in [false, true] {
-            let options = FollowOptions::default();
-            let found = solver.follow(&from.seed, d, refresh, &options, &mut to).expect("a step of 2 mm");
-            let (a, b) = (&to.jet, wanted.jet());
-            let energy = (a.energy_j / b.energy_j - 1.0).abs();
-            let force = (Vector3::from(a.force_n) - Vector3::from(b.force_n)).norm()
-                / Vector3::from(b.force_n).norm();
-            let stiffness = (a.stiffness_n_m - b.stiffness_n_m).norm() / b.stiffness_n_m.norm();
-            let size = b.third_n_m2.iter().fold(0.0f64, |m, t| m.max(t.abs()));
-            let largest =
-                a.third_n_m2.iter().zip(&b.third_n_m2).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
-            let third = if size > 0.0 { largest / size } else { largest };
-            let count = found.count;
-            println!(
-                "{:46} {energy:9.1e} {force:9.1e} {stiffness:9.1e} {third:9.1e}   {} {} {}",
-                case.name, count.steps, count.factorisations, count.sweeps
-            );
-            assert_eq!(count.factorisations > 0, refresh, "{}", case.name);
-            assert_eq!(found.unstable_modes.is_some(), refresh, "{}", case.name);
-        }
-    }
 }
 
 #[test]

@@ -3,4 +3,5 @@
 mod condensed;
 mod cook;
 mod golden;
+mod live;
 mod sphere;

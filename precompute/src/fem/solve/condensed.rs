@@ -98,7 +98,7 @@ impl Solver {
         })
     }
 
-    /// Right-hand sides of the sensitivities, one column per axis.
+    /// Right-hand sides of the sensitivities, one column per axis, at the last assembled tangent.
     pub(super) fn translation_columns(&mut self) {
         let problem = &*self.problem;
         let n = problem.unknowns();
@@ -115,7 +115,9 @@ impl Solver {
             return;
         }
         if held.is_empty() {
-            self.coupling.assemble(&problem.body, &problem.pattern, &self.state);
+            if problem.held.is_none() {
+                self.coupling.assemble(&problem.body, &problem.pattern, &self.state);
+            }
             for (right, k) in self.right.iter_mut().zip(&self.coupling.free) {
                 *right = -k;
             }

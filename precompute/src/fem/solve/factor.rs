@@ -25,7 +25,7 @@ use symbolic::Route;
 pub(super) use symbolic::SymbolicFactor;
 
 use crate::fem::assembly::Pattern;
-use crate::num::vector::magnitude;
+use crate::num::vector::{inner, magnitude};
 
 /// Regularisation delta, in units of V_i / mu.
 const DELTA: f64 = 1e-9;
@@ -215,23 +215,38 @@ impl Factor {
         worst
     }
 
-    /// One sweep of refinement with the current factor, also that of another matrix, from the residuals of the last
-    /// [`Factor::measure`], whose result was `before`. A sweep that increases the residual is undone. Returns the
-    /// largest relative residual after it.
-    pub(super) fn sweep(&mut self, matrix: Matrix<'_>, right: &[f64], x: &mut [f64], before: f64) -> f64 {
+    /// x = factor^-1 r for the residuals of the last [`Factor::measure`], or of the last [`Factor::step`].
+    pub(super) fn correct(&mut self, matrix: Matrix<'_>, x: &mut [f64]) {
         self.correction[..x.len()].copy_from_slice(&self.residual[..x.len()]);
         self.apply(matrix.symbolic, matrix.pattern.unknowns(), x.len());
-        for (x, c) in x.iter_mut().zip(&self.correction) {
-            *x += c;
+        x.copy_from_slice(&self.correction[..x.len()]);
+    }
+
+    /// Adds to every column of `x` the multiple of its direction that leaves the smallest residual; `image` is K
+    /// times the direction, `squares` are its squared norms. Returns the largest relative residual.
+    pub(super) fn step(
+        &mut self,
+        right: &[f64],
+        (direction, image, squares): (&[f64], &[f64], &[f64; RIGHT_SIDES]),
+        x: &mut [f64],
+    ) -> f64 {
+        let n = self.product.len();
+        let mut worst = 0.0f64;
+        for (column, square) in squares.iter().enumerate() {
+            let span = column * n..(column + 1) * n;
+            let (residual, image) = (&mut self.residual[span.clone()], &image[span.clone()]);
+            let share = inner(residual, image) / square;
+            for ((r, w), (x, z)) in
+                residual.iter_mut().zip(image).zip(x[span.clone()].iter_mut().zip(&direction[span.clone()]))
+            {
+                *r -= share * w;
+                *x += share * z;
+            }
+            let (error, size) = (magnitude(residual), magnitude(&right[span]));
+            let relative = if size > 0.0 { error / size } else { error };
+            worst = if relative > worst || relative.is_nan() { relative } else { worst };
         }
-        let after = self.measure(matrix, right, x);
-        if after <= before {
-            return after;
-        }
-        for (x, c) in x.iter_mut().zip(&self.correction) {
-            *x -= c;
-        }
-        self.measure(matrix, right, x)
+        worst
     }
 
     /// Solves for the columns of `right` with the current factor and refines; returns the largest relative

@@ -37,12 +37,12 @@ pub struct FollowOptions {
 
 impl Default for FollowOptions {
     fn default() -> Self {
-        Self { residual: 1e-3, max_frozen_steps: 8, sensitivity: 5e-2, max_sweeps: 2, worst_sensitivity: 0.3 }
+        Self { residual: 1e-3, max_frozen_steps: 8, sensitivity: 1e-2, max_sweeps: 6, worst_sensitivity: 0.3 }
     }
 }
 
 /// Accuracy of X after a new factorisation for it.
-const FRESH: Accuracy = Accuracy::new(1e-4, 1e-2);
+pub(super) const FRESH: Accuracy = Accuracy::new(1e-4, 1e-2);
 /// Largest number of steps of a continuation.
 const MAX_STEPS: u32 = 30;
 
@@ -93,30 +93,40 @@ impl Solver {
         let mut count = FollowCount::default();
         let residual_n = self.reach_frozen(from, &pose, refresh, options, &mut count)?;
         self.evaluate(true);
-        let sensitivity = self.follow_sensitivity(from, options, &mut count).ok_or(SolveFailure {
-            reason: FailureReason::SingularTangent,
-            iterations: count.steps,
-            residual_n,
-        })?;
+        let sensitivity = self.follow_sensitivity(from, options, &mut count);
+        self.conclude(&pose, residual_n, sensitivity, count, to)
+    }
+
+    /// Writes the state that was reached, with its tangent and sensitivities in place, and its jet into `to`.
+    /// `sensitivity` is the largest relative residual of the columns X, or `None` if they could not be solved.
+    pub(super) fn conclude(
+        &mut self,
+        pose: &Pose,
+        residual_n: f64,
+        sensitivity: Option<f64>,
+        count: FollowCount,
+        to: &mut Seed,
+    ) -> Result<Followed, SolveFailure> {
+        let fail = |reason| SolveFailure { reason, iterations: count.steps, residual_n };
+        let sensitivity = sensitivity.ok_or(fail(FailureReason::SingularTangent))?;
         let (problem, n) = (self.problem.clone(), self.problem.unknowns());
         let stiffness = self.condensed_stiffness(&problem);
         self.sensitivity_into(&mut to.sensitivity);
-        let (mut force_n, _) = self.resultants(&pose);
+        let (mut force_n, _) = self.resultants(pose);
         for (axis, force) in force_n.iter_mut().enumerate() {
             *force += inner(&self.columns[axis * n..(axis + 1) * n], &self.residual);
         }
-        to.pose = pose;
+        to.pose = *pose;
         to.state.copy_from_slice(&self.state);
         to.jet = EnergyJet {
-            control_m,
+            control_m: pose.displacement_m,
             energy_j: self.assembled.energy_j - problem.body.rest_energy_j + self.pad.energy_j,
             force_n,
             stiffness_n_m: 0.5 * (stiffness + stiffness.transpose()),
             third_n_m2: third_derivatives(&problem.body, &self.state, &to.sensitivity),
         };
         if !to.jet.is_finite() {
-            let reason = FailureReason::NotFinite;
-            return Err(SolveFailure { reason, iterations: count.steps, residual_n });
+            return Err(fail(FailureReason::NotFinite));
         }
         let unstable_modes =
             (count.factorisations > 0).then(|| self.factor.unstable_modes(&problem.symbolic)).flatten();
@@ -212,16 +222,10 @@ impl Solver {
             }
         }
         let matrix = problem.matrix(&self.assembled.tangent);
-        let mut residual = self.factor.measure(matrix, &self.right, &self.columns);
-        let mut before = f64::INFINITY;
-        for _ in 0..options.max_sweeps {
-            if residual <= options.sensitivity || residual >= 0.9 * before {
-                break;
-            }
-            before = residual;
-            residual = self.factor.sweep(matrix, &self.right, &mut self.columns, before);
-            count.sweeps += 1;
-        }
+        let goal = (options.sensitivity, options.max_sweeps as usize);
+        let (mut residual, sweeps) =
+            self.residual_steps.refine(&mut self.factor, matrix, &self.right, &mut self.columns, goal);
+        count.sweeps = sweeps;
         // The negated comparison is also true for NaN.
         if !(residual <= options.worst_sensitivity) {
             count.factorisations += 1;

@@ -8,10 +8,13 @@ mod body_force;
 mod condensed;
 mod factor;
 mod follow;
+mod held;
 mod incremental_loading;
 mod newton;
 mod profile;
 mod quasi_newton;
+mod relax;
+mod residual_steps;
 
 #[cfg(test)]
 mod tests;
@@ -31,7 +34,9 @@ use crate::fem::element::Order;
 use crate::fem::pad::{Pad, PadPair, PadState};
 use crate::num::jet::EnergyJet;
 use factor::{Factor, Matrix, RIGHT_SIDES, SymbolicFactor};
+use held::HeldEntries;
 use quasi_newton::StepHistory;
+use residual_steps::ResidualSteps;
 
 /// A body, the tool's handle on it, and all data that are constant for all solves.
 #[derive(Debug)]
@@ -49,6 +54,8 @@ pub struct Problem {
     positions: Arc<[(usize, usize)]>,
     /// Places in the tangent of the components of each pair of the pad.
     pad_places: Vec<[usize; 3]>,
+    /// Entries of a held node that was numbered like the others.
+    held: Option<HeldEntries>,
 }
 
 impl Problem {
@@ -81,20 +88,35 @@ impl Problem {
             symbolic: Arc::new(symbolic),
             positions,
             pad_places: Vec::new(),
+            held: None,
         };
         problem.touched_by(contact)
     }
 
-    /// The problem with the pad at another contact point. It shares numbering, pattern and analysis, because a
-    /// pad adds no equation and no entry.
+    /// The problem with another contact: the pad at another contact point, or another held node. It shares
+    /// numbering, pattern and analysis. A pad adds no equation and no entry; the equations of a held node stay
+    /// and have the solution zero.
     ///
     /// # Panics
     ///
-    /// If this problem holds nodes.
+    /// If this problem was built with a handle, which has fewer equations, or if the contact is a handle of
+    /// several nodes or on a node with a fixed component.
     #[must_use]
-    pub fn at(&self, pad: Pad) -> Self {
-        assert!(self.handle_nodes().is_empty(), "a problem of held nodes has fewer equations");
-        let Self { body, contact: _, newton, dofs, pattern, symbolic, positions, pad_places: _ } = self;
+    pub fn at(&self, contact: impl Into<Contact>) -> Self {
+        assert!(
+            self.held.is_some() || self.handle_nodes().is_empty(),
+            "a problem of held nodes has fewer equations"
+        );
+        let contact = contact.into();
+        let Self { body, contact: _, newton, dofs, pattern, symbolic, .. } = self;
+        let held = contact.handle().map(|handle| {
+            assert!(handle.nodes.len() == 1, "one held node");
+            let equations = dofs.displacement(handle.centre);
+            assert!(equations.iter().all(|&e| (e as usize) < dofs.unknowns), "the node is fixed");
+            equations
+        });
+        let is_free =
+            |&(equation, _): &(usize, usize)| !held.iter().flatten().any(|&e| e as usize == equation);
         let shared = Self {
             body: body.clone(),
             contact: None,
@@ -102,10 +124,11 @@ impl Problem {
             dofs: dofs.clone(),
             pattern: pattern.clone(),
             symbolic: symbolic.clone(),
-            positions: positions.clone(),
+            positions: dofs.state_positions().filter(is_free).collect(),
             pad_places: Vec::new(),
+            held: held.map(|equations| HeldEntries::new(pattern, equations)),
         };
-        shared.touched_by(Some(pad.into()))
+        shared.touched_by(Some(contact))
     }
 
     fn touched_by(self, contact: Option<Contact>) -> Self {
@@ -240,6 +263,7 @@ pub struct Solver {
     coupling: HandleCoupling,
     factor: Factor,
     history: StepHistory,
+    residual_steps: ResidualSteps,
     /// The current state, and the state before the last step.
     state: Vec<f64>,
     previous: Vec<f64>,
@@ -273,6 +297,7 @@ impl Solver {
             coupling: HandleCoupling::new(n),
             factor: Factor::new(&problem.symbolic, &problem.pattern),
             history: StepHistory::new(n),
+            residual_steps: ResidualSteps::new(n),
             state: vec![0.0; problem.body.state_len()],
             previous: vec![0.0; problem.body.state_len()],
             multipliers: vec![0.0; held],
@@ -288,6 +313,22 @@ impl Solver {
             factorisations: 0,
             problem,
         }
+    }
+
+    /// Goes on with another contact on the same body, of [`Problem::at`]. The factor is kept: that of a
+    /// neighbouring contact can serve for steps.
+    ///
+    /// # Panics
+    ///
+    /// If the problem has another numbering.
+    pub fn touch(&mut self, problem: Arc<Problem>) {
+        assert!(Arc::ptr_eq(&self.problem.dofs, &problem.dofs), "another numbering");
+        self.problem = problem;
+        self.history.clear();
+        // The components of a held node have no residual and no step.
+        self.residual.fill(0.0);
+        self.step.fill(0.0);
+        self.pad.clear();
     }
 
     /// The problem solved here.

@@ -258,6 +258,9 @@ impl Solver {
             }
         }
         let scale = problem.body.stiffness_scale_n_m();
+        if let Some(held) = problem.held.as_ref().filter(|_| with_tangent) {
+            held.split(&mut self.assembled.tangent, &mut self.coupling, scale);
+        }
         let held = problem.dofs.multipliers.iter().zip(&self.multipliers).zip(&self.targets_m);
         for ((m, multiplier), target) in held {
             let displacement = problem.dofs.displacement(m.node)[m.axis];
@@ -300,7 +303,7 @@ impl Solver {
     }
 
     /// Restores the state and the multipliers before the last [`Solver::try_step`].
-    fn undo_step(&mut self) {
+    pub(super) fn undo_step(&mut self) {
         std::mem::swap(&mut self.state, &mut self.previous);
         for (value, m) in self.multipliers.iter_mut().zip(&self.problem.dofs.multipliers) {
             *value -= self.moved_by * self.step[m.equation as usize];
@@ -324,7 +327,7 @@ impl Solver {
     }
 
     /// Solves K step = -residual with the current factor, without refinement.
-    fn solve_unrefined(&mut self) {
+    pub(super) fn solve_unrefined(&mut self) {
         self.negate_residual();
         let right = &self.right[..self.residual.len()];
         self.factor.solve_unrefined(&self.problem.symbolic, right, &mut self.step);

@@ -1,0 +1,171 @@
+//! What the solver beside the loop does: it continues from a solved state with the factor at hand, moves its contact, and lands where a
+//! branch ends.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use palpate_precompute::fem::material::{Material, MooneyRivlin};
+use palpate_precompute::fem::{
+    Body, Constraints, FollowOptions, Followed, Handle, Model, Pad, Problem, Seed, SolveFailure, Solver,
+};
+use palpate_precompute::num::EnergyJet;
+use palpate_precompute::scene::Scene;
+
+use super::condensed::{Case, cases, solver};
+
+const D_M: [f64; 3] = [0.004, -0.003, -0.008];
+
+/// Relative differences of W, h, S and W_ijk.
+fn differences(a: &EnergyJet, b: &EnergyJet) -> [f64; 4] {
+    let force =
+        (Vector3::from(a.force_n) - Vector3::from(b.force_n)).norm() / Vector3::from(b.force_n).norm();
+    let largest = |of: &mut dyn Iterator<Item = f64>| of.fold(0.0f64, |m, t| m.max(t.abs()));
+    let size = largest(&mut b.third_n_m2.iter().copied());
+    let third = largest(&mut a.third_n_m2.iter().zip(&b.third_n_m2).map(|(a, b)| a - b));
+    [
+        (a.energy_j / b.energy_j - 1.0).abs(),
+        force,
+        (a.stiffness_n_m - b.stiffness_n_m).norm() / b.stiffness_n_m.norm(),
+        if size > 0.0 { third / size } else { third },
+    ]
+}
+
+fn shown(name: &str, [w, h, s, third]: [f64; 4], Followed { count, .. }: &Followed) {
+    let (steps, factors, sweeps) = (count.steps, count.factorisations, count.sweeps);
+    println!("{name:46} {w:9.1e} {h:9.1e} {s:9.1e} {third:9.1e}   {steps} {factors} {sweeps}");
+}
+
+fn with_elimination() -> impl Iterator<Item = Case> {
+    cases().into_iter().filter(|case| case.constraints == Constraints::Elimination)
+}
+
+/// Continued by 2 mm with the factor of the start, for every law, field pair, load and contact.
+#[test]
+fn a_continuation_agrees_with_the_full_solution() {
+    println!("{:46} {:>9} {:>9} {:>9} {:>9}   steps, factors, sweeps", "", "W", "h", "S", "W_ijk");
+    for case in with_elimination() {
+        let mut solver = solver(&case);
+        let rest = solver.rest().expect("the beam is fixed");
+        let wanted = solver.advance(&rest.seed, D_M).expect("the beam converges");
+        let from = solver.advance(&rest.seed, D_M.map(|x| 0.8 * x)).expect("the beam converges");
+        let mut to = from.seed.clone();
+        for refresh in [false, true] {
+            let found = solver.follow(&from.seed, D_M, refresh, &FollowOptions::default(), &mut to);
+            let found = found.expect("a step of 2 mm");
+            let all = differences(&to.jet, wanted.jet());
+            shown(&case.name, all, &found);
+            let [w, h, s, third] = all;
+            // S and W_ijk feel the error of the state, W and h only its square.
+            assert!(w < 1e-5 && h < 2e-4 && s < 2e-2 && third < 0.08, "{}: {all:?}", case.name);
+            assert!(found.count.factorisations > 0 || !refresh, "{}: a new factor", case.name);
+            assert_eq!(found.count.factorisations > 0, found.unstable_modes.is_some(), "{}", case.name);
+        }
+    }
+}
+
+/// Numbered with the other nodes or without them, a held node is the same condition.
+#[test]
+fn a_held_node_that_keeps_its_equations_gives_the_same_jet() {
+    let single = |case: &Case| case.contact.handle().is_some_and(|handle| handle.nodes.len() == 1);
+    for case in with_elimination().filter(single) {
+        let mut own = solver(&case);
+        let shared =
+            Problem::with(case.body.clone(), None, Constraints::Elimination).at(case.contact.clone());
+        let mut shared = Solver::new(Arc::new(shared));
+        let [wanted, found] = [&mut own, &mut shared].map(|solver| {
+            let rest = solver.rest().expect("the beam is fixed");
+            solver.advance(&rest.seed, D_M).expect("the beam converges")
+        });
+        let all = differences(found.jet(), wanted.jet());
+        println!("{:46} {}", case.name, all.map(|e| format!("{e:9.1e}")).concat());
+        assert!(all[..3].iter().all(|e| *e < 1e-9) && all[3] < 1e-6, "{}: {all:?}", case.name);
+        assert_eq!(found.unstable_modes, wanted.unstable_modes, "{}", case.name);
+    }
+}
+
+/// The tool goes on to the next contact point; the factor of the last one still serves.
+#[test]
+fn the_factor_of_a_neighbouring_contact_serves() {
+    for case in with_elimination() {
+        let Some(pad) = case.contact.pad() else { continue };
+        let moved_m = [pad.centre_m[0] - 0.006, pad.centre_m[1] + 0.003, pad.centre_m[2]];
+        let pad = Pad::new(&case.body, pad.tip, moved_m).expect("on the skin");
+        let problem = Problem::with(case.body.clone(), None, Constraints::Elimination);
+        let next = Arc::new(problem.at(pad));
+        let mut solver = Solver::new(Arc::new(problem.at(case.contact.clone())));
+        let rest = solver.rest().expect("the beam is fixed");
+        let from = solver.advance(&rest.seed, D_M).expect("the beam converges");
+        solver.touch(next.clone());
+        let options = FollowOptions { max_sweeps: 12, max_frozen_steps: 10, ..FollowOptions::default() };
+        let mut to = from.seed.clone();
+        let found = solver.follow(&from.seed, D_M, false, &options, &mut to).expect("7 mm further");
+        let mut fresh = Solver::new(next);
+        let rest = fresh.rest().expect("the beam is fixed");
+        let wanted = fresh.advance(&rest.seed, D_M).expect("the beam converges");
+        let all = differences(&to.jet, wanted.jet());
+        shown(&case.name, all, &found);
+        let [w, h, s, third] = all;
+        assert!(w < 1e-5 && h < 2e-4 && s < 1e-3 && third < 0.05, "{}: {all:?}", case.name);
+    }
+}
+
+/// A strip is pushed lengthwise by 8 mm, and its tip swept across and back: it snaps from one side to the other at two folds. At each
+/// the continuation ends, and the descent lands on a stable state; what is lost on the way is dissipated.
+#[test]
+fn a_body_lands_where_its_branch_ends() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/buckling-strip.toml");
+    let scene = Scene::load(&scene).and_then(|scene| scene.resolve()).expect("a bundled scene");
+    let compressible = scene.body().expect("a bundled scene");
+    let fixed: Vec<u32> = (0u32..).zip(&compressible.fixed).filter(|(_, f)| f[0]).map(|(n, _)| n).collect();
+    let stiff = Material::MooneyRivlin(MooneyRivlin { c10_pa: 26e3, c01_pa: 25e3 });
+    let incompressible =
+        Body::new(&scene.mesh, &Model::uniform(stiff, &fixed)).expect("every element has volume");
+    for (name, body) in [("neo-hookean", compressible), ("mooney-rivlin", incompressible)] {
+        let problem = Problem::with(Arc::new(body), None, Constraints::Elimination);
+        let problem = Arc::new(problem.at(Handle::node(scene.active[0].node)));
+        let mut solver = Solver::new(problem);
+        let rest = solver.rest().expect("the strip is clamped").seed;
+        let (mut from, mut to) = (rest.clone(), rest);
+        let (mut landings, mut work_j) = (0, 0.0);
+        let across = |mm: f64| [-0.008, 0.0, mm * 1e-3];
+        let there: Vec<f64> = (0..=80).map(|k| f64::from(k) * 0.5 - 20.0).collect();
+        let pushed = (1..20).map(|k| across(-20.0).map(|x| x * f64::from(k) / 20.0));
+        let swept = there.iter().chain(there.iter().rev().skip(1)).map(|mm| across(*mm));
+        let mut is_swept = false;
+        for d in pushed.chain(swept) {
+            let landed = step(&mut solver, &from, d, &mut to).expect("continued or landed");
+            if let Some(landed) = landed {
+                landings += 1;
+                assert_eq!(landed.unstable_modes, Some(0), "{name} at {d:?}: unstable");
+                let exact = solver.solve_at(&to.pose, &to.state).expect("the state is an equilibrium");
+                let [w, h, ..] = differences(&to.jet, exact.jet());
+                println!("{name} lands at {d:?}: {landed:?}, W {w:.1e}, h {h:.1e}");
+                assert!(w < 1e-6 && h < 1e-5, "{name} at {d:?}: not at rest");
+            }
+            if is_swept {
+                let (a, b) = (Vector3::from(from.jet.force_n), Vector3::from(to.jet.force_n));
+                work_j += 0.5 * (a + b).dot(&(Vector3::from(d) - Vector3::from(from.jet.control_m)));
+            }
+            is_swept |= d == across(-20.0);
+            std::mem::swap(&mut from, &mut to);
+        }
+        println!("{name}: {:.2} mJ lost in the sweep there and back", 1e3 * work_j);
+        assert!(landings >= 2, "{name}: {landings} landings");
+        assert!(work_j > 5e-3, "{name}: the snaps dissipate, {work_j} J");
+    }
+}
+
+/// Continues, or lands where nothing is found; what the descent found.
+fn step(
+    solver: &mut Solver,
+    from: &Seed,
+    d: [f64; 3],
+    to: &mut Seed,
+) -> Result<Option<Followed>, SolveFailure> {
+    // A factor of every place: its inertia belongs to it.
+    match solver.follow(from, d, true, &FollowOptions::default(), to) {
+        Ok(_) => Ok(None),
+        Err(_) => solver.relax(from, d, to).map(Some),
+    }
+}
