@@ -221,6 +221,23 @@ pub struct Seed {
     pub jet: EnergyJet,
 }
 
+impl Seed {
+    /// The body at rest, with neither sensitivities nor a tangent.
+    pub fn at_rest(body: &Body) -> Self {
+        let sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
+        let jet = EnergyJet::from_numbers([0.0; 3], &[0.0; 20]);
+        Self { pose: Pose::default(), state: body.rest_state.clone(), sensitivity, jet }
+    }
+
+    /// Becomes [`Seed::at_rest`] in the same memory.
+    pub fn become_rest(&mut self, body: &Body) {
+        self.pose = Pose::default();
+        self.state.copy_from_slice(&body.rest_state);
+        self.sensitivity.iter_mut().for_each(|column| column.fill(0.0));
+        self.jet = EnergyJet::from_numbers([0.0; 3], &[0.0; 20]);
+    }
+}
+
 /// One solved configuration: the paper's C = (p, u, h), with its energy and the derivatives of the energy.
 #[derive(Debug, Clone)]
 pub struct Configuration {

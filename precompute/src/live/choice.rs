@@ -1,0 +1,135 @@
+//! Which position to solve next.
+//!
+//! In this order: the first jet of every contact that is touched, the position of the hand, the position where it
+//! will be when the solve is done, and the first jets of the contacts it heads for. If all are known, the factor is
+//! renewed once it has become old; else there is nothing to do. Prediction farther ahead does not pay: a jet that is
+//! trusted for 10 to 24 mm covers the path of many solves, and what is known already is worth more.
+
+use super::memory::{Growth, Known};
+use super::skin::Skin;
+use super::{Hand, Touch};
+use crate::num::vector::{distance, norm};
+
+/// The prediction looks ahead by this multiple of the time of a solve,
+const AHEAD: f64 = 1.5;
+/// but by at most this distance, m.
+const MAX_AHEAD_M: f64 = 0.02;
+/// The first jets of contacts within this distance of a free tool are solved, m,
+const HEADING_M: f64 = 0.03;
+/// round the place where it will be after this time, s.
+const HEADING_S: f64 = 0.1;
+/// A contact with a smaller weight is solved as if it had this weight, because weights change while the tool slips.
+const MIN_WEIGHT: f64 = 0.2;
+/// A factor is renewed if the tool is farther than this from where it was made, m.
+pub(super) const FACTOR_REACH_M: f64 = 0.012;
+/// Positions nearer than this to one where nothing was found are not tried again, m.
+const LOST_REACH_M: f64 = 1e-3;
+/// Number of such positions.
+const LOST: usize = 16;
+
+/// What to solve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Task {
+    pub(super) contact: u16,
+    pub(super) control_m: [f64; 3],
+    /// Whether a new factor is the reason.
+    pub(super) renews: bool,
+}
+
+/// Positions where no equilibrium was found, newest last.
+#[derive(Debug, Default)]
+pub(super) struct LostPositions(Vec<(u16, [f64; 3])>);
+
+impl LostPositions {
+    pub(super) fn add(&mut self, task: &Task) {
+        if self.0.len() == LOST {
+            self.0.remove(0);
+        }
+        self.0.push((task.contact, task.control_m));
+    }
+
+    fn contains(&self, contact: u16, control_m: [f64; 3]) -> bool {
+        self.0.iter().any(|&(of, at_m)| of == contact && distance(at_m, control_m) < LOST_REACH_M)
+    }
+}
+
+/// What the choice depends on.
+#[derive(Debug)]
+pub(super) struct Choice<'s> {
+    pub(super) skin: &'s Skin,
+    pub(super) known: &'s [Known],
+    pub(super) growth: &'s Growth,
+    pub(super) lost: &'s LostPositions,
+    /// Contact and control of the last factor.
+    pub(super) factor: Option<(u16, [f64; 3])>,
+    /// Mean time of a solve, s.
+    pub(super) solve_s: f64,
+}
+
+impl Choice<'_> {
+    /// The next task, or `None` if everything near is known. `found` is scratch memory.
+    pub(super) fn next(&self, hand: &Hand, found: &mut Vec<(f64, u16)>) -> Option<Task> {
+        match &hand.touch {
+            Some(touch) => self.touching(hand, touch, found),
+            None => self.heading(hand, found),
+        }
+    }
+
+    fn touching(&self, hand: &Hand, touch: &Touch, found: &mut Vec<(f64, u16)>) -> Option<Task> {
+        let mut contacts = touch.contacts;
+        contacts.sort_by(|(_, a), (_, b)| b.total_cmp(a));
+        let touched = || contacts.into_iter().filter(|(_, weight)| *weight > 0.0);
+        let first = touched().find_map(|(contact, _)| self.first(contact));
+        let steps_s = AHEAD * self.solve_s;
+        let ahead = hand.velocity_m_s.map(|v| v * steps_s);
+        let reduced = (MAX_AHEAD_M / norm(ahead)).min(1.0);
+        let there = std::array::from_fn(|axis| touch.control_m[axis] + reduced * ahead[axis]);
+        let unknown = |control_m| {
+            touched().find_map(|(contact, weight)| self.position(contact, control_m, weight))
+        };
+        first
+            .or_else(|| unknown(touch.control_m))
+            .or_else(|| unknown(there))
+            .or_else(|| touched().find_map(|(contact, _)| self.beside(contact, found)))
+            .or_else(|| self.renewal(contacts[0].0, touch.control_m))
+    }
+
+    /// The first jet of a contact is that at rest.
+    fn first(&self, contact: u16) -> Option<Task> {
+        let rest = [0.0; 3];
+        let is_new = self.known.get(usize::from(contact))?.is_empty() && !self.lost.contains(contact, rest);
+        is_new.then_some(Task { contact, control_m: rest, renews: false })
+    }
+
+    fn position(&self, contact: u16, control_m: [f64; 3], weight: f64) -> Option<Task> {
+        let known = self.known.get(usize::from(contact))?;
+        let needs = !known.is_empty()
+            && !self.growth.knows(known, control_m, weight.max(MIN_WEIGHT))
+            && !self.lost.contains(contact, control_m);
+        needs.then_some(Task { contact, control_m, renews: false })
+    }
+
+    /// The nearest contact without a jet that shares a triangle with this one.
+    fn beside(&self, contact: u16, found: &mut Vec<(f64, u16)>) -> Option<Task> {
+        found.clear();
+        found.extend(self.skin.around(contact).iter().map(|&by| (self.skin.distance_m(contact, by), by)));
+        found.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
+        found.iter().find_map(|&(_, by)| self.first(by))
+    }
+
+    /// Of the contacts near the place where a free tool will be, the nearest one without a jet.
+    fn heading(&self, hand: &Hand, found: &mut Vec<(f64, u16)>) -> Option<Task> {
+        let travel = hand.velocity_m_s.map(|v| v * HEADING_S);
+        let reduced = (HEADING_M / norm(travel)).min(1.0);
+        let there_m = std::array::from_fn(|axis| hand.hip_m[axis] + reduced * travel[axis]);
+        self.skin.near(there_m, HEADING_M, found);
+        found.iter().find_map(|&(_, contact)| self.first(contact))
+    }
+
+    /// A new factor at the hand, if the last one is far. The solve also gives a jet.
+    fn renewal(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
+        let is_near = |&(of, at_m): &(u16, [f64; 3])| of == contact && distance(at_m, control_m) <= FACTOR_REACH_M;
+        let renews = !self.factor.as_ref().is_some_and(is_near) && !self.lost.contains(contact, control_m);
+        renews.then_some(Task { contact, control_m, renews })
+    }
+}

@@ -1,0 +1,154 @@
+//! What is known: the jets of every contact, how far each is trusted, and how fast their error grows.
+
+use nalgebra::Matrix3;
+
+use crate::num::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
+use crate::num::vector::{distance, norm};
+use crate::spec::Tolerance;
+
+/// Largest distance to which a jet is trusted, m.
+const MAX_TRUST_M: f64 = 0.025;
+/// Smallest one, m: near a fold W_ijk has any size.
+const MIN_TRUST_M: f64 = 1e-4;
+/// Largest stiffness of a jet, in those of the contact at rest. Near a fold S has any size too.
+const MAX_STIFFNESS: f64 = 3.0;
+/// Estimated error c r^3 of a Taylor series before one was measured, N/m^3.
+const FIRST_ERROR: f64 = 1e4;
+/// Share of the last estimate that a better measurement leaves.
+const FORGETTING: f64 = 0.7;
+/// Shortest distance at which the error of a series is measured, m.
+const MIN_MEASURED_M: f64 = 5e-4;
+/// A position is known if its estimated error is below this share of the tolerance,
+const KNOWN_ERROR: f64 = 0.15;
+/// and within this share of the trust radius.
+const KNOWN_TRUST: f64 = 0.5;
+/// Jets whose force is off by more than both at a state on another branch are removed.
+const FLUSH_N: f64 = 0.1;
+const FLUSH_SHARE: f64 = 0.1;
+/// A jet replaces one that is nearer than this, m.
+const SAME_M: f64 = 1e-6;
+
+/// A jet as the loop gets it: limited in stiffness, with the radius to which its Taylor series is trusted.
+///
+/// rho = |S_rest| / |W_ijk|, at most 25 mm: there the third-order term has doubled or cancelled a stiffness like
+/// that at rest. Stiffness and third derivatives are reduced alike to |S| <= 3 |S_rest|.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Trust {
+    /// The limited jet.
+    pub jet: EnergyJet,
+    /// rho, m.
+    pub radius_m: f64,
+}
+
+impl Trust {
+    /// The jet of a contact with this |S| at rest, N/m.
+    pub(super) fn of(mut jet: EnergyJet, rest_n_m: f64) -> Self {
+        let size = jet.stiffness_n_m.norm();
+        let limit = MAX_STIFFNESS * rest_n_m;
+        if size > limit {
+            jet.stiffness_n_m *= limit / size;
+            jet.third_n_m2 = jet.third_n_m2.map(|third| third * (limit / size));
+        }
+        let radius_m = (rest_n_m / third_norm(&jet.third_n_m2)).clamp(MIN_TRUST_M, MAX_TRUST_M);
+        Self { jet, radius_m }
+    }
+
+    /// Whether the series of another jet has nearly the force of this one at its control.
+    pub(super) fn agrees(&self, other: &EnergyJet) -> bool {
+        let limit_n = FLUSH_N.max(FLUSH_SHARE * norm(self.jet.force_n));
+        distance(other.taylor_force_n(self.jet.control_m), self.jet.force_n) <= limit_n
+    }
+}
+
+/// |W_ijk| over all 27 components.
+fn third_norm(third: &SymmetricThird) -> f64 {
+    let square = |(&[i, j, k], value): (&[usize; 3], &f64)| {
+        let orders = match (i == j, j == k) {
+            (true, true) => 1.0,
+            (false, false) => 6.0,
+            _ => 3.0,
+        };
+        orders * value * value
+    };
+    THIRD_INDICES.iter().zip(third).map(square).sum::<f64>().sqrt()
+}
+
+/// The jets of one contact.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Known {
+    jets: Vec<Trust>,
+    /// |S| at rest, N/m; 0 before the first jet.
+    rest_n_m: f64,
+}
+
+impl Known {
+    pub(super) fn is_empty(&self) -> bool {
+        self.jets.is_empty()
+    }
+
+    pub(super) fn jets(&self) -> &[Trust] {
+        &self.jets
+    }
+
+    /// The jet with the smallest distance in trust radii, and this distance in metres.
+    pub(super) fn nearest(&self, control_m: [f64; 3]) -> Option<(&Trust, f64)> {
+        let by = |trust: &Trust| distance(trust.jet.control_m, control_m) / trust.radius_m;
+        let nearest = self.jets.iter().min_by(|a, b| by(a).total_cmp(&by(b)))?;
+        Some((nearest, distance(nearest.jet.control_m, control_m)))
+    }
+
+    /// The first jet is that at rest: it defines the trust of all.
+    pub(super) fn trust(&mut self, jet: EnergyJet) -> Trust {
+        if self.rest_n_m == 0.0 {
+            self.rest_n_m = stiffness(&jet.stiffness_n_m);
+        }
+        Trust::of(jet, self.rest_n_m)
+    }
+
+    /// Adds a jet; with `flush` it removes those that lie on another branch. A jet at the same control is
+    /// replaced.
+    pub(super) fn add(&mut self, trust: Trust, flush: bool) {
+        self.jets.retain(|old| {
+            let same = distance(old.jet.control_m, trust.jet.control_m) < SAME_M;
+            !same && (!flush || trust.agrees(&old.jet))
+        });
+        self.jets.push(trust);
+    }
+}
+
+/// Never zero, because radii are divided by it.
+fn stiffness(stiffness_n_m: &Matrix3<f64>) -> f64 {
+    stiffness_n_m.norm().max(f64::MIN_POSITIVE)
+}
+
+/// How fast the error of a Taylor series grows: c r^3, with c the largest that was measured lately.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Growth {
+    error_n_m3: f64,
+}
+
+impl Default for Growth {
+    fn default() -> Self {
+        Self { error_n_m3: FIRST_ERROR }
+    }
+}
+
+impl Growth {
+    /// Compares the series of the nearest jet with what was solved. Every solve is thus a check of the model.
+    pub(super) fn measure(&mut self, known: &Known, solved: &EnergyJet) {
+        let Some((nearest, r_m)) = known.nearest(solved.control_m) else { return };
+        if r_m > MIN_MEASURED_M && r_m <= nearest.radius_m {
+            let error_n = distance(nearest.jet.taylor_force_n(solved.control_m), solved.force_n);
+            self.error_n_m3 = (FORGETTING * self.error_n_m3).max(error_n / (r_m * r_m * r_m));
+        }
+    }
+
+    /// Whether the force of a contact with this weight is known at a control.
+    pub(super) fn knows(&self, known: &Known, control_m: [f64; 3], weight: f64) -> bool {
+        known.nearest(control_m).is_some_and(|(nearest, r_m)| {
+            let error_n = self.error_n_m3 * r_m * r_m * r_m;
+            weight * error_n < KNOWN_ERROR * Tolerance::IMPERCEPTIBLE.at(nearest.jet.force_n)
+                && r_m < KNOWN_TRUST * nearest.radius_m
+        })
+    }
+}

@@ -1,0 +1,45 @@
+//! The solver beside the haptic loop: it follows the hand and solves where the force is not known well enough.
+//!
+//! ```text
+//! Hand -> choice (what is not known?) -> continuation from the nearest kept state -> jet -> the loop
+//!                                              |                                      |
+//!                                              +------- states, memory of jets <------+
+//! ```
+//!
+//! A jet is the condensed energy W with its derivatives h, S and W_ijk at one control, and its third-order Taylor
+//! series is the model of the force round it. A place of the skin that the tool can touch is a *contact*: a vertex
+//! that is not fixed. Every contact has its own jets; within a triangle of contacts the forces are blended. All
+//! contacts share the equations of one body, so going from one to the next costs no analysis.
+//!
+//! [`LiveSolver::step`] does one piece of work and returns. It reads no clock: the caller measures the time and
+//! says how long the step took ([`LiveSolver::took`]), which the prediction of the hand needs.
+
+mod choice;
+mod memory;
+mod skin;
+mod solver;
+mod states;
+
+pub use memory::Trust;
+pub use skin::{Contact, Skin};
+pub use solver::{LiveError, LiveSolver, Published, Step, Totals};
+
+/// What the tool does now, as the solver sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Hand {
+    /// Position of the tool, m.
+    pub hip_m: [f64; 3],
+    /// Velocity of the tool, m/s.
+    pub velocity_m_s: [f64; 3],
+    /// The touch, if there is one.
+    pub touch: Option<Touch>,
+}
+
+/// A touch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Touch {
+    /// The contacts whose forces are blended, and their weights; a weight of zero does not take part.
+    pub contacts: [(u16, f64); 3],
+    /// The control of all three: the displacement of the tool from the place that it touched, m.
+    pub control_m: [f64; 3],
+}

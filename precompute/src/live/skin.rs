@@ -1,0 +1,108 @@
+//! The places of the skin that the tool can touch.
+
+use super::solver::LiveError;
+use crate::fem::{Body, Fingertip, Handle, Pad};
+use crate::mesh::{Surface, TetMesh};
+use crate::num::vector::distance;
+use crate::spec::Tool;
+
+/// A place that the tool can touch: a vertex of the skin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// The mesh node.
+    pub node: u32,
+    /// Its position on the body at rest, m.
+    pub rest_m: [f64; 3],
+    /// Outward unit normal there.
+    pub normal: [f64; 3],
+}
+
+/// The contacts of a body and the triangles between them.
+#[derive(Debug, Clone)]
+pub struct Skin {
+    /// Vertices of the skin without a fixed component, in ascending order of their nodes.
+    pub contacts: Vec<Contact>,
+    /// Corners of each triangle that has three contacts, counter-clockwise seen from outside.
+    pub triangles: Vec<[u16; 3]>,
+    /// Contacts that share a triangle with each contact, ascending.
+    neighbours: Vec<Vec<u16>>,
+    tip: Option<Fingertip>,
+}
+
+impl Skin {
+    /// The skin of `mesh`, which is the undeformed shape of `body`.
+    ///
+    /// # Errors
+    ///
+    /// If no triangle can be touched, or more vertices than a command can name.
+    pub(super) fn new(mesh: &TetMesh, body: &Body, tool: &Tool) -> Result<Self, LiveError> {
+        let surface = Surface::of(mesh).seen(mesh);
+        let nodes: Vec<u32> = surface
+            .nodes
+            .iter()
+            .copied()
+            .filter(|&node| body.fixed[node as usize] == [false; 3])
+            .collect();
+        if nodes.len() > usize::from(u16::MAX) {
+            return Err(LiveError::TooManyContacts(nodes.len()));
+        }
+        let contact = |node: u32| nodes.binary_search(&node).ok().map(|at| at as u16);
+        let corners = |triangle: &[u32; 3]| -> Option<[u16; 3]> {
+            let [a, b, c] = triangle.map(contact);
+            Some([a?, b?, c?])
+        };
+        let triangles: Vec<[u16; 3]> = surface.triangles.iter().filter_map(corners).collect();
+        if triangles.is_empty() {
+            return Err(LiveError::NothingToTouch);
+        }
+        let mut neighbours = vec![Vec::new(); nodes.len()];
+        for triangle in &triangles {
+            for corner in triangle {
+                neighbours[usize::from(*corner)].extend(triangle.iter().filter(|other| *other != corner));
+            }
+        }
+        for around in &mut neighbours {
+            around.sort_unstable();
+            around.dedup();
+        }
+        let contacts = nodes
+            .iter()
+            .map(|&node| Contact {
+                node,
+                rest_m: body.rest_position_m(node),
+                normal: surface.normal(node).expect("a vertex of the skin"),
+            })
+            .collect();
+        Ok(Self { contacts, triangles, neighbours, tip: tool.fingertip().copied() })
+    }
+
+    /// What the tool does to the body at a contact.
+    pub(super) fn touch(&self, contact: u16, body: &Body) -> crate::fem::Contact {
+        let node = self.contacts[usize::from(contact)].node;
+        match self.tip {
+            None => Handle::node(node).into(),
+            Some(tip) => Pad::new(body, tip, body.nodes_m[node as usize]).expect("a vertex of the skin").into(),
+        }
+    }
+
+    /// Contacts that share a triangle with a contact.
+    pub(super) fn around(&self, contact: u16) -> &[u16] {
+        &self.neighbours[usize::from(contact)]
+    }
+
+    /// Contacts within a distance of a point, with their distances, nearest first.
+    pub(super) fn near(&self, point_m: [f64; 3], within_m: f64, found: &mut Vec<(f64, u16)>) {
+        found.clear();
+        let all = self.contacts.iter().zip(0..);
+        found.extend(
+            all.map(|(contact, index)| (distance(contact.rest_m, point_m), index))
+                .filter(|(distance_m, _)| *distance_m <= within_m),
+        );
+        found.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
+    }
+
+    /// Distance of two contacts at rest, m.
+    pub(super) fn distance_m(&self, a: u16, b: u16) -> f64 {
+        distance(self.contacts[usize::from(a)].rest_m, self.contacts[usize::from(b)].rest_m)
+    }
+}

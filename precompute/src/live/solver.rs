@@ -1,0 +1,338 @@
+//! One step of the live solver: choose, continue or land, publish.
+
+use std::sync::Arc;
+
+use thiserror::Error;
+
+use super::choice::{Choice, FACTOR_REACH_M, LostPositions, Task};
+use super::memory::{Growth, Known, Trust};
+use super::skin::Skin;
+use super::states::States;
+use super::Hand;
+use crate::fem::{
+    Body, Constraints, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver,
+};
+use crate::num::branch::Excess;
+use crate::num::vector::distance;
+use crate::scene::{ElementOrder, ResolvedScene};
+
+/// Number of contacts whose problem is kept.
+const PROBLEMS: usize = 256;
+/// The factor of a fingertip serves for contacts within this distance of where it was made, in radii.
+const NEIGHBOUR_RADII: f64 = 1.5;
+/// Sweeps of the sensitivities, which cost less than a new factor.
+const MAX_SWEEPS: u32 = 8;
+/// Times that a continuation that fails is tried over half of the way.
+const HALVINGS: u32 = 2;
+/// Weight of the last solve in the mean time of a solve.
+const NEWEST_SHARE: f64 = 0.2;
+/// Mean time of a solve before the first one, s.
+const FIRST_SOLVE_S: f64 = 5e-3;
+
+/// Why a scene cannot be touched live.
+#[derive(Debug, Error)]
+pub enum LiveError {
+    /// The elements depend on the contact point.
+    #[error("`order = \"tool\"` gives every contact point elements of its own, and live touch shares one body; use `order = 1` or `order = 2`")]
+    NearTool,
+    /// The skin has more vertices than a command can name.
+    #[error("the skin has {0} vertices, live touch at most 65,535; use a coarser mesh")]
+    TooManyContacts(usize),
+    /// Every triangle of the skin has a fixed corner.
+    #[error("no triangle of the skin is free of fixed nodes; fix fewer nodes")]
+    NothingToTouch,
+    /// The body, under its body force, has no rest state.
+    #[error("the body cannot be solved at rest: {0}; check its material and its fixed nodes with `palpate inspect`")]
+    Rest(#[from] SolveFailure),
+    /// The scene's mesh, materials or elements are refused.
+    #[error("{0}")]
+    Body(String),
+}
+
+/// A jet that the loop has not got yet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Published {
+    /// The contact.
+    pub contact: u16,
+    /// The jet, limited and with its trust radius.
+    pub trust: Trust,
+    /// Whether it lies on the branch of the state that it was continued from. If not, jets that do not agree with
+    /// it are removed.
+    pub joins: bool,
+    /// Whether its factor is new, so that the next flag is known.
+    pub is_fresh: bool,
+    /// Whether the state is unstable.
+    pub is_unstable: bool,
+}
+
+/// What a step did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Step {
+    /// Everything near the hand is known.
+    Idle,
+    /// A jet was solved.
+    Solved(Published),
+    /// No equilibrium was found where the hand is.
+    Lost {
+        /// The contact.
+        contact: u16,
+        /// The position, m.
+        control_m: [f64; 3],
+    },
+}
+
+/// Work since the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Totals {
+    /// Jets.
+    pub jets: u64,
+    /// Factorisations.
+    pub factorisations: u64,
+    /// Jets that were found by a descent.
+    pub landings: u64,
+    /// Positions where nothing was found.
+    pub lost: u64,
+}
+
+/// The solver of one live session.
+#[derive(Debug)]
+pub struct LiveSolver {
+    body: Arc<Body>,
+    skin: Skin,
+    free: Problem,
+    problems: Vec<(u16, Arc<Problem>)>,
+    solver: Solver,
+    contact: Option<u16>,
+    states: States,
+    known: Vec<Known>,
+    growth: Growth,
+    lost: LostPositions,
+    factor: Option<(u16, [f64; 3])>,
+    solve_s: f64,
+    totals: Totals,
+    near: Vec<(f64, u16)>,
+}
+
+impl LiveSolver {
+    /// Builds the body of a scene and solves its rest state.
+    ///
+    /// # Errors
+    ///
+    /// [`LiveError`].
+    pub fn new(scene: &ResolvedScene) -> Result<Self, LiveError> {
+        if scene.order == ElementOrder::NearTool {
+            return Err(LiveError::NearTool);
+        }
+        let body = Arc::new(scene.body().map_err(|error| LiveError::Body(error.to_string()))?);
+        let skin = Skin::new(&scene.mesh, &body, &scene.tool)?;
+        let free = Problem::with(body.clone(), None, Constraints::Elimination);
+        let solver = Solver::new(Arc::new(free.at(skin.touch(0, &body))));
+        let blank = Seed::at_rest(&body);
+        Ok(Self {
+            states: States::like(&blank),
+            known: vec![Known::default(); skin.contacts.len()],
+            near: Vec::with_capacity(skin.contacts.len()),
+            body,
+            skin,
+            free,
+            problems: Vec::with_capacity(PROBLEMS),
+            solver,
+            contact: None,
+            growth: Growth::default(),
+            lost: LostPositions::default(),
+            factor: None,
+            solve_s: FIRST_SOLVE_S,
+            totals: Totals::default(),
+        })
+    }
+
+    /// The places that can be touched.
+    pub fn skin(&self) -> &Skin {
+        &self.skin
+    }
+
+    /// Number of equations.
+    pub fn unknowns(&self) -> usize {
+        self.free.unknowns()
+    }
+
+    /// Work since the start.
+    pub fn totals(&self) -> Totals {
+        self.totals
+    }
+
+    /// All jets of a contact.
+    pub fn jets(&self, contact: u16) -> &[Trust] {
+        self.known.get(usize::from(contact)).map_or(&[], Known::jets)
+    }
+
+    /// States how long the last step took, s.
+    pub fn took(&mut self, seconds: f64) {
+        self.solve_s += NEWEST_SHARE * (seconds - self.solve_s);
+    }
+
+    /// Solves at one position, if there is one that is worth it.
+    pub fn step(&mut self, hand: &Hand) -> Step {
+        let Self { skin, known, growth, lost, factor, solve_s, near, .. } = self;
+        let choice = Choice { skin, known, growth, lost, factor: *factor, solve_s: *solve_s };
+        match choice.next(hand, near) {
+            Some(task) => self.solve(task),
+            None => Step::Idle,
+        }
+    }
+
+    fn solve(&mut self, task: Task) -> Step {
+        let is_first = self.known[usize::from(task.contact)].is_empty();
+        let moves = self.go_to(task.contact);
+        let from = self.start(&task, is_first);
+        let is_far = |&(_, at_m): &(u16, [f64; 3])| distance(at_m, task.control_m) > FACTOR_REACH_M;
+        let renews = task.renews || moves || self.factor.as_ref().is_none_or(is_far);
+        let mut to = self.states.room();
+        let found = self.reach(&from, &task, renews, &mut to);
+        let step = match found {
+            Ok((found, landed)) => {
+                let published = self.published(&task, &from, &to, &found, landed, is_first);
+                self.states.keep(task.contact, to);
+                Step::Solved(published)
+            }
+            Err(_) => {
+                self.states.give_back(to);
+                self.lost.add(&task);
+                self.totals.lost += 1;
+                Step::Lost { contact: task.contact, control_m: task.control_m }
+            }
+        };
+        if is_first {
+            self.states.give_back(from);
+        } else {
+            self.states.keep(task.contact, from);
+        }
+        step
+    }
+
+    /// The state to start from: the nearest of the contact, or the body at rest.
+    fn start(&mut self, task: &Task, is_first: bool) -> Seed {
+        if let Some(seed) = self.states.take_nearest(task.contact, task.control_m) {
+            return seed;
+        }
+        let mut rest = self.states.room();
+        rest.become_rest(&self.body);
+        if !is_first {
+            // Its state was given up: solved again, which also finds its sensitivities.
+            let mut to = self.states.room();
+            if self.solver.follow(&rest, [0.0; 3], true, &FollowOptions::default(), &mut to).is_ok() {
+                self.factor = Some((task.contact, [0.0; 3]));
+                std::mem::swap(&mut rest, &mut to);
+            }
+            self.states.give_back(to);
+        }
+        rest
+    }
+
+    /// Moves the solver to a contact; whether its factor no longer serves.
+    fn go_to(&mut self, contact: u16) -> bool {
+        if self.contact != Some(contact) {
+            let problem = self.problem(contact);
+            self.solver.touch(problem);
+            self.contact = Some(contact);
+        }
+        let Some((of, _)) = self.factor else { return true };
+        let radius_m = self.solver.problem().contact.as_ref().and_then(|c| c.pad()).map_or(0.0, |p| p.tip.radius_m);
+        self.skin.distance_m(of, contact) > NEIGHBOUR_RADII * radius_m
+    }
+
+    fn problem(&mut self, contact: u16) -> Arc<Problem> {
+        if let Some(at) = self.problems.iter().position(|(of, _)| *of == contact) {
+            return self.problems[at].1.clone();
+        }
+        let problem = Arc::new(self.free.at(self.skin.touch(contact, &self.body)));
+        if self.problems.len() == PROBLEMS {
+            self.problems.remove(0);
+        }
+        self.problems.push((contact, problem.clone()));
+        problem
+    }
+
+    /// Continues to the task's position, over half of the way if that fails, and else lands by a descent. The
+    /// second value is whether it landed.
+    fn reach(
+        &mut self,
+        from: &Seed,
+        task: &Task,
+        renews: bool,
+        to: &mut Seed,
+    ) -> Result<(Followed, bool), SolveFailure> {
+        let options = FollowOptions { max_sweeps: MAX_SWEEPS, ..FollowOptions::default() };
+        let mut control_m = task.control_m;
+        let start_m = from.jet.control_m;
+        for halvings in 0..=HALVINGS {
+            if let Ok(found) = self.solver.follow(from, control_m, renews || halvings > 0, &options, to) {
+                self.count(task.contact, control_m, &found);
+                return Ok((found, false));
+            }
+            // What the attempt factorised is unknown.
+            self.factor = None;
+            control_m = std::array::from_fn(|axis| 0.5 * (start_m[axis] + control_m[axis]));
+        }
+        let found = self.solver.relax(from, task.control_m, to)?;
+        self.count(task.contact, task.control_m, &found);
+        self.totals.landings += 1;
+        Ok((found, true))
+    }
+
+    fn count(&mut self, contact: u16, control_m: [f64; 3], found: &Followed) {
+        self.totals.factorisations += u64::from(found.count.factorisations);
+        if found.count.factorisations > 0 {
+            self.factor = Some((contact, control_m));
+        }
+    }
+
+    /// Enters what was found in the memory.
+    fn published(
+        &mut self,
+        task: &Task,
+        from: &Seed,
+        to: &Seed,
+        found: &Followed,
+        landed: bool,
+        is_first: bool,
+    ) -> Published {
+        let known = &mut self.known[usize::from(task.contact)];
+        let moved = to.jet.control_m != from.jet.control_m;
+        let joins = is_first || !moved || !landed && !Excess::with_thirds(&from.jet, &to.jet).is_jump();
+        if joins && !is_first {
+            self.growth.measure(known, &to.jet);
+        }
+        let trust = known.trust(to.jet);
+        known.add(trust, !joins);
+        if !joins {
+            self.states.flush(task.contact, &trust);
+        }
+        self.totals.jets += 1;
+        Published {
+            contact: task.contact,
+            trust,
+            joins,
+            is_fresh: found.unstable_modes.is_some(),
+            is_unstable: found.unstable_modes.is_some_and(|modes| modes > 0),
+        }
+    }
+
+    /// Displacement of nodes in the state nearest to the hand, blended over the contacts of the touch, m. Zero
+    /// without a touch, and for contacts without a kept state.
+    pub fn displacements_into(&self, hand: &Hand, nodes: &[u32], out: &mut [[f32; 3]]) {
+        out.fill([0.0; 3]);
+        let Some(touch) = &hand.touch else { return };
+        for &(contact, weight) in touch.contacts.iter().filter(|(_, weight)| *weight > 0.0) {
+            let Some(seed) = self.states.nearest(contact, touch.control_m) else { continue };
+            let d: [f64; 3] = std::array::from_fn(|axis| touch.control_m[axis] - seed.jet.control_m[axis]);
+            for (&node, out) in nodes.iter().zip(out.iter_mut()) {
+                for (axis, value) in out.iter_mut().enumerate() {
+                    let at = 3 * node as usize + axis;
+                    let slope: f64 = (0..3).map(|k| d[k] * seed.sensitivity[k][at]).sum();
+                    *value += (weight * (seed.state[at] - self.body.rest_state[at] + slope)) as f32;
+                }
+            }
+        }
+    }
+}
