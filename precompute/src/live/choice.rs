@@ -2,10 +2,11 @@
 //!
 //! In this order: the first jet of every contact that is touched, the position of the hand, the position where it
 //! will be when the solve is done, and the first jets of the contacts it heads for. If all are known, the factor is
-//! renewed once it has become old; else there is nothing to do. Prediction farther ahead does not pay: a jet that is
-//! trusted for 10 to 24 mm covers the path of many solves, and what is known already is worth more.
+//! renewed once it has become old and the hand leaves time for it; then the two positions are solved to a finer
+//! limit. Prediction farther ahead does not pay: a jet that is trusted for 10 to 24 mm covers the path of many
+//! solves, and what is known already is worth more.
 
-use super::memory::{Growth, Known};
+use super::memory::{Growth, Known, Limit};
 use super::skin::Skin;
 use super::{Hand, Touch};
 use crate::num::vector::{distance, norm};
@@ -62,8 +63,8 @@ pub(super) struct Choice<'s> {
     pub(super) lost: &'s LostPositions,
     /// Contact and control of the last factor.
     pub(super) factor: Option<(u16, [f64; 3])>,
-    /// Mean time of a solve, s.
-    pub(super) solve_s: f64,
+    /// Mean time of a solve with the factor at hand, and with a new one, s.
+    pub(super) solve_s: [f64; 2],
 }
 
 impl Choice<'_> {
@@ -80,18 +81,24 @@ impl Choice<'_> {
         contacts.sort_by(|(_, a), (_, b)| b.total_cmp(a));
         let touched = || contacts.into_iter().filter(|(_, weight)| *weight > 0.0);
         let first = touched().find_map(|(contact, _)| self.first(contact));
-        let steps_s = AHEAD * self.solve_s;
-        let ahead = hand.velocity_m_s.map(|v| v * steps_s);
-        let reduced = (MAX_AHEAD_M / norm(ahead)).min(1.0);
-        let there = std::array::from_fn(|axis| touch.control_m[axis] + reduced * ahead[axis]);
-        let unknown = |control_m| {
-            touched().find_map(|(contact, weight)| self.position(contact, control_m, weight))
+        let [frozen_s, renewed_s] = self.solve_s;
+        let after = |seconds: f64| {
+            let ahead = hand.velocity_m_s.map(|v| v * AHEAD * seconds);
+            let reduced = (MAX_AHEAD_M / norm(ahead)).min(1.0);
+            std::array::from_fn(|axis| touch.control_m[axis] + reduced * ahead[axis])
+        };
+        let unknown = |control_m, limit| {
+            touched().find_map(|(contact, weight)| self.position(contact, control_m, weight, limit))
         };
         first
-            .or_else(|| unknown(touch.control_m))
-            .or_else(|| unknown(there))
+            .or_else(|| unknown(touch.control_m, Limit::Unknown))
+            .or_else(|| unknown(after(frozen_s), Limit::Unknown))
             .or_else(|| touched().find_map(|(contact, _)| self.beside(contact, found)))
-            .or_else(|| self.renewal(contacts[0].0, touch.control_m))
+            .or_else(|| {
+                let has_time = unknown(after(renewed_s), Limit::Unknown).is_none();
+                has_time.then(|| self.renewal(contacts[0].0, touch.control_m))?
+            })
+            .or_else(|| unknown(after(frozen_s), Limit::Rough))
     }
 
     /// The first jet of a contact is that at rest.
@@ -101,10 +108,10 @@ impl Choice<'_> {
         is_new.then_some(Task { contact, control_m: rest, renews: false })
     }
 
-    fn position(&self, contact: u16, control_m: [f64; 3], weight: f64) -> Option<Task> {
+    fn position(&self, contact: u16, control_m: [f64; 3], weight: f64, limit: Limit) -> Option<Task> {
         let known = self.known.get(usize::from(contact))?;
         let needs = !known.is_empty()
-            && !self.growth.knows(known, control_m, weight.max(MIN_WEIGHT))
+            && !self.growth.knows(known, control_m, weight.max(MIN_WEIGHT), limit)
             && !self.lost.contains(contact, control_m);
         needs.then_some(Task { contact, control_m, renews: false })
     }
@@ -128,7 +135,8 @@ impl Choice<'_> {
 
     /// A new factor at the hand, if the last one is far. The solve also gives a jet.
     fn renewal(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
-        let is_near = |&(of, at_m): &(u16, [f64; 3])| of == contact && distance(at_m, control_m) <= FACTOR_REACH_M;
+        let is_near =
+            |&(of, at_m): &(u16, [f64; 3])| of == contact && distance(at_m, control_m) <= FACTOR_REACH_M;
         let renews = !self.factor.as_ref().is_some_and(is_near) && !self.lost.contains(contact, control_m);
         renews.then_some(Task { contact, control_m, renews })
     }

@@ -18,9 +18,7 @@ const FIRST_ERROR: f64 = 1e4;
 const FORGETTING: f64 = 0.7;
 /// Shortest distance at which the error of a series is measured, m.
 const MIN_MEASURED_M: f64 = 5e-4;
-/// A position is known if its estimated error is below this share of the tolerance,
-const KNOWN_ERROR: f64 = 0.15;
-/// and within this share of the trust radius.
+/// A position is known within this share of the trust radius.
 const KNOWN_TRUST: f64 = 0.5;
 /// Jets whose force is off by more than both at a state on another branch are removed.
 const FLUSH_N: f64 = 0.1;
@@ -121,6 +119,25 @@ fn stiffness(stiffness_n_m: &Matrix3<f64>) -> f64 {
     stiffness_n_m.norm().max(f64::MIN_POSITIVE)
 }
 
+/// From which estimated error on a position is solved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Limit {
+    /// It may soon be felt.
+    Unknown,
+    /// There is time to improve it.
+    Rough,
+}
+
+impl Limit {
+    /// As a share of the tolerance.
+    fn share(self) -> f64 {
+        match self {
+            Self::Unknown => 0.15,
+            Self::Rough => 0.02,
+        }
+    }
+}
+
 /// How fast the error of a Taylor series grows: c r^3, with c the largest that was measured lately.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Growth {
@@ -143,11 +160,11 @@ impl Growth {
         }
     }
 
-    /// Whether the force of a contact with this weight is known at a control.
-    pub(super) fn knows(&self, known: &Known, control_m: [f64; 3], weight: f64) -> bool {
+    /// Whether the force of a contact with this weight is known to a limit at a control.
+    pub(super) fn knows(&self, known: &Known, control_m: [f64; 3], weight: f64, limit: Limit) -> bool {
         known.nearest(control_m).is_some_and(|(nearest, r_m)| {
             let error_n = self.error_n_m3 * r_m * r_m * r_m;
-            weight * error_n < KNOWN_ERROR * Tolerance::IMPERCEPTIBLE.at(nearest.jet.force_n)
+            weight * error_n < limit.share() * Tolerance::IMPERCEPTIBLE.at(nearest.jet.force_n)
                 && r_m < KNOWN_TRUST * nearest.radius_m
         })
     }

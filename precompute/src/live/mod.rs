@@ -19,10 +19,12 @@ mod memory;
 mod skin;
 mod solver;
 mod states;
+mod truth;
 
 pub use memory::Trust;
 pub use skin::{Contact, Skin};
 pub use solver::{LiveError, LiveSolver, Published, Step, Totals};
+pub use truth::Truth;
 
 /// What the tool does now, as the solver sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

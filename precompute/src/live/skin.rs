@@ -37,12 +37,8 @@ impl Skin {
     /// If no triangle can be touched, or more vertices than a command can name.
     pub(super) fn new(mesh: &TetMesh, body: &Body, tool: &Tool) -> Result<Self, LiveError> {
         let surface = Surface::of(mesh).seen(mesh);
-        let nodes: Vec<u32> = surface
-            .nodes
-            .iter()
-            .copied()
-            .filter(|&node| body.fixed[node as usize] == [false; 3])
-            .collect();
+        let nodes: Vec<u32> =
+            surface.nodes.iter().copied().filter(|&node| body.fixed[node as usize] == [false; 3]).collect();
         if nodes.len() > usize::from(u16::MAX) {
             return Err(LiveError::TooManyContacts(nodes.len()));
         }
@@ -81,7 +77,9 @@ impl Skin {
         let node = self.contacts[usize::from(contact)].node;
         match self.tip {
             None => Handle::node(node).into(),
-            Some(tip) => Pad::new(body, tip, body.nodes_m[node as usize]).expect("a vertex of the skin").into(),
+            Some(tip) => {
+                Pad::new(body, tip, body.nodes_m[node as usize]).expect("a vertex of the skin").into()
+            }
         }
     }
 

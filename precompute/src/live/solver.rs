@@ -4,16 +4,13 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use super::choice::{Choice, FACTOR_REACH_M, LostPositions, Task};
+use super::Hand;
+use super::choice::{Choice, LostPositions, Task};
 use super::memory::{Growth, Known, Trust};
 use super::skin::Skin;
 use super::states::States;
-use super::Hand;
-use crate::fem::{
-    Body, Constraints, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver,
-};
+use crate::fem::{Body, Constraints, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver};
 use crate::num::branch::Excess;
-use crate::num::vector::distance;
 use crate::scene::{ElementOrder, ResolvedScene};
 
 /// Number of contacts whose problem is kept.
@@ -33,7 +30,9 @@ const FIRST_SOLVE_S: f64 = 5e-3;
 #[derive(Debug, Error)]
 pub enum LiveError {
     /// The elements depend on the contact point.
-    #[error("`order = \"tool\"` gives every contact point elements of its own, and live touch shares one body; use `order = 1` or `order = 2`")]
+    #[error(
+        "`order = \"tool\"` gives every contact point elements of its own, and live touch shares one body; use `order = 1` or `order = 2`"
+    )]
     NearTool,
     /// The skin has more vertices than a command can name.
     #[error("the skin has {0} vertices, live touch at most 65,535; use a coarser mesh")]
@@ -42,7 +41,9 @@ pub enum LiveError {
     #[error("no triangle of the skin is free of fixed nodes; fix fewer nodes")]
     NothingToTouch,
     /// The body, under its body force, has no rest state.
-    #[error("the body cannot be solved at rest: {0}; check its material and its fixed nodes with `palpate inspect`")]
+    #[error(
+        "the body cannot be solved at rest: {0}; check its material and its fixed nodes with `palpate inspect`"
+    )]
     Rest(#[from] SolveFailure),
     /// The scene's mesh, materials or elements are refused.
     #[error("{0}")]
@@ -108,7 +109,9 @@ pub struct LiveSolver {
     growth: Growth,
     lost: LostPositions,
     factor: Option<(u16, [f64; 3])>,
-    solve_s: f64,
+    solve_s: [f64; 2],
+    /// Whether the last solve made a factor.
+    has_renewed: bool,
     totals: Totals,
     near: Vec<(f64, u16)>,
 }
@@ -141,7 +144,8 @@ impl LiveSolver {
             growth: Growth::default(),
             lost: LostPositions::default(),
             factor: None,
-            solve_s: FIRST_SOLVE_S,
+            solve_s: [FIRST_SOLVE_S; 2],
+            has_renewed: false,
             totals: Totals::default(),
         })
     }
@@ -168,7 +172,8 @@ impl LiveSolver {
 
     /// States how long the last step took, s.
     pub fn took(&mut self, seconds: f64) {
-        self.solve_s += NEWEST_SHARE * (seconds - self.solve_s);
+        let mean_s = &mut self.solve_s[usize::from(self.has_renewed)];
+        *mean_s += NEWEST_SHARE * (seconds - *mean_s);
     }
 
     /// Solves at one position, if there is one that is worth it.
@@ -185,10 +190,10 @@ impl LiveSolver {
         let is_first = self.known[usize::from(task.contact)].is_empty();
         let moves = self.go_to(task.contact);
         let from = self.start(&task, is_first);
-        let is_far = |&(_, at_m): &(u16, [f64; 3])| distance(at_m, task.control_m) > FACTOR_REACH_M;
-        let renews = task.renews || moves || self.factor.as_ref().is_none_or(is_far);
+        let factorisations = self.totals.factorisations;
         let mut to = self.states.room();
-        let found = self.reach(&from, &task, renews, &mut to);
+        let found = self.reach(&from, &task, task.renews || moves, &mut to);
+        self.has_renewed = self.totals.factorisations > factorisations;
         let step = match found {
             Ok((found, landed)) => {
                 let published = self.published(&task, &from, &to, &found, landed, is_first);
@@ -237,15 +242,26 @@ impl LiveSolver {
             self.contact = Some(contact);
         }
         let Some((of, _)) = self.factor else { return true };
-        let radius_m = self.solver.problem().contact.as_ref().and_then(|c| c.pad()).map_or(0.0, |p| p.tip.radius_m);
+        let radius_m =
+            self.solver.problem().contact.as_ref().and_then(|c| c.pad()).map_or(0.0, |p| p.tip.radius_m);
         self.skin.distance_m(of, contact) > NEIGHBOUR_RADII * radius_m
+    }
+
+    /// The problem of a contact.
+    pub(super) fn problem_of(&self, contact: u16) -> Arc<Problem> {
+        Arc::new(self.free.at(self.skin.touch(contact, &self.body)))
+    }
+
+    /// The body at rest.
+    pub(super) fn rest_state(&self) -> Seed {
+        Seed::at_rest(&self.body)
     }
 
     fn problem(&mut self, contact: u16) -> Arc<Problem> {
         if let Some(at) = self.problems.iter().position(|(of, _)| *of == contact) {
             return self.problems[at].1.clone();
         }
-        let problem = Arc::new(self.free.at(self.skin.touch(contact, &self.body)));
+        let problem = self.problem_of(contact);
         if self.problems.len() == PROBLEMS {
             self.problems.remove(0);
         }

@@ -3,6 +3,7 @@
 mod common;
 mod core;
 mod fem;
+mod live;
 mod sizes;
 
 use clap::{Args as ClapArgs, Subcommand};
@@ -21,6 +22,7 @@ enum What {
     Core(core::Args),
     Fem(fem::Args),
     FemSizes(sizes::Args),
+    Live(live::Args),
 }
 
 /// Runs the command.
@@ -29,5 +31,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::Core(args) => core::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
+        What::Live(args) => live::run(args),
     }
 }

@@ -1,0 +1,112 @@
+//! The force of full solutions along the path of a hand, to compare the felt force with.
+//!
+//! A body with more than one equilibrium at a position has the one that its history leads to. The truth therefore
+//! follows the same path from the same rest, in short steps and to full accuracy, and lands by the same descent
+//! where a branch ends.
+
+use std::sync::Arc;
+
+use super::{LiveSolver, Touch};
+use crate::fem::{FollowOptions, Problem, Seed, SolveFailure, Solver};
+use crate::num::vector::distance;
+
+/// Longest step of a path, m.
+const STEP_M: f64 = 2e-3;
+/// A new factor is made if the last one is farther than this, m.
+const FACTOR_REACH_M: f64 = 4e-3;
+/// The residual of the state, as a share of the force scale; the sensitivities only guess the next state.
+const OPTIONS: FollowOptions = FollowOptions {
+    residual: 1e-7,
+    max_frozen_steps: 8,
+    sensitivity: 0.1,
+    max_sweeps: 2,
+    worst_sensitivity: 0.3,
+};
+
+/// The true force along a path.
+#[derive(Debug)]
+pub struct Truth<'l> {
+    live: &'l LiveSolver,
+    solver: Option<Solver>,
+    /// Contact, state, and where its factor was made, of each contact of the present touch.
+    paths: Vec<Path>,
+    landings: u32,
+}
+
+#[derive(Debug)]
+struct Path {
+    contact: u16,
+    problem: Arc<Problem>,
+    seed: Seed,
+}
+
+impl<'l> Truth<'l> {
+    /// Of the body of a live session.
+    pub fn new(live: &'l LiveSolver) -> Self {
+        Self { live, solver: None, paths: Vec::new(), landings: 0 }
+    }
+
+    /// Number of times that a branch ended.
+    pub fn landings(&self) -> u32 {
+        self.landings
+    }
+
+    /// The tool has left the body: the next touch begins at rest.
+    pub fn release(&mut self) {
+        self.paths.clear();
+    }
+
+    /// h at the next place of the path, N.
+    ///
+    /// # Errors
+    ///
+    /// The failure of a solve that neither continues nor lands.
+    pub fn force_n(&mut self, touch: &Touch) -> Result<[f64; 3], SolveFailure> {
+        let mut sum = [0.0; 3];
+        self.paths
+            .retain(|path| touch.contacts.iter().any(|(c, weight)| *c == path.contact && *weight > 0.0));
+        for &(contact, weight) in touch.contacts.iter().filter(|(_, weight)| *weight > 0.0) {
+            let force_n = self.one(contact, touch.control_m)?;
+            sum = std::array::from_fn(|axis| sum[axis] + weight * force_n[axis]);
+        }
+        Ok(sum)
+    }
+
+    fn one(&mut self, contact: u16, control_m: [f64; 3]) -> Result<[f64; 3], SolveFailure> {
+        let at = match self.paths.iter().position(|path| path.contact == contact) {
+            Some(at) => at,
+            None => {
+                let (problem, seed) = (self.live.problem_of(contact), self.live.rest_state());
+                self.paths.push(Path { contact, problem, seed });
+                self.paths.len() - 1
+            }
+        };
+        let Path { problem, seed, .. } = &mut self.paths[at];
+        let solver = self.solver.get_or_insert_with(|| Solver::new(problem.clone()));
+        if !Arc::ptr_eq(solver.problem(), problem) {
+            solver.touch(problem.clone());
+        }
+        let from_m = seed.pose.displacement_m;
+        let way_m = distance(from_m, control_m);
+        let steps = (way_m / STEP_M).ceil().max(1.0);
+        let mut to = seed.clone();
+        // The factor may be that of another contact.
+        let mut factor_at_m: Option<[f64; 3]> = None;
+        for step in 1..=steps as u32 {
+            let share = f64::from(step) / steps;
+            let there_m = std::array::from_fn(|k| from_m[k] + share * (control_m[k] - from_m[k]));
+            let renews = factor_at_m.is_none_or(|at_m| distance(at_m, there_m) > FACTOR_REACH_M);
+            match solver.follow(seed, there_m, renews, &OPTIONS, &mut to) {
+                Ok(found) if renews || found.count.factorisations > 0 => factor_at_m = Some(there_m),
+                Ok(_) => {}
+                Err(_) => {
+                    solver.relax(seed, there_m, &mut to)?;
+                    self.landings += 1;
+                    factor_at_m = Some(there_m);
+                }
+            }
+            std::mem::swap(seed, &mut to);
+        }
+        Ok(seed.jet.force_n)
+    }
+}

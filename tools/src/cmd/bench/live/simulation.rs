@@ -1,0 +1,280 @@
+//! One hand, in simulated time.
+
+use std::time::Instant;
+
+use nalgebra::Vector3;
+use palpate_core::{Coverage, Field, Jet, JetFlags, JetMemory, NodeWeight};
+use palpate_precompute::live::{Hand as Seen, LiveSolver, Published, Step, Touch, Truth};
+use serde::Serialize;
+
+use super::hands::Hand;
+use crate::failure::Failure;
+
+type V = Vector3<f64>;
+
+/// A force error below the larger of both is not felt.
+const FELT_SHARE: f64 = 0.035;
+const FELT_N: f64 = 0.02;
+/// Gains of the filter of the velocity.
+const ALPHA: f64 = 0.4;
+const BETA: f64 = 0.06;
+
+/// What was measured with one hand.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Outcome {
+    hand: &'static str,
+    peak_mm_s: f64,
+    jets: u64,
+    mean_solve_ms: f64,
+    longest_solve_ms: f64,
+    busy_share: f64,
+    first_force_ms: usize,
+    error_mean_mn: f64,
+    error_p99_mn: f64,
+    error_max_mn: f64,
+    not_felt_share: f64,
+    /// Largest step of the force in a tick beyond that of the motion.
+    handover_max_mn: f64,
+    /// Largest energy given to the hand round a loop, and the energy exchanged in it.
+    pumped_mj: f64,
+    exchanged_mj: f64,
+    extrapolated_share: f64,
+    landings: u64,
+    lost: u64,
+    checked: usize,
+    #[serde(skip)]
+    rows: Vec<Row>,
+}
+
+/// The felt and the true force at one time.
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    ms: usize,
+    control_m: V,
+    felt_n: V,
+    true_n: V,
+}
+
+impl Outcome {
+    pub(super) const HEAD: &str = "hand      peak mm/s  solves x ms (longest)  busy %  error mN: mean   p99   max  not felt %  hand-over mN  pumped mJ of    extrapolated %  landings lost";
+
+    pub(super) fn line(&self) -> String {
+        format!(
+            "{:9} {:9.0}  {:6} x {:<5.1} ({:>5.1})  {:6.1}  {:14.1} {:5.1} {:5.1}  {:10.2}  {:12.1}  {:9.3} {:<6.1} {:10.2}  {:8} {:4}",
+            self.hand,
+            self.peak_mm_s,
+            self.jets,
+            self.mean_solve_ms,
+            self.longest_solve_ms,
+            100.0 * self.busy_share,
+            self.error_mean_mn,
+            self.error_p99_mn,
+            self.error_max_mn,
+            100.0 * self.not_felt_share,
+            self.handover_max_mn,
+            self.pumped_mj,
+            self.exchanged_mj,
+            100.0 * self.extrapolated_share,
+            self.landings,
+            self.lost,
+        )
+    }
+}
+
+/// The felt and true forces of all hands.
+pub(super) fn csv(outcomes: &[Outcome]) -> Result<Vec<u8>, Failure> {
+    let mut text = String::from(
+        "hand,t_ms,dx_m,dy_m,dz_m,felt_fx_n,felt_fy_n,felt_fz_n,true_fx_n,true_fy_n,true_fz_n\n",
+    );
+    for outcome in outcomes {
+        for row in &outcome.rows {
+            text.push_str(&format!("{},{}", outcome.hand, row.ms));
+            for value in row.control_m.iter().chain(row.felt_n.iter()).chain(row.true_n.iter()) {
+                text.push_str(&format!(",{value:e}"));
+            }
+            text.push('\n');
+        }
+    }
+    Ok(text.into_bytes())
+}
+
+/// A jet that is known to the loop from this time on.
+struct Pending {
+    at_ms: f64,
+    step: Step,
+}
+
+/// The ticks of one hand.
+struct Ticks {
+    felt_n: Vec<V>,
+    extrapolated: usize,
+    first_force_ms: usize,
+    handover_n: f64,
+}
+
+pub(super) fn run(
+    solver: &mut LiveSolver,
+    contact: u16,
+    hand: &Hand,
+    slower: f64,
+    every: usize,
+) -> Result<Outcome, Failure> {
+    let mut memory: Box<JetMemory<8, 256>> = Box::default();
+    let (mut busy_ms, mut longest_ms) = (0.0, 0.0f64);
+    let mut pending: Option<Pending> = None;
+    let mut free_ms = 0.0;
+    let mut sequence = 0;
+    let (mut at, mut velocity) = (hand.control_m[0], V::zeros());
+    // What a tool that comes near finds solved.
+    let near = Seen { touch: Some(touch(contact, &at)), ..Seen::default() };
+    while let Step::Solved(published) = solver.step(&near) {
+        memory.insert(&jet(&published, sequence));
+        sequence += 1;
+    }
+    let mut ticks =
+        Ticks { felt_n: Vec::new(), extrapolated: 0, first_force_ms: usize::MAX, handover_n: 0.0 };
+    for (ms, d) in hand.control_m.iter().enumerate() {
+        let now_ms = ms as f64;
+        let expected = at + velocity * 1e-3;
+        at = expected + (d - expected) * ALPHA;
+        velocity += (d - expected) * (BETA / 1e-3);
+        loop {
+            if pending.as_ref().is_some_and(|pending| pending.at_ms <= now_ms) {
+                if let Some(Pending { step: Step::Solved(published), .. }) = pending.take() {
+                    memory.insert(&jet(&published, sequence));
+                    sequence += 1;
+                }
+            }
+            if pending.is_some() || free_ms > now_ms {
+                break;
+            }
+            let seen =
+                Seen { hip_m: (*d).into(), velocity_m_s: velocity.into(), touch: Some(touch(contact, d)) };
+            let start = Instant::now();
+            let step = solver.step(&seen);
+            let seconds = slower * start.elapsed().as_secs_f64();
+            if step == Step::Idle {
+                free_ms = now_ms + 1.0;
+                break;
+            }
+            solver.took(seconds);
+            busy_ms += 1e3 * seconds;
+            longest_ms = longest_ms.max(1e3 * seconds);
+            free_ms = free_ms.max(now_ms - 1.0) + 1e3 * seconds;
+            pending = Some(Pending { at_ms: free_ms, step });
+        }
+        ticks.tick(&mut memory, contact, ms, d);
+    }
+    let totals = solver.totals();
+    let rows = truth(solver, contact, hand, &ticks.felt_n, every)?;
+    let first = ticks.first_force_ms;
+    let rows: Vec<Row> = rows.into_iter().filter(|row| row.ms >= first).collect();
+    let mut errors: Vec<(f64, f64)> =
+        rows.iter().map(|row| ((row.felt_n - row.true_n).norm(), row.true_n.norm())).collect();
+    errors.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let unfelt = errors.iter().filter(|(e, h)| *e <= FELT_N.max(FELT_SHARE * h)).count();
+    let quantile = |q: f64| errors.get(((errors.len() - 1) as f64 * q) as usize).map_or(0.0, |e| 1e3 * e.0);
+    let works = hand.loops.iter().map(|&(from, to)| loop_work(hand, &ticks.felt_n, from, to));
+    let (pumped_j, exchanged_j) =
+        works.fold((f64::NEG_INFINITY, 0.0), |most: (f64, f64), one| if one.0 > most.0 { one } else { most });
+    let peak = hand.control_m.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, f64::max);
+    Ok(Outcome {
+        hand: hand.name,
+        peak_mm_s: 1e6 * peak,
+        jets: totals.jets,
+        mean_solve_ms: busy_ms / (totals.jets + totals.lost).max(1) as f64,
+        longest_solve_ms: longest_ms,
+        busy_share: busy_ms / hand.control_m.len() as f64,
+        first_force_ms: first,
+        error_mean_mn: 1e3 * errors.iter().map(|e| e.0).sum::<f64>() / errors.len().max(1) as f64,
+        error_p99_mn: quantile(0.99),
+        error_max_mn: quantile(1.0),
+        not_felt_share: unfelt as f64 / errors.len().max(1) as f64,
+        handover_max_mn: 1e3 * ticks.handover_n,
+        pumped_mj: if hand.loops.is_empty() { 0.0 } else { 1e3 * pumped_j },
+        exchanged_mj: 1e3 * exchanged_j,
+        extrapolated_share: ticks.extrapolated as f64 / hand.control_m.len() as f64,
+        landings: totals.landings,
+        lost: totals.lost,
+        checked: errors.len(),
+        rows,
+    })
+}
+
+impl Ticks {
+    fn tick(&mut self, memory: &mut JetMemory<8, 256>, contact: u16, ms: usize, d: &V) {
+        let d32 = [d.x as f32, d.y as f32, d.z as f32];
+        let mut weights = [NodeWeight::default(); 3];
+        weights[0] = NodeWeight { space: contact, weight: 1.0 };
+        let touch =
+            palpate_core::Touch { now_us: 1000 * ms as u64, weights, displacement_m: d32, hip_m: d32 };
+        let before = memory.hand_overs();
+        let answer = memory.force(&touch).expect("a jet memory always answers");
+        let felt = V::from(answer.force_n.map(f64::from));
+        let is_covered = answer.coverage != Coverage::Extrapolated;
+        self.extrapolated += usize::from(!is_covered);
+        if is_covered && self.first_force_ms == usize::MAX {
+            self.first_force_ms = ms;
+        }
+        if let (Some(last), true) = (self.felt_n.last(), memory.hand_overs() != before) {
+            // Beyond the step that the motion explains: that of the tick before.
+            let steady = self.felt_n.len().checked_sub(2).map_or(V::zeros(), |at| last - self.felt_n[at]);
+            self.handover_n = self.handover_n.max((felt - last - steady).norm());
+        }
+        self.felt_n.push(felt);
+    }
+}
+
+fn touch(contact: u16, d: &V) -> Touch {
+    Touch { contacts: [(contact, 1.0), (0, 0.0), (0, 0.0)], control_m: (*d).into() }
+}
+
+/// A jet for the core.
+fn jet(published: &Published, sequence: u32) -> Jet {
+    let jet = &published.trust.jet;
+    let s = &jet.stiffness_n_m;
+    let flags = JetFlags {
+        joined: published.joins,
+        fresh: published.is_fresh,
+        unstable: published.is_unstable,
+        flush_before: !published.joins,
+    };
+    Jet {
+        contact: published.contact,
+        sequence,
+        flags,
+        control_m: jet.control_m.map(|x| x as f32),
+        energy_j: jet.energy_j as f32,
+        force_n: jet.force_n.map(|x| x as f32),
+        stiffness_n_m: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| s[at] as f32),
+        third_n_m2: jet.third_n_m2.map(|x| x as f32),
+        trust_m: published.trust.radius_m as f32,
+    }
+}
+
+fn truth(
+    solver: &LiveSolver,
+    contact: u16,
+    hand: &Hand,
+    felt_n: &[V],
+    every: usize,
+) -> Result<Vec<Row>, Failure> {
+    let mut truth = Truth::new(solver);
+    (0..hand.control_m.len())
+        .step_by(every.max(1))
+        .map(|ms| {
+            let control_m = hand.control_m[ms];
+            let true_n = truth.force_n(&touch(contact, &control_m)).map_err(Failure::work)?;
+            Ok(Row { ms, control_m, felt_n: felt_n[ms], true_n: true_n.into() })
+        })
+        .collect()
+}
+
+/// Work on the hand between two ticks, and the work that was exchanged.
+fn loop_work(hand: &Hand, felt_n: &[V], from: usize, to: usize) -> (f64, f64) {
+    let works = (from..to).map(|k| {
+        // The hand gets -h.
+        -0.5 * (felt_n[k] + felt_n[k + 1]).dot(&(hand.control_m[k + 1] - hand.control_m[k]))
+    });
+    works.fold((0.0, 0.0), |(sum, all), work| (sum + work, all + work.abs()))
+}
