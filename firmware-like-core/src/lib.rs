@@ -30,7 +30,8 @@
 //!
 //! Strata, lowest first; a module imports only from those before it (a test of the workspace asserts it):
 //! `num` (numbers), `plane` (checks of arrays), `grid`, `displacement` (the surface for pictures), `method`
-//! (the interpolants, behind one trait), `space`, `blob`, `touch` (contact), `guard` (limits), `controller`.
+//! (the interpolants, behind one trait), `space`, `blob`, `touch` (contact), `guard` (limits), `field` (where the
+//! force comes from), `jet` (the jets of a live solver), `controller`.
 //!
 //! Invariants:
 //! - a tick has no allocation, no `unsafe`, no panic, no unbounded loop, no clock and no I/O: time is an
@@ -52,8 +53,10 @@ extern crate alloc;
 mod blob;
 mod controller;
 mod displacement;
+mod field;
 mod grid;
 mod guard;
+mod jet;
 mod method;
 mod named;
 mod num;
@@ -67,8 +70,10 @@ pub use blob::AlignedBytes;
 pub use blob::{Aligned, BlobError, Limits, Organ, Surface, format};
 pub use controller::{Command, Config, Controller, ControllerError, Fault, Phase, Sample, State};
 pub use displacement::{DisplacementPlanes, DisplacementTable};
+pub use field::{Field, Touch};
 pub use grid::{BallLattice, CORNERS, LatticeError, Location, MAX_CELLS, flags};
 pub use guard::{LimitConfig, PassivityConfig, clamp_force};
+pub use jet::{Jet, JetError, JetFlags, JetMemory, Solver};
 pub use method::baseline::rbf::{RBF_LANES, RbfPlanes};
 pub use method::hermite::{HermiteNode, HermitePlanes};
 pub use method::{Coverage, Estimate, ForceSample, Method, kernel};

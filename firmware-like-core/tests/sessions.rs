@@ -57,7 +57,7 @@ proptest! {
         let blob = organ_blob();
         let organ = Organ::<2>::read(&blob).expect("good");
         let mut config = config();
-        config.method = method;
+        config.method = Some(method);
         config.limits.max_force_n = max_force_n;
         config.limits.max_slew_n_per_s = max_slew_n_per_s;
         config.limits.max_speed_m_s = 3.0;

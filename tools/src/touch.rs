@@ -93,7 +93,7 @@ impl Show<'_> {
     pub(crate) fn screen<'s, 'o, const N: usize>(
         &self,
         organs: &'s [&'s Organ<'o, N>],
-        method: Method,
+        method: &str,
     ) -> Result<Screen<'s, 'o, N>, Failure> {
         let opened = match Screen::open(organs, method, &self.view()) {
             Err(ViewerError::NoDisplay(_)) if self.mouse.is_some() => {
@@ -268,7 +268,7 @@ pub(crate) fn run<D: Device>(
     let organ = organs.first().ok_or_else(|| Failure::input(SessionError::Model(ModelError::Count)))?;
     let mut options = show.options()?;
     let had_folder = show.pictures.exists();
-    let mut screen = show.screen(organs, method)?;
+    let mut screen = show.screen(organs, method.name())?;
     let device = device().inspect_err(|_| show.discard(had_folder))?;
     let info = device.info();
     let mut config = controller_config(organs, method, &info, show.profile);

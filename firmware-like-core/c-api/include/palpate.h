@@ -117,6 +117,8 @@ typedef enum PalpateFault {
   PALPATE_FAULT_NOT_READY = 7,
   // A watchdog stopped the force. Only a host with a watchdog reports this fault, not this library.
   PALPATE_FAULT_WATCHDOG = 8,
+  // The live solver has ended. Only a host with a live solver reports this fault, not this library.
+  PALPATE_FAULT_SOLVER = 9,
 } PalpateFault;
 
 // Interpolation method for the reaction force.

@@ -123,6 +123,8 @@ pub enum PalpateFault {
     NotReady = 7,
     /// A watchdog stopped the force. Only a host with a watchdog reports this fault, not this library.
     Watchdog = 8,
+    /// The live solver has ended. Only a host with a live solver reports this fault, not this library.
+    Solver = 9,
 }
 
 /// Result of one tick.
@@ -193,6 +195,7 @@ impl From<Phase> for PalpateFault {
             Phase::SafeZero(Fault::Energy) => Self::Energy,
             Phase::SafeZero(Fault::NotReady) => Self::NotReady,
             Phase::SafeZero(Fault::Watchdog) => Self::Watchdog,
+            Phase::SafeZero(Fault::Solver) => Self::Solver,
         }
     }
 }
@@ -248,7 +251,7 @@ impl PalpateConfig {
 
     fn to_config(self) -> Option<Config> {
         Some(Config {
-            method: method(self.method)?,
+            method: Some(method(self.method)?),
             contact: ContactConfig {
                 capture_radius_m: self.capture_radius_m,
                 release_tension_n: self.release_tension_n,

@@ -63,7 +63,7 @@ fn touch(
     controller: &Controller<'_, '_, SPACES>,
     space: &Space<'_>,
 ) -> Result<(), Failed> {
-    let method = controller.config().method;
+    let method = controller.config().method.ok_or(Failed)?;
     let (mut state, mut count) = (State::new(), Count::default());
     state.arm();
     for step in 0..2000_u16 {

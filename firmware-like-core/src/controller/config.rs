@@ -8,8 +8,8 @@ use crate::touch::ContactConfig;
 /// The configuration of a controller, constant during a session.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Config {
-    /// Interpolation method.
-    pub method: Method,
+    /// Interpolation method; `None` where jets give the force.
+    pub method: Option<Method>,
     /// When contact begins and ends.
     pub contact: ContactConfig,
     /// Limits of the force and of the motion.
@@ -25,12 +25,26 @@ pub struct Config {
 impl Config {
     /// A method with the default contact, limits and passivity control.
     pub fn new(method: Method) -> Self {
+        Self { method: Some(method), ..Self::live() }
+    }
+
+    /// The default contact, limits and passivity control without a method: jets of a live solver give the
+    /// force.
+    pub fn live() -> Self {
         Self {
-            method,
+            method: None,
             contact: ContactConfig::default(),
             limits: LimitConfig::default(),
             passivity: PassivityConfig::default(),
             gravity_compensation_n: vec3::ZERO,
+        }
+    }
+
+    /// Name of the method, or `jets` without one.
+    pub const fn method_name(&self) -> &'static str {
+        match self.method {
+            Some(method) => method.name(),
+            None => "jets",
         }
     }
 

@@ -11,11 +11,12 @@ pub use config::{Config, ControllerError};
 pub use state::{Command, Fault, Phase, Sample, State};
 
 use crate::blob::{Limits, Organ};
+use crate::field::{Field, Packed, Touch};
 use crate::guard::limit::{self, Freshness, StaleWatch};
 use crate::guard::passivity::NotPassive;
 use crate::guard::speed::SpeedWindow;
 use crate::guard::stiffness;
-use crate::method::{Coverage, ForceSample};
+use crate::method::ForceSample;
 use crate::num::vec3::{self, Vec3};
 use crate::space::Space;
 use crate::touch::contact::{Contact, ContactKind, Engaged};
@@ -39,10 +40,16 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     ///
     /// Contact is with the planes of the active nodes until [`Controller::on_surface`] is called.
     ///
+    /// Without a method the force comes from jets ([`Controller::tick_on`]): no table is needed, the stiffness
+    /// is not known in advance, and no force is scaled.
+    ///
     /// Errors: [`ControllerError`] if a number is out of range, or if a space has no table for the method.
     pub fn new(organ: &'o Organ<'a, N>, config: Config) -> Result<Self, ControllerError> {
         config.check()?;
         let Config { method, limits, .. } = config;
+        let Some(method) = method else {
+            return Ok(Self { organ, surface: None, config, stiffest_n_m: 0.0, hand_scale: 1.0 });
+        };
         if let Some((space, _)) = (0..u16::MAX).zip(&organ.spaces).find(|(_, space)| !space.has(method)) {
             return Err(ControllerError::MissingMethod { method, space });
         }
@@ -86,7 +93,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     /// decrease.
     pub fn tick(&self, state: &mut State, now_us: u64, sample: Option<&Sample>) -> Command {
         self.tick_with(state, now_us, sample, |space, displacement_m| {
-            space.force(self.config.method, *displacement_m)
+            space.force(self.config.method?, *displacement_m)
         })
     }
 
@@ -99,8 +106,21 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         sample: Option<&Sample>,
         force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
     ) -> Command {
+        let mut tables = Packed { organ: self.organ, method: self.config.method, evaluate: force };
+        self.tick_on(state, now_us, sample, &mut tables)
+    }
+
+    /// [`Controller::tick`] with the force of a field, for example the jets of a live solver
+    /// ([`crate::JetMemory`]).
+    pub fn tick_on(
+        &self,
+        state: &mut State,
+        now_us: u64,
+        sample: Option<&Sample>,
+        field: &mut impl Field,
+    ) -> Command {
         let command = match state.phase {
-            Phase::Active => match self.render(state, now_us, sample, force) {
+            Phase::Active => match self.render(state, now_us, sample, field) {
                 Ok(command) => command,
                 Err(fault) => {
                     state.enter(Phase::SafeZero(fault));
@@ -108,6 +128,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
                 }
             },
             phase => {
+                field.released(now_us);
                 let seen_m = sample.map(|sample| sample.position_m).filter(|&hip_m| vec3::is_finite(hip_m));
                 Command::zero(phase, seen_m.unwrap_or(state.last.hip_m))
             }
@@ -122,7 +143,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         state: &mut State,
         now_us: u64,
         sample: Option<&Sample>,
-        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
+        field: &mut impl Field,
     ) -> Result<Command, Fault> {
         let limits = &self.config.limits;
         let before_us = state.now_us.unwrap_or(now_us);
@@ -151,7 +172,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let damping_n = state.passivity.observe(&self.config.passivity, at, stored_j);
         let damping_n = damping_n.map_err(|NotPassive| Fault::Energy)?;
 
-        let model = self.reaction(&mut state.contact, fresh, force)?;
+        let model = self.reaction(&mut state.contact, (now_us, fresh), field)?;
         let ramp = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
         let capped_n = vec3::scale(model.reaction_n, -self.hand_scale);
         let (clamped_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
@@ -207,22 +228,33 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     fn reaction(
         &self,
         contact: &mut Contact,
-        sample: &Sample,
-        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
+        (now_us, sample): (u64, &Sample),
+        field: &mut impl Field,
     ) -> Result<Command, Fault> {
         let (config, spaces) = (&self.config.contact, &self.organ.spaces);
         let (surface, hip_m) = (self.surface.as_ref(), sample.position_m);
         let free = Command::zero(Phase::Active, hip_m);
-        let Some(at) = contact.update(config, spaces, surface, hip_m, sample.buttons) else {
-            return Ok(free);
+        let model = match contact.update(config, spaces, surface, hip_m, sample.buttons) {
+            None => None,
+            Some(at) => {
+                let displacement_m = vec3::sub(hip_m, at.anchor_m);
+                let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m };
+                let answer = field.force(&touch).ok_or(Fault::Internal)?;
+                let is_released = self.is_released(&at, displacement_m, answer.force_n);
+                (!is_released).then_some((at, displacement_m, answer))
+            }
         };
-        let displacement_m = vec3::sub(hip_m, at.anchor_m);
-        let answer = self.blended(&at, displacement_m, force).ok_or(Fault::Internal)?;
-        if self.is_released(&at, displacement_m, answer.force_n) {
-            contact.release(hip_m);
-            return Ok(free);
+        let Some((at, displacement_m, answer)) = model else {
+            if contact.is_engaged() {
+                contact.release(hip_m);
+            }
+            field.released(now_us);
+            return if field.is_lost() { Err(Fault::Solver) } else { Ok(free) };
+        };
+        if field.is_lost() {
+            return Err(Fault::Solver);
         }
-        let energy_j = |space: &Space<'_>, d: Vec3| space.energy_j(self.config.method, d);
+        let energy_j = |space: u16| field.energy_j(space, displacement_m);
         contact.slip(config, spaces, surface, (displacement_m, answer.force_n), energy_j);
         Ok(Command {
             reaction_n: answer.force_n,
@@ -232,35 +264,6 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             coverage: Some(answer.coverage),
             ..free
         })
-    }
-
-    /// h = sum w_i h_i(d). The coverage is `Extrapolated` if that of any space is, else that of the first
-    /// space.
-    fn blended(
-        &self,
-        at: &Engaged,
-        displacement_m: Vec3,
-        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
-    ) -> Option<ForceSample> {
-        let mut sum: Option<ForceSample> = None;
-        for node in at.weights.iter().filter(|node| node.weight > 0.0) {
-            let space = self.organ.spaces.get(usize::from(node.space))?;
-            let one = force(space, &displacement_m)?;
-            // A single space has weight 1, so the product keeps the bits.
-            let force_n = vec3::scale(one.force_n, node.weight);
-            sum = Some(match sum {
-                None => ForceSample { force_n, ..one },
-                Some(others) => ForceSample {
-                    force_n: vec3::add(others.force_n, force_n),
-                    coverage: if one.coverage == Coverage::Extrapolated {
-                        one.coverage
-                    } else {
-                        others.coverage
-                    },
-                },
-            });
-        }
-        sum
     }
 
     /// Whether the model would pull a pushing tool, or a grasp exceeds its largest distance or force.

@@ -40,6 +40,8 @@ named! {
         NotReady = "not-ready",
         /// The watchdog stopped the force because the loop stood still.
         Watchdog = "watchdog",
+        /// The live solver has ended or hangs, and the force has faded out.
+        Solver = "solver",
     }
 }
 

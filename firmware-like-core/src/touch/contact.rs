@@ -170,16 +170,15 @@ impl Contact {
         spaces: &[Space<'_>],
         surface: Option<&TouchSurface<'_>>,
         (displacement_m, force_n): (Vec3, Vec3),
-        energy_j: impl Fn(&Space<'_>, Vec3) -> Option<f32>,
+        energy_j: impl Fn(u16) -> Option<f32>,
     ) {
         let (Some(at), Some(surface)) = (&mut self.engaged, surface) else { return };
         let (ContactKind::Push, Some(foot)) = (at.kind, at.foot) else { return };
         let pressing_n = -vec3::dot(force_n, at.normal);
-        let driving_n =
-            match blended_slope_n(spaces, surface, at, &foot, |space| energy_j(space, displacement_m)) {
-                Some(slope_n) => vec3::sub(force_n, slope_n),
-                None => force_n,
-            };
+        let driving_n = match blended_slope_n(surface, at, &foot, energy_j) {
+            Some(slope_n) => vec3::sub(force_n, slope_n),
+            None => force_n,
+        };
         let along_n = vec3::sub(driving_n, vec3::scale(at.normal, vec3::dot(driving_n, at.normal)));
         let size_n = vec3::norm(along_n);
         let excess_n = size_n - config.friction * pressing_n.max(0.0);
@@ -221,16 +220,14 @@ impl Contact {
 
 /// sum W_i grad w_i, newtons; `None` if a space has no energy.
 fn blended_slope_n(
-    spaces: &[Space<'_>],
     surface: &TouchSurface<'_>,
     at: &Engaged,
     foot: &Foot,
-    energy_j: impl Fn(&Space<'_>) -> Option<f32>,
+    energy_j: impl Fn(u16) -> Option<f32>,
 ) -> Option<Vec3> {
     let mut sum = vec3::ZERO;
     for (node, slope) in at.weights.iter().zip(surface.weight_slopes(foot.triangle)?) {
-        let energy_j = energy_j(spaces.get(usize::from(node.space))?)?;
-        sum = vec3::add(sum, vec3::scale(slope, energy_j));
+        sum = vec3::add(sum, vec3::scale(slope, energy_j(node.space)?));
     }
     Some(sum)
 }

@@ -205,7 +205,7 @@ form!(PassivityForm of "PassivityConfig" {
 #[serde(remote = "Config")]
 struct ConfigForm {
     #[serde(with = "method")]
-    method: Method,
+    method: Option<Method>,
     #[serde(flatten, with = "ContactForm")]
     contact: ContactConfig,
     #[serde(flatten, with = "LimitForm")]
@@ -268,18 +268,25 @@ mod vector {
     }
 }
 
+/// A method by its name, or `jets` where the jets of a live solver gave the force.
 mod method {
     use palpate_core::Method;
     use serde::de::{Error, Unexpected};
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    pub(super) fn serialize<S: Serializer>(method: &Method, to: S) -> Result<S::Ok, S::Error> {
-        method.name().serialize(to)
+    const JETS: &str = "jets";
+
+    pub(super) fn serialize<S: Serializer>(method: &Option<Method>, to: S) -> Result<S::Ok, S::Error> {
+        method.map_or(JETS, Method::name).serialize(to)
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Method, D::Error> {
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Method>, D::Error> {
         let name = String::deserialize(from)?;
-        Method::from_name(&name).ok_or_else(|| D::Error::invalid_value(Unexpected::Str(&name), &"a method"))
+        if name == JETS {
+            return Ok(None);
+        }
+        let known = Method::from_name(&name);
+        known.map(Some).ok_or_else(|| D::Error::invalid_value(Unexpected::Str(&name), &"a method"))
     }
 }
 
@@ -315,7 +322,7 @@ pub(super) mod tests {
             },
             haptic: LoopConfig { period_us: 999, spin_us: 7, arm_button: 4 },
             config: Config {
-                method: Method::RbfCubic,
+                method: Some(Method::RbfCubic),
                 contact: ContactConfig {
                     capture_radius_m: 0.1 + 0.2,
                     release_tension_n: f32::MIN_POSITIVE,
@@ -354,6 +361,18 @@ pub(super) mod tests {
     fn the_header_survives_a_round_trip() {
         let header = header();
         assert_eq!(Header::of(&header.entries()).expect("complete"), header);
+    }
+
+    #[test]
+    fn a_live_session_has_jets_in_place_of_a_method() {
+        let mut header = header();
+        header.config.method = None;
+        let mut entries = header.entries();
+        assert_eq!(entries["method"], "jets");
+        assert_eq!(Header::of(&entries).expect("complete"), header);
+        entries.insert("method".into(), "jet".into());
+        let refused = Header::of(&entries).expect_err("no such method").to_string();
+        assert!(refused.contains("jet"), "{refused}");
     }
 
     /// Recordings are read by these keys.

@@ -36,6 +36,8 @@ pub enum ReplayError {
     Model(ModelError),
     /// The recording is damaged.
     Recording(RecordingError),
+    /// Jets of a live solver gave the recorded force: there are no tables to replay it with.
+    Live,
 }
 
 impl fmt::Display for ReplayError {
@@ -51,6 +53,7 @@ impl fmt::Display for ReplayError {
             }
             Self::Model(error) => error.fmt(f),
             Self::Recording(error) => error.fmt(f),
+            Self::Live => f.write_str("recorded in a live session, which has no tables to replay"),
         }
     }
 }
@@ -197,7 +200,7 @@ pub fn check_blobs(header: &Header, blob_blake3: &[String]) -> Result<(), Replay
 ///
 /// # Errors
 ///
-/// [`ReplayError`]: another blob, a damaged recording, or organs that the controller refuses.
+/// [`ReplayError`]: another blob, a damaged or a live recording, or organs that the controller refuses.
 pub fn replay<R: Read, const N: usize>(
     organs: &[&Organ<'_, N>],
     blob_blake3: &[String],
@@ -209,7 +212,9 @@ pub fn replay<R: Read, const N: usize>(
 ) -> Result<ReplaySummary, ReplayError> {
     let header = recording.header().clone();
     check_blobs(&header, blob_blake3)?;
-    let config = Config { method: method.unwrap_or(header.config.method), ..header.config };
+    let recorded_method = header.config.method.ok_or(ReplayError::Live)?;
+    let method = method.unwrap_or(recorded_method);
+    let config = Config { method: Some(method), ..header.config };
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
     let mut shown =
@@ -227,8 +232,8 @@ pub fn replay<R: Read, const N: usize>(
         Outputs { records, latest },
     );
     let mut summary = ReplaySummary {
-        recorded_method: header.config.method,
-        method: config.method,
+        recorded_method,
+        method,
         ticks: 0,
         different: 0,
         first: None,

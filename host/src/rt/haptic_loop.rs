@@ -153,7 +153,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     ///
     /// # Panics
     ///
-    /// If there is no model, or more than [`MAX_MODELS`].
+    /// If there is no model, more than [`MAX_MODELS`], or one without a method.
     pub fn with_models(
         controllers: &[Controller<'o, 'a, N>],
         device: D,
@@ -169,7 +169,9 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         assert!(!controllers.is_empty() && controllers.len() <= MAX_MODELS, "1 to 254 models");
         let rendered = |controller: &Controller<'o, 'a, N>| Model {
             controller: *controller,
-            interpolator: Interpolator::new(controller.config().method),
+            interpolator: Interpolator::new(
+                controller.config().method.expect("models of tables have a method"),
+            ),
         };
         Self {
             models: controllers.iter().map(rendered).collect(),

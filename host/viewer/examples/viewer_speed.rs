@@ -55,7 +55,7 @@ fn measure(organ: &Organ<'_>) {
     for (name, engaged, depth_m) in
         [("at rest", None, 0.0), ("pressed", Some(0), -0.012), ("pulled", Some(0), 0.025)]
     {
-        let mut renderer = Renderer::new(organ, Method::Tricubic, RendererConfig::live());
+        let mut renderer = Renderer::new(organ, Method::Tricubic.name(), RendererConfig::live());
         let mut live = Live::new();
         let mut times: Vec<FrameTimes> = Vec::new();
         for frame in 0..FRAMES + 3 {

@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn core::error::Error>> {
     let view = View::Window { screenshots, picture: RendererConfig::live(), mouse };
     let options = SessionOptions { seconds, ..SessionOptions::default() };
     let (organs, config) = ([&organ], Config::new(Method::Tricubic));
-    let mut screen = Screen::open(&organs, config.method, &view)?;
+    let mut screen = Screen::open(&organs, config.method_name(), &view)?;
     let summary = run_session(&organs, config, device, &options, &AtomicBool::new(false), &mut screen)?;
     println!("{summary}\n{}", screen.finish()?);
     Ok(())

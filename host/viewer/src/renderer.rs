@@ -17,7 +17,7 @@ use super::viewpoint;
 use crate::deformation::Deformation;
 use core::time::Duration;
 use glam::Vec2;
-use palpate_core::{Method, Organ};
+use palpate_core::Organ;
 use palpate_host::rt::TickRecord;
 use std::time::Instant;
 
@@ -108,9 +108,9 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Makes a renderer for an organ.
+    /// Makes a renderer for an organ. `method` is the name of what gives the force, for the caption.
     #[must_use]
-    pub fn new<const N: usize>(organ: &Organ<'_, N>, method: Method, config: RendererConfig) -> Self {
+    pub fn new<const N: usize>(organ: &Organ<'_, N>, method: &str, config: RendererConfig) -> Self {
         let RendererConfig { width, height, samples } = config;
         let surface = Deformation::at_rest(organ);
         let scene = Scene::new(organ, &surface);
@@ -127,7 +127,7 @@ impl Renderer {
             captions: Captions {
                 scene: organ.scene.as_str().to_owned(),
                 law: organ.law.as_str().to_owned(),
-                method: method.name().to_owned(),
+                method: method.to_owned(),
                 spaces: organ.spaces.iter().map(|space| space.active.name.as_str().to_owned()).collect(),
                 verdicts: Vec::new(),
                 models: 1,

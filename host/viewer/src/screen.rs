@@ -10,7 +10,7 @@ use super::window_controller::WindowController;
 use core::fmt;
 use core::ops::ControlFlow;
 use core::time::Duration;
-use palpate_core::{Method, Organ, vec3};
+use palpate_core::{Organ, vec3};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::first_place::first_place;
 use palpate_host::rt::{Controls, TickRecord};
@@ -108,7 +108,7 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
     /// # Errors
     ///
     /// [`ViewerError`]: no display, or a file that cannot be created.
-    pub fn open(organs: &'s [&'s Organ<'o, N>], method: Method, view: &View) -> Result<Self, ViewerError> {
+    pub fn open(organs: &'s [&'s Organ<'o, N>], method: &str, view: &View) -> Result<Self, ViewerError> {
         let nothing = |organs| Self::of(organs, Output::Nothing, Duration::MAX, None);
         let Some(organ) = organs.first() else { return Ok(nothing(organs)) };
         let renderer = |picture: &RendererConfig| {

@@ -25,7 +25,7 @@ fn a_headless_session_writes_numbered_frames() {
         let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
         run_session(&organs, config, hand, &options, &go, screen).expect("it runs")
     };
-    let mut screen = Screen::open(&organs, config.method, &view).expect("a folder");
+    let mut screen = Screen::open(&organs, config.method_name(), &view).expect("a folder");
     let summary = session(&mut screen);
     assert_eq!(summary.end, LoopEnd::Completed);
     let frames = screen.finish().expect("written");
@@ -33,7 +33,7 @@ fn a_headless_session_writes_numbered_frames() {
     assert!(frames.written >= 2 && found == frames.written, "{frames}: {found} files");
 
     // Without the folder the first picture ends the session. The screen keeps its error.
-    let mut screen = Screen::open(&organs, config.method, &view).expect("a folder");
+    let mut screen = Screen::open(&organs, config.method_name(), &view).expect("a folder");
     std::fs::remove_dir_all(&directory).expect("it is there");
     let summary = session(&mut screen);
     assert_eq!(summary.end, LoopEnd::Stopped);

@@ -52,7 +52,7 @@ fn shots(organ: &Organ<'_>, at: &[u64]) -> Vec<Shot> {
 }
 
 fn draw(organ: &Organ<'_>, picture: RendererConfig, shot: &mut Shot) -> Image {
-    Renderer::new(organ, Method::Tricubic, picture).render(organ, &shot.record, &mut shot.live).clone()
+    Renderer::new(organ, Method::Tricubic.name(), picture).render(organ, &shot.record, &mut shot.live).clone()
 }
 
 fn save(image: &Image, name: &str) {
@@ -113,7 +113,7 @@ fn every_layer_is_visible() {
     let blob = blob();
     let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let mut shot = shots(&organ, &[1_050]).pop().expect("one");
-    let mut renderer = Renderer::new(&organ, Method::Tricubic, RendererConfig::live());
+    let mut renderer = Renderer::new(&organ, Method::Tricubic.name(), RendererConfig::live());
     let plain = renderer.render(&organ, &shot.record, &mut shot.live).clone();
     let differing = |image: &Image| image.pixels().iter().zip(plain.pixels()).filter(|(a, b)| a != b).count();
     assert_eq!(
@@ -193,7 +193,7 @@ fn the_verdict_on_the_touched_place_is_visible() {
     let mut shot = shots(&organ, &[1_050]).pop().expect("one");
     assert_eq!(shot.record.engaged, Some(0));
     let mut drawn = |verdicts: Vec<Verdict>| {
-        let mut renderer = Renderer::new(&organ, Method::Tricubic, RendererConfig::live());
+        let mut renderer = Renderer::new(&organ, Method::Tricubic.name(), RendererConfig::live());
         renderer.set_verdicts(vec![verdicts]);
         let image = renderer.render(&organ, &shot.record, &mut shot.live).clone();
         // The row of the panel.

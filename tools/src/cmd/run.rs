@@ -421,7 +421,8 @@ fn run_replay(
     replay::check_blobs(recording.header(), blob_blake3).map_err(|error| Failure::input(named(&error)))?;
     let regions = args.scene.as_ref().map(|scene| regions::of_scene(scene, organs)).transpose()?;
     let show = touch::Show { regions: regions.as_ref(), ..show(args, None) };
-    let method = args.method.unwrap_or(recording.header().config.method);
+    let recorded = &recording.header().config;
+    let method = args.method.map_or(recorded.method_name(), Method::name);
     let had_folder = show.pictures.exists();
     let mut screen = show.screen(organs, method)?;
     let pace = match screen.interval() {

@@ -93,7 +93,7 @@ impl Figures {
             header.scene,
             header.active.join(", "),
             header.blob_blake3.join(", "),
-            header.config.method.name(),
+            header.config.method_name(),
             header.instructions,
             header.program,
             header.start_unix_ns as f64 * 1e-9,
@@ -113,7 +113,7 @@ impl Figures {
         );
         let figures = json!({
             "device": header.device.name, "scene": header.scene, "active": header.active,
-            "blob_blake3": header.blob_blake3, "method": header.config.method.name(),
+            "blob_blake3": header.blob_blake3, "method": header.config.method_name(),
             "instructions": header.instructions, "program": header.program,
             "start_unix_ns": header.start_unix_ns, "period_us": header.haptic.period_us,
             "max_force_n": header.config.limits.max_force_n,

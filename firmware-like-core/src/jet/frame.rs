@@ -1,0 +1,234 @@
+//! The frame of a jet, checked once when it arrives.
+//!
+//! Integers and floats are little-endian; floats are IEEE 754 binary32.
+//!
+//! ```text
+//! offset  bytes  content
+//!  0      4      "PJET"
+//!  4      2      u16 version, 1
+//!  6      2      u16 length of the frame, 120
+//!  8      4      u32 sequence
+//! 12      2      u16 contact
+//! 14      2      u16 flags: 1 joined, 2 fresh, 4 unstable, 8 flush before; the others are 0
+//! 16      12     f32 control x, y, z, metres
+//! 28      4      f32 W, joules
+//! 32      12     f32 h x, y, z, newtons
+//! 44      24     f32 S xx, xy, xz, yy, yz, zz, newtons per metre
+//! 68      40     f32 third derivatives of W, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz, N/m^2
+//! 108     4      f32 trust radius, metres
+//! 112     4      zero
+//! 116     4      u32 CRC-32 (ISO-HDLC) of all bytes before it
+//! ```
+//!
+//! The length is a multiple of 8, so that a ring of 64-bit words can hold frames.
+
+use crate::blob::format::CHECKSUM;
+use crate::num::vec3::{self, Vec3};
+use crate::plane::LARGEST_VALUE;
+
+const MAGIC: [u8; 4] = *b"PJET";
+const VERSION: u16 = 1;
+/// Where the checksum is.
+const CHECKSUM_AT: usize = 116;
+/// Number of floats, from offset 16 to the zero.
+const FLOATS: usize = 24;
+
+/// Properties of a jet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct JetFlags {
+    /// Joins the jet from which it was continued: the body did not jump in between.
+    pub joined: bool,
+    /// Solved with a factor of its own and not with a frozen one.
+    pub fresh: bool,
+    /// The equilibrium is not stable.
+    pub unstable: bool,
+    /// The body has jumped: jets of the contact that contradict this one must be removed.
+    pub flush_before: bool,
+}
+
+impl JetFlags {
+    fn bits(self) -> u16 {
+        let Self { joined, fresh, unstable, flush_before } = self;
+        u16::from(joined) | u16::from(fresh) << 1 | u16::from(unstable) << 2 | u16::from(flush_before) << 3
+    }
+
+    fn from_bits(bits: u16) -> Option<Self> {
+        let flag = |bit: u16| bits & bit != 0;
+        let all = Self { joined: flag(1), fresh: flag(2), unstable: flag(4), flush_before: flag(8) };
+        (bits < 16).then_some(all)
+    }
+}
+
+/// The expansion of the energy W at one displacement of a contact point.
+///
+/// [`Jet::decode`] returns only jets whose numbers are finite and in range; the fields are public for the
+/// solver, which makes jets. [`super::JetMemory::insert`] refuses others.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Jet {
+    /// The contact point: a space of the organ.
+    pub contact: u16,
+    /// Number of the jet in the session.
+    pub sequence: u32,
+    /// Properties.
+    pub flags: JetFlags,
+    /// The displacement that was solved, metres.
+    pub control_m: Vec3,
+    /// W, joules; zero at rest.
+    pub energy_j: f32,
+    /// h = dW/dd, newtons.
+    pub force_n: Vec3,
+    /// S = dh/dd: xx, xy, xz, yy, yz, zz, newtons per metre.
+    pub stiffness_n_m: [f32; 6],
+    /// dS/dd: xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz, newtons per square metre.
+    pub third_n_m2: [f32; 10],
+    /// Distance from `control_m` up to which the expansion is used, metres.
+    pub trust_m: f32,
+}
+
+impl Jet {
+    /// Length of a frame, bytes.
+    pub const FRAME_LEN: usize = 120;
+    /// Largest trust radius, metres.
+    pub const MAX_TRUST_M: f32 = 0.025;
+    /// Largest distance of the control from rest, metres.
+    pub const MAX_CONTROL_M: f32 = 1.0;
+
+    /// The frame of this jet, whatever its numbers are.
+    pub fn encode(&self) -> [u8; Self::FRAME_LEN] {
+        let mut frame = [0; Self::FRAME_LEN];
+        let mut rest = frame.as_mut_slice();
+        let mut put = |bytes: &[u8]| {
+            if let Some((place, after)) = core::mem::take(&mut rest).split_at_mut_checked(bytes.len()) {
+                place.copy_from_slice(bytes);
+                rest = after;
+            }
+        };
+        put(&MAGIC);
+        put(&VERSION.to_le_bytes());
+        put(&(Self::FRAME_LEN as u16).to_le_bytes());
+        put(&self.sequence.to_le_bytes());
+        put(&self.contact.to_le_bytes());
+        put(&self.flags.bits().to_le_bytes());
+        let numbers = [&self.control_m[..], &[self.energy_j], &self.force_n, &self.stiffness_n_m];
+        for number in numbers.into_iter().chain([&self.third_n_m2[..], &[self.trust_m]]).flatten() {
+            put(&number.to_le_bytes());
+        }
+        if let Some((body, checksum)) = frame.split_at_mut_checked(CHECKSUM_AT) {
+            checksum.copy_from_slice(&CHECKSUM.checksum(body).to_le_bytes());
+        }
+        frame
+    }
+
+    /// The jet of a frame.
+    ///
+    /// Errors: [`JetError`], also if a number is NaN, infinite or out of its range.
+    pub fn decode(frame: &[u8]) -> Result<Self, JetError> {
+        let length = JetError::Length { have: frame.len() };
+        let (magic, rest) = frame.split_first_chunk::<4>().ok_or(length)?;
+        let (version, rest) = rest.split_first_chunk::<2>().ok_or(length)?;
+        if *magic != MAGIC {
+            return Err(JetError::Magic);
+        }
+        // First, because the length may depend on it.
+        let found = u16::from_le_bytes(*version);
+        if found != VERSION {
+            return Err(JetError::Version { found });
+        }
+        let frame: &[u8; Self::FRAME_LEN] = frame.try_into().map_err(|_| length)?;
+        let (body, stored) = frame.split_last_chunk::<4>().ok_or(length)?;
+        let (stored, computed) = (u32::from_le_bytes(*stored), CHECKSUM.checksum(body));
+        if stored != computed {
+            return Err(JetError::Checksum { stored, computed });
+        }
+        let (stated, rest) = rest.split_first_chunk::<2>().ok_or(length)?;
+        let have = usize::from(u16::from_le_bytes(*stated));
+        if have != Self::FRAME_LEN {
+            return Err(JetError::Length { have });
+        }
+        let (sequence, rest) = rest.split_first_chunk::<4>().ok_or(length)?;
+        let (contact, rest) = rest.split_first_chunk::<2>().ok_or(length)?;
+        let (flags, rest) = rest.split_first_chunk::<2>().ok_or(length)?;
+        let flags = JetFlags::from_bits(u16::from_le_bytes(*flags)).ok_or(JetError::Reserved)?;
+        let mut numbers = [0.0; FLOATS];
+        let mut words = rest.chunks_exact(4);
+        for (number, word) in numbers.iter_mut().zip(&mut words) {
+            *number = f32::from_le_bytes(*word.first_chunk().ok_or(length)?);
+        }
+        if words.next() != Some(&[0; 4]) {
+            return Err(JetError::Reserved);
+        }
+        let [x, y, z, energy_j, fx, fy, fz, xx, xy, xz, yy, yz, zz, third_n_m2 @ .., trust_m] = numbers;
+        let jet = Self {
+            contact: u16::from_le_bytes(*contact),
+            sequence: u32::from_le_bytes(*sequence),
+            flags,
+            control_m: [x, y, z],
+            energy_j,
+            force_n: [fx, fy, fz],
+            stiffness_n_m: [xx, xy, xz, yy, yz, zz],
+            third_n_m2,
+            trust_m,
+        };
+        jet.check().map(|()| jet)
+    }
+
+    /// Checks the range of every number: no later result of the jet overflows.
+    pub(super) fn check(&self) -> Result<(), JetError> {
+        // NaN fails every comparison.
+        let sound = |numbers: &[f32]| numbers.iter().all(|number| number.abs() <= LARGEST_VALUE);
+        let near = |x: f32| x.abs() <= Self::MAX_CONTROL_M;
+        let [x, y, z] = self.control_m;
+        let control = near(x) && near(y) && near(z) && vec3::norm(self.control_m) <= Self::MAX_CONTROL_M;
+        let checks = [
+            ("control", control),
+            ("energy", sound(&[self.energy_j])),
+            ("force", sound(&self.force_n)),
+            ("stiffness", sound(&self.stiffness_n_m)),
+            ("third derivatives", sound(&self.third_n_m2)),
+            ("trust radius", self.trust_m > 0.0 && self.trust_m <= Self::MAX_TRUST_M),
+        ];
+        match checks.into_iter().find(|(_, is_sound)| !is_sound) {
+            None => Ok(()),
+            Some((what, _)) => Err(JetError::Value { what }),
+        }
+    }
+}
+
+/// Why a frame was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum JetError {
+    /// It has, or states, another length than a frame of this version.
+    #[error("a frame of {have} bytes is no jet ({} are needed)", Jet::FRAME_LEN)]
+    Length {
+        /// Bytes given or stated.
+        have: usize,
+    },
+    /// It does not begin with "PJET".
+    #[error("the frame is no jet (it does not begin with PJET)")]
+    Magic,
+    /// It has another version.
+    #[error(
+        "the jet has version {found}, this program reads version {VERSION}: use a solver of the same build"
+    )]
+    Version {
+        /// Version of the frame.
+        found: u16,
+    },
+    /// The bytes are not those that were written.
+    #[error("checksum mismatch: the jet is damaged (stored {stored:08x}, computed {computed:08x})")]
+    Checksum {
+        /// Checksum in the frame.
+        stored: u32,
+        /// Checksum of the bytes.
+        computed: u32,
+    },
+    /// A bit that must be zero is not.
+    #[error("the jet has bits without a meaning in this version")]
+    Reserved,
+    /// A number is NaN, infinite or out of its range.
+    #[error("the {what} of the jet is NaN, infinite or out of its range")]
+    Value {
+        /// The field.
+        what: &'static str,
+    },
+}
