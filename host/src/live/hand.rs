@@ -21,11 +21,13 @@ pub struct Hand {
     pub is_engaged: bool,
     /// Whether the jets of the loop do not cover the control: the solver is late.
     pub is_extrapolated: bool,
-    /// Jets that the loop has taken so far, and among them those that it has refused.
+    /// Which of the engaged contacts have no jet in the loop: it never got one, or gave its place to another.
+    pub missing: [bool; 3],
+    /// Frames that the loop has taken so far.
     pub taken: u32,
-    /// Frames that were no valid jet.
+    /// Frames among them that were no valid jet, or had no room.
     pub refused: u32,
-    /// Sequence number of the last jet taken.
+    /// Sequence number of the last jet that was kept.
     pub sequence: u32,
 }
 
@@ -34,6 +36,7 @@ pub(super) const HAND_WORDS: usize = 12;
 
 const ENGAGED: u32 = 1;
 const EXTRAPOLATED: u32 = 2;
+const MISSING: [u32; 3] = [4, 8, 16];
 
 const fn pair(low: u32, high: u32) -> u64 {
     low as u64 | (high as u64) << 32
@@ -53,8 +56,11 @@ impl Hand {
         let [dx, dy, dz] = self.displacement_m.map(f32::to_bits);
         let [vx, vy, vz] = self.velocity_m_s.map(f32::to_bits);
         let [x, y, z] = self.hip_m.map(f32::to_bits);
-        let flags =
-            if self.is_engaged { ENGAGED } else { 0 } | if self.is_extrapolated { EXTRAPOLATED } else { 0 };
+        let flag = |is_set: bool, bit: u32| if is_set { bit } else { 0 };
+        let mut flags = flag(self.is_engaged, ENGAGED) | flag(self.is_extrapolated, EXTRAPOLATED);
+        for (is_missing, bit) in self.missing.into_iter().zip(MISSING) {
+            flags |= flag(is_missing, bit);
+        }
         [
             self.tick,
             self.t_us,
@@ -89,6 +95,7 @@ impl Hand {
             hip_m: [x, y, z].map(f32::from_bits),
             is_engaged: flags & ENGAGED != 0,
             is_extrapolated: flags & EXTRAPOLATED != 0,
+            missing: MISSING.map(|bit| flags & bit != 0),
             taken,
             refused,
             sequence,
@@ -137,6 +144,12 @@ impl VelocityFilter {
         self.velocity_m_s
     }
 
+    /// The velocity after the last sample, m/s.
+    #[must_use]
+    pub const fn velocity_m_s(&self) -> Vec3 {
+        self.velocity_m_s
+    }
+
     fn start(&mut self, t_us: u64, position_m: Vec3) -> Vec3 {
         (self.last, self.velocity_m_s) = (Some((t_us, position_m)), vec3::ZERO);
         vec3::ZERO
@@ -159,11 +172,16 @@ mod tests {
             hip_m: [-0.1, 0.2, 0.3],
             is_engaged: true,
             is_extrapolated: false,
+            missing: [false, true, false],
             taken: 17,
             refused: 3,
             sequence: u32::MAX,
         };
-        for hand in [hand, Hand { is_engaged: false, is_extrapolated: true, ..hand }, Hand::default()] {
+        for hand in [
+            hand,
+            Hand { is_engaged: false, is_extrapolated: true, missing: [true, false, true], ..hand },
+            Hand::default(),
+        ] {
             assert_eq!(Hand::of_words(hand.words()), hand);
         }
     }

@@ -47,11 +47,7 @@ pub(super) fn short(text: &str) -> String {
 }
 
 /// Sends a message with its descriptors.
-pub(super) fn send(
-    socket: &UnixStream,
-    message: &impl Serialize,
-    fds: &[BorrowedFd<'_>],
-) -> io::Result<()> {
+pub(super) fn send(socket: &UnixStream, message: &impl Serialize, fds: &[BorrowedFd<'_>]) -> io::Result<()> {
     let body = postcard::to_allocvec(message).map_err(io::Error::other)?;
     let mut bytes = (body.len() as u32).to_le_bytes().to_vec();
     bytes.extend(body);
@@ -81,10 +77,7 @@ impl Inbox {
     /// # Errors
     ///
     /// [`ErrorKind::UnexpectedEof`] if the other end is closed; [`ErrorKind::InvalidData`] for other bytes.
-    pub(super) fn next<T: for<'de> Deserialize<'de>>(
-        &mut self,
-        timeout: Duration,
-    ) -> io::Result<Option<T>> {
+    pub(super) fn next<T: for<'de> Deserialize<'de>>(&mut self, timeout: Duration) -> io::Result<Option<T>> {
         loop {
             if let Some(message) = self.decode()? {
                 return Ok(Some(message));

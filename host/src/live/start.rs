@@ -83,11 +83,7 @@ pub struct SolverProcess {
 /// # Errors
 ///
 /// [`StartError`]; the process has then ended.
-pub fn start(
-    mut command: Command,
-    stop: &AtomicBool,
-    line: impl FnMut(&str),
-) -> Result<Ready, StartError> {
+pub fn start(mut command: Command, stop: &AtomicBool, line: impl FnMut(&str)) -> Result<Ready, StartError> {
     let (ours, theirs) = UnixStream::pair()?;
     command.arg0("palpate-solver").stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).process_group(0);
     let child = command.spawn()?;
@@ -105,11 +101,7 @@ pub fn start(
 /// # Errors
 ///
 /// [`StartError`].
-pub fn start_at(
-    socket: UnixStream,
-    stop: &AtomicBool,
-    line: impl FnMut(&str),
-) -> Result<Ready, StartError> {
+pub fn start_at(socket: UnixStream, stop: &AtomicBool, line: impl FnMut(&str)) -> Result<Ready, StartError> {
     SolverProcess { inbox: Inbox::new(socket), child: None, ended: Ended::default() }.wait(stop, line)
 }
 
@@ -125,9 +117,8 @@ impl SolverProcess {
                 Ok(Some(FromSolver::Line(text))) => line(&text),
                 Ok(Some(FromSolver::Refused(text))) => return Err(StartError::Refused(text)),
                 Ok(Some(FromSolver::Ready { vertices, blob_len })) => {
-                    let [memory, blob] = self.inbox.take_fds().ok_or(ErrorKind::InvalidData)?;
-                    let (for_loop, view) =
-                        channel::join(&memory, vertices as usize, self.ended.clone())?;
+                    let [memory, blob] = self.inbox.take_fds().ok_or_else(incompatible)?;
+                    let (for_loop, view) = channel::join(&memory, vertices as usize, self.ended.clone())?;
                     let blob = read_blob(blob, blob_len)?;
                     return Ok(Ready { blob, for_loop, view, process: self });
                 }
@@ -197,10 +188,15 @@ impl Drop for SolverProcess {
     }
 }
 
+/// The error of a process that is not a solver of this version.
+fn incompatible() -> io::Error {
+    ErrorKind::InvalidData.into()
+}
+
 fn read_blob(fd: OwnedFd, len: u64) -> Result<BlobFile, StartError> {
     let file = File::from(fd);
     if len > MAX_BLOB_LEN || file.metadata()?.len() != len {
-        return Err(StartError::Io(ErrorKind::InvalidData.into()));
+        return Err(incompatible().into());
     }
     Ok(BlobFile::of_file(file)?)
 }
