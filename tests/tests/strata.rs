@@ -128,7 +128,7 @@ const PRECOMPUTE: [&str; 42] = [
 ];
 
 /// The core, lowest stratum first.
-const CORE: [&str; 12] = [
+const CORE: [&str; 14] = [
     "named",
     "tag",
     "num",
@@ -140,6 +140,8 @@ const CORE: [&str; 12] = [
     "blob",
     "touch",
     "guard",
+    "field",
+    "jet",
     "controller",
 ];
 

@@ -6,7 +6,7 @@ pub(crate) mod passivity;
 mod recent;
 pub(crate) mod speed;
 pub(crate) mod stiffness;
-mod velocity;
+pub(crate) mod velocity;
 
 pub use limit::{LimitConfig, clamp_force};
 pub use passivity::PassivityConfig;

@@ -14,14 +14,14 @@ const LONGEST: usize = 15;
 
 /// The last positions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct AdaptiveWindow {
+pub(crate) struct AdaptiveWindow {
     positions: Recent<{ LONGEST + 1 }>,
     known: usize,
 }
 
 impl AdaptiveWindow {
     /// Adds the next position, metres.
-    pub(super) fn push(&mut self, t_us: u64, position_m: Vec3) {
+    pub(crate) fn push(&mut self, t_us: u64, position_m: Vec3) {
         self.positions.push(t_us, position_m);
         self.known = (self.known + 1).min(LONGEST + 1);
     }
@@ -32,7 +32,7 @@ impl AdaptiveWindow {
     /// A line from x_(k-n) passes x_(k-j) within a step if its slope differs from the slope from x_(k-j) by
     /// at most step / (t_k - t_(k-j)). Therefore one pass suffices; it narrows the interval of admissible
     /// slopes.
-    pub(super) fn velocity_m_s(&self, step_m: f32) -> Vec3 {
+    pub(crate) fn velocity_m_s(&self, step_m: f32) -> Vec3 {
         let mut positions = self.positions.iter().take(self.known);
         let Some((now_us, now_m)) = positions.next() else { return vec3::ZERO };
         let (mut velocity, mut low, mut high) = (vec3::ZERO, [f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);

@@ -1,27 +1,70 @@
 //! The jets of a session, and the force from them.
+//!
+//! h = sum w_i h_i(d) over the engaged contact points, each with its own table. A point without jets takes the
+//! weighted mean of the others: they are its neighbours. If none has any, the force is zero.
 
 use super::frame::Jet;
+use super::ladder::{Ladder, Solver};
+use super::table::{Decay, Table};
+use super::trusted::limited;
 use crate::field::{Field, Touch};
-use crate::method::ForceSample;
-use crate::num::vec3::Vec3;
+use crate::method::{Coverage, ForceSample};
+use crate::num::exponential::exp_of_minus;
+use crate::num::lanes::{Baseline, Machine};
+use crate::num::vec3::{self, Vec3};
+use crate::touch::NodeWeight;
 
-/// State of the solver as its heartbeat shows it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Solver {
-    /// It works.
-    #[default]
-    Alive,
-    /// No heartbeat for a while: inside the trust of the jets nothing changes, but the time counts.
-    Silent,
-    /// It has ended or hangs: the force fades out.
-    Gone,
+/// Time constant of the fade between two jets, us.
+const FAST_US: f64 = 10_000.0;
+/// The same after a jump of the body, and where jets take the place of a substitute, us.
+const SLOW_US: f64 = 30_000.0;
+/// Longest time between two ticks for a fade, us: the range of the exponential.
+const MAX_ELAPSED_US: u64 = 1_000_000;
+
+/// A table and its use.
+#[derive(Debug, Clone, PartialEq)]
+struct Place<const JETS: usize> {
+    table: Table<JETS>,
+    /// Tick in which the table last gave a force.
+    tick: u64,
+    /// Number of the last use, by a force or an insertion.
+    used: u64,
 }
 
-/// Jets of at most `CONTACTS` contact points, `JETS` for each; its size is fixed.
+/// The force of the present touch that no single table owns.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Whole {
+    now_us: u64,
+    displacement_m: Vec3,
+    weights: [NodeWeight; 3],
+    /// Which of the engaged points have jets.
+    has_jets: [bool; 3],
+    /// Sum before the ladder.
+    force_n: Vec3,
+    /// Decays with the slow time constant.
+    offset_n: Vec3,
+}
+
+/// Jets of at most `CONTACTS` contact points, `JETS` of each, a multiple of 8; its size is fixed.
+///
+/// A point takes a table with its first jet. When all tables are taken, the one that was used longest ago is
+/// cleared for it, but never one of the present touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JetMemory<const CONTACTS: usize, const JETS: usize = 256> {
-    jets: [[Jet; JETS]; CONTACTS],
+    /// The contact point of each table, apart from the tables because it is searched in every tick.
+    owners: [Option<u16>; CONTACTS],
+    places: [Place<JETS>; CONTACTS],
     solver: Solver,
+    ladder: Ladder,
+    /// Number of the present tick.
+    tick: u64,
+    /// Number of the last use of a table.
+    uses: u64,
+    /// Number of the last insertion.
+    stamp: u32,
+    hand_overs: u32,
+    /// The present touch.
+    whole: Option<Whole>,
 }
 
 impl<const CONTACTS: usize, const JETS: usize> Default for JetMemory<CONTACTS, JETS> {
@@ -36,13 +79,36 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
     /// 64 contacts of 256 jets take 2 MB, as much as the whole stack of a thread: box it in a thread that has
     /// more.
     pub fn new() -> Self {
-        Self { jets: [[Jet::default(); JETS]; CONTACTS], solver: Solver::Alive }
+        Self {
+            owners: [None; CONTACTS],
+            places: core::array::from_fn(|_| Place { table: Table::new(), tick: 0, used: 0 }),
+            solver: Solver::Alive,
+            ladder: Ladder::default(),
+            tick: 1,
+            uses: 0,
+            stamp: 0,
+            hand_overs: 0,
+            whole: None,
+        }
     }
 
-    /// Adds a jet. Returns false if it was refused: a number is out of range, or all tables are in use by
-    /// the present touch.
+    /// Adds a jet, before a tick. Returns false if it was refused: a number is out of range, or all tables
+    /// are in use by the present touch.
     pub fn insert(&mut self, jet: &Jet) -> bool {
-        jet.check().is_ok()
+        if jet.check().is_err() {
+            return false;
+        }
+        let Some(index) = self.index(jet.contact).or_else(|| self.make_room(jet.contact)) else {
+            return false;
+        };
+        self.uses += 1;
+        self.stamp = self.stamp.wrapping_add(1);
+        let touched_m = self.whole.map(|whole| whole.displacement_m);
+        let (tick, used, stamp) = (self.tick, self.uses, self.stamp);
+        let Some(place) = self.places.get_mut(index) else { return false };
+        place.used = used;
+        place.table.insert(jet, touched_m.filter(|_| place.tick == tick), stamp);
+        true
     }
 
     /// States whether the solver is alive, from the next tick on.
@@ -50,23 +116,158 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         self.solver = solver;
     }
 
-    /// Number of jets of a contact.
-    pub fn jets(&self, _contact: u16) -> usize {
-        0
+    /// Number of jets of a contact point.
+    pub fn jets(&self, contact: u16) -> usize {
+        self.place(contact).map_or(0, |place| place.table.len())
     }
 
-    /// Number of times that the active jet of a touched contact has changed.
-    pub fn hand_overs(&self) -> u32 {
-        0
+    /// Number of times that another jet has taken over while the tool touched.
+    pub const fn hand_overs(&self) -> u32 {
+        self.hand_overs
+    }
+
+    fn index(&self, contact: u16) -> Option<usize> {
+        self.owners.iter().position(|owner| *owner == Some(contact))
+    }
+
+    fn place(&self, contact: u16) -> Option<&Place<JETS>> {
+        self.places.get(self.index(contact)?)
+    }
+
+    /// Clears the table that was used longest ago, or takes one that is free, for a contact.
+    fn make_room(&mut self, contact: u16) -> Option<usize> {
+        let touched = self.whole.map(|_| self.tick);
+        let idle = self.places.iter().enumerate().filter(|(_, place)| Some(place.tick) != touched);
+        let (index, _) = idle.min_by_key(|(_, place)| place.used)?;
+        *self.owners.get_mut(index)? = Some(contact);
+        self.places.get_mut(index)?.table.clear();
+        Some(index)
+    }
+
+    /// The sum over the points with jets, the weight of these, and whether all of it lies in their trust.
+    fn sum(&mut self, touch: &Touch, d: Vec3, decay: Decay, has_jets: &mut [bool; 3]) -> (Vec3, f32, bool) {
+        let (mut sum_n, mut weight, mut is_covered) = (vec3::ZERO, 0.0, true);
+        for (node, has_jets) in touch.weights.iter().zip(has_jets) {
+            if node.weight > 0.0 {
+                let answer = self.one(node.space, d, decay);
+                is_covered &= answer.as_ref().is_some_and(|found| found.coverage != Coverage::Extrapolated);
+                *has_jets = answer.is_some();
+                if let Some(found) = answer {
+                    sum_n = vec3::add(sum_n, vec3::scale(found.force_n, node.weight));
+                    weight += node.weight;
+                }
+            }
+        }
+        (sum_n, weight, is_covered)
+    }
+
+    /// The force of one point, which is then one of the present touch.
+    fn one(&mut self, space: u16, d: Vec3, decay: Decay) -> Option<ForceSample> {
+        let index = self.index(space)?;
+        self.uses += 1;
+        let (tick, used) = (self.tick, self.uses);
+        let place = self.places.get_mut(index)?;
+        let is_continued = place.tick.wrapping_add(1) == tick;
+        (place.tick, place.used) = (tick, used);
+        let answer = place.table.force(d, decay, is_continued)?;
+        self.hand_overs = self.hand_overs.wrapping_add(answer.is_handed_over.into());
+        Some(answer.sample)
     }
 }
 
 impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JETS> {
-    fn force(&mut self, _touch: &Touch) -> Option<ForceSample> {
-        None
+    /// The coverage is `Scattered` if every engaged point is within the trust of a jet.
+    ///
+    /// Cost: a pass over the controls of the engaged points, one jet for each of them, and another one where
+    /// the active jet changes.
+    fn force(&mut self, touch: &Touch) -> Option<ForceSample> {
+        let finite = limited(touch.displacement_m);
+        let d = finite.unwrap_or_default();
+        let before = self.whole.take();
+        let elapsed_us = before.map_or(0, |before| touch.now_us.saturating_sub(before.now_us));
+        let decay = decay(elapsed_us.min(MAX_ELAPSED_US));
+        self.tick += 1;
+        let mut has_jets = [false; 3];
+        let (sum_n, weight, is_covered) = self.sum(touch, d, decay, &mut has_jets);
+        // The mean takes the place of the points without jets.
+        let mean_n = if weight > 0.0 { vec3::scale(sum_n, 1.0 / weight) } else { vec3::ZERO };
+        let all = touch.weights.iter().map(|node| node.weight).fold(0.0, |sum, weight| sum + weight.max(0.0));
+        let is_whole = touch.weights.iter().zip(has_jets).all(|(node, has)| has || node.weight <= 0.0);
+        let own_n = if is_whole { sum_n } else { vec3::scale(mean_n, all) };
+        let mut now = Whole {
+            now_us: touch.now_us,
+            displacement_m: d,
+            weights: touch.weights,
+            has_jets,
+            force_n: own_n,
+            offset_n: vec3::ZERO,
+        };
+        if let Some(before) = before {
+            now.offset_n = vec3::scale(before.offset_n, decay.slow);
+            if now.is_substituted_otherwise(&before) {
+                now.offset_n = vec3::sub(before.force_n, own_n);
+                self.hand_overs = self.hand_overs.wrapping_add(1);
+            }
+            now.force_n = vec3::add(own_n, now.offset_n);
+        }
+        self.whole = Some(now);
+        let is_covered = is_covered && finite.is_some();
+        let at = (touch.now_us, touch.hip_m);
+        let force_n = self.ladder.apply(at, now.force_n, is_covered, self.solver);
+        let coverage = if is_covered { Coverage::Scattered } else { Coverage::Extrapolated };
+        Some(ForceSample { force_n, coverage })
     }
 
-    fn energy_j(&self, _space: u16, _displacement_m: Vec3) -> Option<f32> {
-        None
+    /// With the factor of the ladder, as the force. A point without jets takes the mean of the others.
+    fn energy_j(&self, space: u16, displacement_m: Vec3) -> Option<f32> {
+        let of = |space: u16| {
+            let place = self.place(space)?;
+            place.table.energy_j(displacement_m, place.tick == self.tick)
+        };
+        let mean = || {
+            let nodes = self.whole?.weights;
+            let known = |node: &NodeWeight| Some((node.weight, of(node.space)?));
+            let held = nodes.iter().filter(|node| node.weight > 0.0).filter_map(known);
+            let add =
+                |(sum, all): (f32, f32), (weight, energy): (f32, f32)| (sum + weight * energy, all + weight);
+            let (sum, all) = held.fold((0.0, 0.0), add);
+            Some(if all > 0.0 { sum / all } else { 0.0 })
+        };
+        Some(of(space).or_else(mean)? * self.ladder.gain())
     }
+
+    fn released(&mut self, now_us: u64) {
+        self.whole = None;
+        self.tick += 1;
+        self.ladder.free(now_us, self.solver);
+    }
+
+    fn is_lost(&self) -> bool {
+        self.solver == Solver::Gone && self.ladder.is_faded()
+    }
+}
+
+impl Whole {
+    /// Whether points without jets get their force from other points than in the last tick: then it jumps.
+    fn is_substituted_otherwise(&self, before: &Self) -> bool {
+        let lacks =
+            |of: &Self| of.weights.iter().zip(of.has_jets).any(|(node, has)| !has && node.weight > 0.0);
+        (lacks(self) || lacks(before)) && !(self.is_within(before) && before.is_within(self))
+    }
+
+    /// Whether the points with jets also had jets in another tick.
+    fn is_within(&self, other: &Self) -> bool {
+        let has = |of: &Self, space: u16| {
+            of.weights.iter().zip(of.has_jets).any(|(node, has)| has && node.space == space)
+        };
+        self.weights.iter().zip(self.has_jets).all(|(node, is)| !is || has(other, node.space))
+    }
+}
+
+/// Factors of the fades for the time since the last tick.
+fn decay(elapsed_us: u64) -> Decay {
+    let elapsed_us = elapsed_us as f64;
+    let q = [elapsed_us / FAST_US, elapsed_us / SLOW_US, 0.0, 0.0];
+    let [fast, slow, ..] = Baseline.to_array_f64(exp_of_minus(Baseline, Baseline.load_f64(&q)));
+    Decay { fast: fast as f32, slow: slow as f32 }
 }

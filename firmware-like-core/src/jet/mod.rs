@@ -8,7 +8,11 @@
 //! organ). The solver is a process of its own and may be late or end; the force stays bounded and smooth.
 
 mod frame;
+mod ladder;
 mod memory;
+mod table;
+mod trusted;
 
 pub use frame::{Jet, JetError, JetFlags};
-pub use memory::{JetMemory, Solver};
+pub use ladder::Solver;
+pub use memory::JetMemory;

@@ -1,0 +1,270 @@
+//! The jets of one contact point, which of them is active, and the fade from one to the next.
+//!
+//! The active jet has the least |d - d_k| / rho_k; another one must be nearer by a tenth to take over. At every
+//! change of it, whether it was replaced, removed or left, the difference of the forces becomes an offset that
+//! decays:
+//!
+//! o += h_old(d) - h_new(d),   o *= exp(-dt / tau),   tau = 10 ms, or 30 ms after a jump of the body
+
+use super::frame::Jet;
+use super::trusted::limited;
+use crate::method::ForceSample;
+use crate::num::vec3::{self, Vec3};
+
+/// Jets that the search compares side by side.
+const LANES: usize = 8;
+/// Share of the active jet's distance, in trust radii, within which another one takes over, squared.
+const NEARER: f32 = 0.9 * 0.9;
+/// Controls closer than this are the same, metres.
+const SAME_M: f32 = 1e-6;
+/// Coordinate of an unused place: with its factor of 1e12 it is further than any displacement from any jet.
+const UNUSED: (f32, f32) = (1e9, 1e12);
+/// An offset below this is set to zero, newtons.
+const NOTHING_N: f32 = 1e-5;
+/// A jet contradicts another one at its control beyond this force, newtons.
+const CONTRADICTION_N: f32 = 0.1;
+/// The same, as a share of the force.
+const CONTRADICTION_SHARE: f32 = 0.1;
+
+/// Factors by which offsets decay in one tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Decay {
+    /// 10 ms.
+    pub(super) fast: f32,
+    /// 30 ms.
+    pub(super) slow: f32,
+}
+
+/// The jet that gave the force in the last tick. It is a copy, so that its force is known after it was
+/// replaced or removed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Active {
+    slot: usize,
+    stamp: u32,
+    jet: Jet,
+}
+
+/// What the search reads, apart from the jets: 16 bytes a jet.
+#[derive(Debug, Clone, PartialEq)]
+struct Search<const JETS: usize> {
+    x: [f32; JETS],
+    y: [f32; JETS],
+    z: [f32; JETS],
+    /// 1 / rho^2
+    per_trust2: [f32; JETS],
+}
+
+/// The jets of one contact point.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Table<const JETS: usize> {
+    jets: [Jet; JETS],
+    /// Number of the insertion of each jet.
+    stamps: [u32; JETS],
+    len: usize,
+    search: Search<JETS>,
+    active: Option<Active>,
+    offset_n: Vec3,
+    /// The offset decays slowly.
+    is_slow: bool,
+    /// The body has jumped since the last tick.
+    has_jumped: bool,
+}
+
+/// The force of a table in one tick.
+pub(super) struct Answer {
+    pub(super) sample: ForceSample,
+    /// The active jet has changed while the tool touched.
+    pub(super) is_handed_over: bool,
+}
+
+impl<const JETS: usize> Table<JETS> {
+    pub(super) fn new() -> Self {
+        const { assert!(JETS > 0 && JETS.is_multiple_of(LANES), "a multiple of 8 jets") };
+        let (far, factor) = UNUSED;
+        let search = Search { x: [far; JETS], y: [0.0; JETS], z: [0.0; JETS], per_trust2: [factor; JETS] };
+        Self {
+            jets: [Jet::default(); JETS],
+            stamps: [0; JETS],
+            len: 0,
+            search,
+            active: None,
+            offset_n: vec3::ZERO,
+            is_slow: false,
+            has_jumped: false,
+        }
+    }
+
+    /// Forgets all jets.
+    pub(super) fn clear(&mut self) {
+        while let Some(last) = self.len.checked_sub(1) {
+            self.remove(last);
+        }
+        self.active = None;
+    }
+
+    pub(super) const fn len(&self) -> usize {
+        self.len
+    }
+
+    /// The jets.
+    fn known(&self) -> &[Jet] {
+        self.jets.get(..self.len).unwrap_or_default()
+    }
+
+    /// Adds a checked jet. `present_m` is the displacement of the tool if it touches the point. `stamp` is
+    /// different for each insertion.
+    ///
+    /// A jet with the same control is replaced. In a full table the one farthest from the tool, or else from
+    /// the new jet, is.
+    pub(super) fn insert(&mut self, jet: &Jet, present_m: Option<Vec3>, stamp: u32) {
+        if jet.flags.flush_before {
+            self.flush(jet);
+        }
+        let is_same = |known: &Jet| vec3::distance(known.control_m, jet.control_m) <= SAME_M;
+        let slot = match self.known().iter().position(is_same) {
+            Some(slot) => slot,
+            None if self.len < JETS => {
+                self.len += 1;
+                self.len - 1
+            }
+            None => self.farthest(present_m.unwrap_or(jet.control_m)),
+        };
+        self.put(slot, Some((jet, stamp)));
+    }
+
+    /// Writes a place, or marks it as unused.
+    fn put(&mut self, slot: usize, content: Option<(&Jet, u32)>) {
+        let (far, factor) = UNUSED;
+        let ([x, y, z], per_trust2) = match content {
+            Some((jet, _)) => (jet.control_m, jet.per_trust2()),
+            None => ([far, 0.0, 0.0], factor),
+        };
+        let Search { x: xs, y: ys, z: zs, per_trust2: factors } = &mut self.search;
+        for (row, value) in [(xs, x), (ys, y), (zs, z), (factors, per_trust2)] {
+            if let Some(place) = row.get_mut(slot) {
+                *place = value;
+            }
+        }
+        if let Some((jet, stamp)) = content
+            && let (Some(place), Some(number)) = (self.jets.get_mut(slot), self.stamps.get_mut(slot))
+        {
+            (*place, *number) = (*jet, stamp);
+        }
+    }
+
+    /// Removes a jet; the last one takes its place.
+    fn remove(&mut self, slot: usize) {
+        let Some(last) = self.len.checked_sub(1) else { return };
+        if let (Some(jet), Some(stamp)) = (self.jets.get(last).copied(), self.stamps.get(last).copied()) {
+            self.put(slot, Some((&jet, stamp)));
+        }
+        self.put(last, None);
+        self.len = last;
+    }
+
+    /// Removes the jets that contradict a new one at its control.
+    fn flush(&mut self, new: &Jet) {
+        let most_n = CONTRADICTION_N.max(CONTRADICTION_SHARE * vec3::norm(new.force_n));
+        let mut slot = self.len;
+        // From the end: the jet that takes the place of a removed one was examined already.
+        while let Some(before) = slot.checked_sub(1) {
+            slot = before;
+            let differs = |jet: &Jet| vec3::distance(jet.force(new.control_m).force_n, new.force_n) > most_n;
+            if self.known().get(slot).is_some_and(differs) {
+                self.remove(slot);
+            }
+        }
+        self.has_jumped = true;
+    }
+
+    fn farthest(&self, from_m: Vec3) -> usize {
+        let (mut slot, mut most) = (0, -1.0);
+        for (at, jet) in self.known().iter().enumerate() {
+            let squared = vec3::norm_squared(vec3::sub(jet.control_m, from_m));
+            if squared > most {
+                (slot, most) = (at, squared);
+            }
+        }
+        slot
+    }
+
+    /// h at a limited displacement; `None` without jets.
+    ///
+    /// `is_continued`: the tool has touched the point in the last tick too. Otherwise there is no offset.
+    pub(super) fn force(&mut self, d: Vec3, decay: Decay, is_continued: bool) -> Option<Answer> {
+        let before = self.active.take().filter(|_| is_continued);
+        let has_jumped = core::mem::take(&mut self.has_jumped);
+        let (slot, squared) = self.nearest(d)?;
+        if before.is_none() {
+            (self.offset_n, self.is_slow) = (vec3::ZERO, false);
+        }
+        let is_kept = |active: &Active| {
+            let is_known = active.slot < self.len && self.stamps.get(active.slot) == Some(&active.stamp);
+            is_known && squared >= NEARER * self.squared(active.slot, d)
+        };
+        let kept = before.filter(is_kept);
+        let active = match kept {
+            Some(active) => active,
+            None => Active { slot, stamp: *self.stamps.get(slot)?, jet: *self.jets.get(slot)? },
+        };
+        let sample = active.jet.force(d);
+        self.offset_n = vec3::scale(self.offset_n, if self.is_slow { decay.slow } else { decay.fast });
+        if vec3::max_abs(self.offset_n) < NOTHING_N {
+            (self.offset_n, self.is_slow) = (vec3::ZERO, false);
+        }
+        let left = if kept.is_none() { before } else { None };
+        if let Some(left) = &left {
+            let difference_n = vec3::sub(left.jet.force(d).force_n, sample.force_n);
+            self.offset_n = vec3::add(self.offset_n, difference_n);
+            self.is_slow |= has_jumped;
+        }
+        self.active = Some(active);
+        let force_n = vec3::add(sample.force_n, self.offset_n);
+        let is_handed_over = left.is_some();
+        Some(Answer { sample: ForceSample { force_n, ..sample }, is_handed_over })
+    }
+
+    /// W of the active jet if the point is touched, otherwise of the nearest one; `None` without jets.
+    pub(super) fn energy_j(&self, displacement_m: Vec3, is_touched: bool) -> Option<f32> {
+        let active = self.active.as_ref().map(|active| &active.jet).filter(|_| is_touched);
+        let nearest = || self.jets.get(self.nearest(limited(displacement_m).unwrap_or_default())?.0);
+        Some(active.or_else(nearest)?.energy_j(displacement_m))
+    }
+
+    /// (|d - d_k| / rho_k)^2
+    fn squared(&self, slot: usize, d: Vec3) -> f32 {
+        self.jets
+            .get(slot)
+            .map_or(f32::MAX, |jet| vec3::norm_squared(vec3::sub(jet.control_m, d)) * jet.per_trust2())
+    }
+
+    /// The nearest jet in trust radii and the square of that distance; the earliest place of equal ones.
+    ///
+    /// Cost: eight jets side by side, without a branch.
+    fn nearest(&self, [dx, dy, dz]: Vec3) -> Option<(usize, f32)> {
+        let Search { x, y, z, per_trust2 } = &self.search;
+        let blocks = x.chunks_exact(LANES).zip(y.chunks_exact(LANES));
+        let blocks = blocks.zip(z.chunks_exact(LANES).zip(per_trust2.chunks_exact(LANES)));
+        let (mut least, mut places) = ([f32::MAX; LANES], [0_u32; LANES]);
+        for (block, ((x, y), (z, factor))) in (0_u32..).zip(blocks).take(self.len.div_ceil(LANES)) {
+            let row = |of: &[f32]| of.first_chunk::<LANES>().copied().unwrap_or_default();
+            let (x, y, z, factor) = (row(x), row(y), row(z), row(factor));
+            for lane in 0..LANES {
+                let (rx, ry, rz) = (x[lane] - dx, y[lane] - dy, z[lane] - dz);
+                let squared = (rx * rx + ry * ry + rz * rz) * factor[lane];
+                let is_nearer = squared < least[lane];
+                least[lane] = if is_nearer { squared } else { least[lane] };
+                places[lane] = if is_nearer { block } else { places[lane] };
+            }
+        }
+        let mut best = None;
+        for (lane, (squared, block)) in least.into_iter().zip(places).enumerate() {
+            let slot = block as usize * LANES + lane;
+            let is_better = |(other, most): (usize, f32)| squared < most || (squared == most && slot < other);
+            if slot < self.len && best.is_none_or(is_better) {
+                best = Some((slot, squared));
+            }
+        }
+        best
+    }
+}

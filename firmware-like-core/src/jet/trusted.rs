@@ -1,0 +1,158 @@
+//! The force of one jet: a Taylor polynomial inside the trust radius, levelling off beyond it.
+//!
+//! Inside, with x = d - d_k:   h = h_k + S_k x + (T_k x) x / 2,   S = S_k + T_k x
+//!
+//! Beyond, with r = |x|, u = x / r and q = rho u:   h = h(q) + S(q) u phi(r - rho)
+//!
+//! phi(s) = s - s^2 / 2L up to s = L = max(rho, 5 mm), then L / 2
+//!
+//! T_k are the third derivatives of the energy. The force is continuous with its derivatives at the radius. It
+//! is the gradient of the energy inside. Beyond, the polynomial would grow with the square of the distance; the
+//! continuation is bounded, and softer than the body where that stiffens.
+
+use super::frame::Jet;
+use crate::method::{Coverage, ForceSample};
+use crate::num::vec3::{self, Vec3};
+
+/// Smallest distance over which the continuation levels off, metres.
+const MIN_LEVELLING_M: f32 = 5e-3;
+/// Largest component of a displacement that is used, metres: no square overflows.
+const MAX_DISPLACEMENT_M: f32 = 1e3;
+
+/// The displacement with components of at most 1 km; `None` if it is not finite.
+pub(super) fn limited(displacement_m: Vec3) -> Option<Vec3> {
+    let within = displacement_m.map(|x| x.clamp(-MAX_DISPLACEMENT_M, MAX_DISPLACEMENT_M));
+    vec3::is_finite(displacement_m).then_some(within)
+}
+
+/// Where a displacement lies relative to a jet.
+struct Place {
+    /// The displacement from the control, at most as long as the trust radius.
+    from_control_m: Vec3,
+    /// Unit vector away from the control; zero inside.
+    outward: Vec3,
+    /// Distance beyond the trust radius; zero inside.
+    beyond_m: f32,
+}
+
+impl Jet {
+    /// h at a displacement, newtons: `Scattered` inside the trust radius, `Extrapolated` beyond. A displacement
+    /// that is not finite has the force at the control and is `Extrapolated`.
+    ///
+    /// Needs a jet that [`Jet::decode`] returned; the force is then finite.
+    pub fn force(&self, displacement_m: Vec3) -> ForceSample {
+        let Some(displacement_m) = limited(displacement_m) else {
+            return ForceSample { force_n: self.force_n, coverage: Coverage::Extrapolated };
+        };
+        let at = self.place(displacement_m);
+        let inside_n = self.polynomial_n(at.from_control_m);
+        if at.beyond_m <= 0.0 {
+            return ForceSample { force_n: inside_n, coverage: Coverage::Scattered };
+        }
+        let slope_n_m = self.stiffness_times(at.from_control_m, at.outward);
+        let force_n = vec3::add(inside_n, vec3::scale(slope_n_m, self.levelled_m(at.beyond_m)));
+        ForceSample { force_n, coverage: Coverage::Extrapolated }
+    }
+
+    /// W at a displacement, joules; beyond the trust radius continued along the ray from the control.
+    pub fn energy_j(&self, displacement_m: Vec3) -> f32 {
+        let Some(displacement_m) = limited(displacement_m) else { return self.energy_j };
+        let at = self.place(displacement_m);
+        let x = at.from_control_m;
+        let bent_n_m = self.third_times(x);
+        let linear = vec3::dot(self.force_n, x);
+        let quadratic = 0.5 * vec3::dot(product(&self.stiffness_n_m, x), x);
+        let cubic = vec3::dot(product(&bent_n_m, x), x) / 6.0;
+        let inside_j = self.energy_j + linear + quadratic + cubic;
+        if at.beyond_m <= 0.0 {
+            return inside_j;
+        }
+        let along_n = vec3::dot(self.polynomial_n(x), at.outward);
+        let slope_n_m = vec3::dot(self.stiffness_times(x, at.outward), at.outward);
+        inside_j + along_n * at.beyond_m + slope_n_m * self.risen_m2(at.beyond_m)
+    }
+
+    /// The distance from the control in trust radii, squared, for a trust radius of at least a micrometre.
+    pub(super) fn per_trust2(&self) -> f32 {
+        let trust_m = self.trust_m.max(1e-6);
+        1.0 / (trust_m * trust_m)
+    }
+
+    fn place(&self, displacement_m: Vec3) -> Place {
+        let from_control_m = vec3::sub(displacement_m, self.control_m);
+        let distance_m = vec3::norm(from_control_m);
+        if distance_m <= self.trust_m {
+            return Place { from_control_m, outward: vec3::ZERO, beyond_m: 0.0 };
+        }
+        let outward = vec3::scale(from_control_m, 1.0 / distance_m);
+        let beyond_m = distance_m - self.trust_m;
+        Place { from_control_m: vec3::scale(outward, self.trust_m), outward, beyond_m }
+    }
+
+    /// h_k + S_k x + (T_k x) x / 2
+    fn polynomial_n(&self, x: Vec3) -> Vec3 {
+        let bent_n_m = self.third_times(x);
+        let mut mean_n_m = self.stiffness_n_m;
+        for (s, bent) in mean_n_m.iter_mut().zip(bent_n_m) {
+            *s += 0.5 * bent;
+        }
+        vec3::add(self.force_n, product(&mean_n_m, x))
+    }
+
+    /// (S_k + T_k x) a
+    fn stiffness_times(&self, x: Vec3, a: Vec3) -> Vec3 {
+        vec3::add(product(&self.stiffness_n_m, a), product(&self.third_times(x), a))
+    }
+
+    /// T_k x: xx, xy, xz, yy, yz, zz.
+    fn third_times(&self, [x, y, z]: Vec3) -> [f32; 6] {
+        let [xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz] = self.third_n_m2;
+        [
+            xxx * x + xxy * y + xxz * z,
+            xxy * x + xyy * y + xyz * z,
+            xxz * x + xyz * y + xzz * z,
+            xyy * x + yyy * y + yyz * z,
+            xyz * x + yyz * y + yzz * z,
+            xzz * x + yzz * y + zzz * z,
+        ]
+    }
+
+    /// phi
+    fn levelled_m(&self, beyond_m: f32) -> f32 {
+        let length_m = self.trust_m.max(MIN_LEVELLING_M);
+        let bent_m = beyond_m.min(length_m);
+        bent_m - bent_m * bent_m / (2.0 * length_m)
+    }
+
+    /// The integral of phi from 0 to s.
+    fn risen_m2(&self, beyond_m: f32) -> f32 {
+        let length_m = self.trust_m.max(MIN_LEVELLING_M);
+        let bent_m = beyond_m.min(length_m);
+        0.5 * bent_m * bent_m * (1.0 - bent_m / (3.0 * length_m)) + 0.5 * length_m * (beyond_m - bent_m)
+    }
+}
+
+/// The product of a symmetric matrix (xx, xy, xz, yy, yz, zz) and a vector.
+fn product([xx, xy, xz, yy, yz, zz]: &[f32; 6], [x, y, z]: Vec3) -> Vec3 {
+    [xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_continuation_levels_off_over_the_trust_radius_or_five_millimetres() {
+        for (trust_m, length_m) in [(1e-3, 5e-3), (8e-3, 8e-3)] {
+            let jet = Jet { trust_m, ..Jet::default() };
+            assert_eq!(jet.levelled_m(0.0), 0.0);
+            assert!((jet.levelled_m(length_m) - 0.5 * length_m).abs() < 1e-9);
+            assert_eq!(jet.levelled_m(1.0), jet.levelled_m(length_m));
+            let (step_m, mut sum_m2) = (1e-5, 0.0);
+            for n in 0..2_000 {
+                sum_m2 += step_m * jet.levelled_m((n as f32 + 0.5) * step_m);
+            }
+            assert!((jet.risen_m2(0.02) / sum_m2 - 1.0).abs() < 1e-4, "{} {sum_m2}", jet.risen_m2(0.02));
+        }
+    }
+}
