@@ -37,8 +37,8 @@ pub(super) enum FromSession {
 
 /// Longest message, bytes: a damaged length must not cause a huge allocation.
 const MAX_LEN: usize = 1 << 16;
-/// Longest text of a line, bytes.
-const MAX_TEXT: usize = MAX_LEN - 16;
+/// Longest text of a line, bytes: a message of this length is sent as a whole or not at all.
+const MAX_TEXT: usize = 4_096;
 
 /// A text that fits a message.
 pub(super) fn short(text: &str) -> String {
@@ -46,11 +46,20 @@ pub(super) fn short(text: &str) -> String {
     text[..end.unwrap_or(0)].into()
 }
 
+/// The bytes of a message.
+fn encode(message: &impl Serialize) -> io::Result<Vec<u8>> {
+    let body = postcard::to_allocvec(message).map_err(io::Error::other)?;
+    Ok([&(body.len() as u32).to_le_bytes()[..], &body].concat())
+}
+
+/// Sends a message if the other end has read enough of those before it; whether it has.
+pub(super) fn send_now(socket: &UnixStream, message: &impl Serialize) -> io::Result<bool> {
+    sys::send_now(socket, &encode(message)?)
+}
+
 /// Sends a message with its descriptors.
 pub(super) fn send(socket: &UnixStream, message: &impl Serialize, fds: &[BorrowedFd<'_>]) -> io::Result<()> {
-    let body = postcard::to_allocvec(message).map_err(io::Error::other)?;
-    let mut bytes = (body.len() as u32).to_le_bytes().to_vec();
-    bytes.extend(body);
+    let bytes = encode(message)?;
     let sent = sys::send_fds(socket, &bytes, fds)?;
     io::Write::write_all(&mut &*socket, &bytes[sent..])
 }
@@ -151,6 +160,23 @@ mod tests {
         sender.join().expect("no panic");
         let closed = inbox.next::<FromSolver>(SOON).expect_err("closed");
         assert_eq!(closed.kind(), ErrorKind::UnexpectedEof);
+    }
+
+    /// Nobody reads: the sender does not wait, and what it could send is whole.
+    #[test]
+    fn a_line_that_finds_no_room_is_not_sent() {
+        let (ours, theirs) = UnixStream::pair().expect("sockets");
+        let line = FromSolver::Line(short(&"x".repeat(MAX_LEN)));
+        let sent = (0..10_000).take_while(|_| send_now(&ours, &line).expect("open")).count();
+        assert!((4..10_000).contains(&sent), "{sent}");
+        let mut inbox = Inbox::new(theirs);
+        for _ in 0..sent {
+            assert_eq!(inbox.next(SOON).expect("whole"), Some(line.clone()));
+        }
+        assert!(inbox.next::<FromSolver>(Duration::ZERO).expect("open").is_none());
+        assert!(send_now(&ours, &line).expect("open"));
+        drop(inbox);
+        assert!(send_now(&ours, &line).is_err(), "closed");
     }
 
     #[test]

@@ -121,12 +121,13 @@ impl Serving {
         self.service.lines.recv_timeout(timeout).ok()
     }
 
-    /// Sends a line to the session, which reads it when it has time.
+    /// Sends a line to the session; `false` if the session has not read enough of those before it. It does not
+    /// wait: a session that reads no lines must not stop the solver.
     ///
     /// # Errors
     ///
     /// The session has ended.
-    pub fn report(&self, line: &str) -> io::Result<()> {
-        self.service.report(line)
+    pub fn report(&self, line: &str) -> io::Result<bool> {
+        message::send_now(&self.service.socket, &FromSolver::Line(message::short(line)))
     }
 }

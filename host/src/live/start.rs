@@ -150,13 +150,14 @@ impl SolverProcess {
         self.ended.has_ended()
     }
 
-    /// Sends a line, in words that the command defines.
+    /// Sends a line, in words that the command defines; `false` if the solver has not read enough of those before
+    /// it. It does not wait.
     ///
     /// # Errors
     ///
-    /// The solver has ended, or does not read.
-    pub fn tell(&self, line: &str) -> io::Result<()> {
-        message::send(self.inbox.socket(), &FromSession::Line(message::short(line)), &[])
+    /// The solver has ended.
+    pub fn tell(&self, line: &str) -> io::Result<bool> {
+        message::send_now(self.inbox.socket(), &FromSession::Line(message::short(line)))
     }
 
     /// The next line of the solver, if one arrives within `timeout`.

@@ -83,7 +83,10 @@ impl fmt::Display for SessionSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "device       {}", self.device.name)?;
         writeln!(f, "instructions {}", self.instructions)?;
-        write!(f, "stiffness    up to {:.0} N/m", self.stiffest_n_m)?;
+        match self.live {
+            None => write!(f, "stiffness    up to {:.0} N/m", self.stiffest_n_m)?,
+            Some(_) => write!(f, "stiffness    that of the jets, not limited")?,
+        }
         if self.force_share < 1.0 {
             let cap_n_m = self.force_share * self.stiffest_n_m;
             write!(

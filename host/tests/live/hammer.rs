@@ -34,7 +34,8 @@ pub(super) fn solver(mut serving: Serving) {
         newest = read.tick;
         serving.end.show(&[[sequence as f32; 3]; VERTICES]);
         if sequence == FRAMES {
-            serving.report(&format!("torn {torn}, newest above 0: {}", newest > 0)).expect("it goes on");
+            let line = format!("torn {torn}, newest above 0: {}", newest > 0);
+            assert!(serving.report(&line).expect("the session goes on"));
         }
     }
 }

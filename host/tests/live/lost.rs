@@ -5,10 +5,10 @@ use super::{Press, is_right};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use palpate_core::{Config, Fault, Organ, Phase, Solver, vec3};
-use palpate_host::live::LiveField;
+use palpate_host::live::{LiveField, TakenJet};
 use palpate_host::rt::{LoopConfig, TickRecord};
 use palpate_host::run_live_session;
-use palpate_host::session::{SessionOptions, SessionSummary};
+use palpate_host::session::{Observer, SessionOptions, SessionSummary};
 use palpate_host::sys::RtRequest;
 use std::sync::atomic::AtomicBool;
 
@@ -29,15 +29,38 @@ fn touched(seconds: f64, signals: &[(u64, Signal)]) -> (Vec<TickRecord>, Session
         ..SessionOptions::default()
     };
     let (press, stop) = (Press::on(&organ, 0.008, 0.0), AtomicBool::new(false));
-    let (mut records, mut left) = (Vec::new(), signals.iter().peekable());
-    let mut observe = |record: &TickRecord| {
-        records.push(*record);
-        while let Some((_, due)) = left.next_if(|(tick, _)| *tick <= record.tick) {
-            signal(pid, *due);
+    let (queue, mut taken) = rtrb::RingBuffer::new(1_000);
+    let mut watch = Watch { pid, records: Vec::new(), left: signals.to_vec(), jets: Some(queue) };
+    let summary = run_live_session(&organ, Config::live(), jets, press, &options, &stop, &mut watch);
+    let summary = summary.expect("it runs");
+    // Every jet reaches the recorder, with its number.
+    let numbers: Vec<u32> = core::iter::from_fn(|| taken.pop().ok()).map(|jet| jet.number).collect();
+    let live = summary.live.expect("a live session");
+    assert_eq!((live.refused, live.dropped_by_recorder), (0, 0));
+    assert!(live.taken >= 4 && numbers == (1..=live.taken).collect::<Vec<_>>(), "{numbers:?}");
+    (watch.records, summary)
+}
+
+/// Keeps the records, and sends each signal when its tick has come.
+struct Watch {
+    pid: u32,
+    records: Vec<TickRecord>,
+    left: Vec<(u64, Signal)>,
+    jets: Option<rtrb::Producer<TakenJet>>,
+}
+
+impl Observer for Watch {
+    fn recording_jets(&mut self) -> Option<rtrb::Producer<TakenJet>> {
+        self.jets.take()
+    }
+
+    fn record(&mut self, record: &TickRecord) {
+        self.records.push(*record);
+        while let Some((_, due)) = self.left.first().filter(|(tick, _)| *tick <= record.tick) {
+            signal(self.pid, *due);
+            self.left.remove(0);
         }
-    };
-    let summary = run_live_session(&organ, Config::live(), jets, press, &options, &stop, &mut observe);
-    (records, summary.expect("it runs"))
+    }
 }
 
 /// The first record for which something holds.
@@ -110,5 +133,6 @@ fn a_core_stolen_for_200_ms_does_not_end_the_touch() {
     let force_n = records.last().map(|record| vec3::norm(record.hand_force_n));
     assert!(force_n.is_some_and(|force_n| force_n > 1.5), "{force_n:?}");
     let text = summary.to_string();
+    println!("{text}");
     assert!(text.contains("jets taken; first force 0.") && text.contains("0.00 % of the ticks"), "{text}");
 }

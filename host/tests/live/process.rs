@@ -59,7 +59,7 @@ fn fake_solver() {
         "echo" => {
             let serving = service.ready(&blob, 0).expect("memory");
             while let Some(line) = serving.wait_line(Duration::from_secs(20)) {
-                serving.report(&format!("{line} it is")).expect("the session goes on");
+                assert!(serving.report(&format!("{line} it is")).expect("the session goes on"));
             }
         }
         role => panic!("unknown role {role}"),

@@ -1,6 +1,7 @@
 //! The start of the solver's process: progress, refusal, an early end, Ctrl-C, and the end of the session.
 
 use super::process::{command, start, started};
+use nix::unistd::{Pid, getpgid};
 use palpate_core::Organ;
 use palpate_host::live::{StartError, start as start_solver};
 use palpate_host::sys::{pidfd, wait_readable};
@@ -17,6 +18,9 @@ fn progress_comes_before_the_organ() {
     let ready = start_solver(command("serve"), &AtomicBool::new(false), |line| lines.push(line.to_string()))
         .expect("it starts");
     assert_eq!(lines, ["mesh", "organ"]);
+    // A signal of the terminal to the session's group does not reach it.
+    let solver = Pid::from_raw(ready.process.pid().expect("a process") as i32);
+    assert_eq!(getpgid(Some(solver)), Ok(solver));
     let organ: Organ<'_> = Organ::read(ready.blob.bytes()).expect("a valid blob");
     assert_eq!((organ.spaces.len(), ready.view.vertices()), (3, 0));
 }
@@ -25,7 +29,7 @@ fn progress_comes_before_the_organ() {
 fn lines_go_both_ways_during_the_session() {
     let mut ready = started("echo");
     for word in ["stiff", "soft"] {
-        ready.process.tell(word).expect("it reads");
+        assert!(ready.process.tell(word).expect("it reads"));
         let answer = ready.process.next_line(CERTAIN).expect("it goes on");
         assert_eq!(answer, Some(format!("{word} it is")));
     }
