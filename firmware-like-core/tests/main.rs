@@ -14,6 +14,7 @@ mod fuzz_replay;
 mod grasp;
 mod grid;
 mod interpolation;
+mod jets;
 mod kernel;
 mod sessions;
 mod slip;

@@ -18,7 +18,11 @@ pub struct BlobFile {
 impl BlobFile {
     /// Reads a whole file.
     pub fn load(path: &Path) -> io::Result<Self> {
-        let mut file = File::open(path)?;
+        Self::of_file(File::open(path)?)
+    }
+
+    /// Reads an open file from where it stands to the length that it has now.
+    pub fn of_file(mut file: File) -> io::Result<Self> {
         let len = usize::try_from(file.metadata()?.len()).map_err(|_| io::ErrorKind::OutOfMemory)?;
         let mut bytes = AlignedBytes::zeroed(len);
         file.read_exact(&mut bytes)?;

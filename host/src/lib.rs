@@ -13,7 +13,8 @@
 //! - After start-up the haptic thread does not allocate, lock, format or write. It never waits for an observer
 //!   or a recorder.
 //! - On every exit (completed, stopped, device lost, panic) the device receives zero force.
-//! - The host reads blobs only: this process contains no finite-element code.
+//! - The host reads blobs and jets only: this process contains no finite-element code. A live solver is a process
+//!   of its own ([`live`]).
 //!
 //! Depends on palpate-core only. `unsafe` is allowed in [`sys`] alone.
 #![deny(unsafe_code)]
@@ -24,6 +25,7 @@ pub mod doctor;
 pub mod first_place;
 pub mod guard;
 pub mod instructions;
+pub mod live;
 pub mod model;
 pub mod rt;
 pub mod session;
@@ -38,4 +40,4 @@ pub use blob_file::BlobFile;
 pub use device::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
 pub use instructions::{Instructions, Interpolator};
 pub use rt::TickRecord;
-pub use session::{SessionError, SessionOptions, SessionSummary, run_session};
+pub use session::{SessionError, SessionOptions, SessionSummary, run_live_session, run_session};

@@ -4,12 +4,15 @@
 mod closed_loop;
 #[path = "../../firmware-like-core/tests/common/mod.rs"]
 mod core_blobs;
+#[path = "common/fake_solver.rs"]
+mod fake_solver;
 #[path = "common/synthetic.rs"]
 mod synthetic;
 
 mod deploy;
 mod guard;
 mod instructions;
+mod live;
 mod no_allocation;
 mod soak;
 mod stability;

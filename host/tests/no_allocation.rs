@@ -1,7 +1,7 @@
 //! The path of the tick does not allocate: exchange, controller, histogram, queue and hand-over, over more
 //! than 10^6 ticks, 150,000 per method.
 
-use crate::{core_blobs, synthetic};
+use crate::{core_blobs, fake_solver, synthetic};
 use assert_no_alloc::assert_no_alloc;
 use core::time::Duration;
 use palpate_core::{AlignedBytes, Config, Controller, Method, Organ, Phase, Sample, State, vec3};
@@ -11,6 +11,7 @@ use palpate_host::device::falcon::{Falcon, FalconConfig, Ftdi, Mode};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::live::{self, LiveField};
 use palpate_host::model::{self, TouchMemory};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::settings::controller_config;
@@ -58,6 +59,60 @@ fn a_million_ticks_without_an_allocation() {
         assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 60_000);
         assert_eq!(core::iter::from_fn(|| recorded.pop().ok()).count(), 30_000);
     }
+}
+
+/// A live session: jets arrive in some ticks and not in others, in more contacts than touch, and are recorded
+/// until the queue is full; damaged frames are refused.
+#[test]
+fn jets_of_a_solver_without_an_allocation() {
+    let blob = synthetic::organ(&synthetic::Shape { patch: 60, ..synthetic::Shape::default() });
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+    let mut memory = TouchMemory::default();
+    let controllers = model::controllers(&[&organ], Config::live(), &mut memory).expect("no table is needed");
+    let (mut solver, for_loop, _view) = live::local(100);
+    let (recording, mut recorded) = rtrb::RingBuffer::new(5_000);
+    let jets = LiveField::new(for_loop).expect("memory").with_recording(Some(recording));
+    let random = Some(RandomConfig::new(3));
+    let hand = SimulatedHand::new(&organ, SimulatedConfig { random, ..SimulatedConfig::default() });
+    let (records, _drained) = rtrb::RingBuffer::new(1_000);
+    let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
+    let (controls, clock, config) = (Controls::default(), VirtualClock::default(), LoopConfig::default());
+    let outputs = Outputs { records, latest };
+    let mut haptic = HapticLoop::live(controllers[0], jets, hand, &clock, config, &controls, outputs);
+    let (mut forced, mut sequence, contacts) = (0, 0, organ.spaces.len() as u32);
+    assert_no_alloc(|| {
+        for index in 0..150_000_u64 {
+            let deadline_ns = index * 1_000_000;
+            clock.wait_until(deadline_ns, 0);
+            // Silent for a while, and gone.
+            if index % 20_000 < 19_000 {
+                solver.heart().beat(deadline_ns);
+            }
+            let at = solver.hand();
+            let contact = if sequence < contacts {
+                sequence
+            } else {
+                u32::from(at.engaged[sequence as usize % 3].space)
+            };
+            let mut jet = fake_solver::jet(contact as u16, sequence, at.displacement_m);
+            jet.energy_j = if sequence % 50 == 49 { f32::NAN } else { jet.energy_j };
+            if index % 7 < 3 && solver.try_send(&jet) {
+                sequence += 1;
+            }
+            if newest.read().phase != Phase::Active {
+                controls.reset();
+                controls.arm();
+            }
+            haptic.tick(index, 0, deadline_ns).expect("the simulated hand never fails");
+            let record = newest.read();
+            assert!(record.tick == index && vec3::is_finite(record.hand_force_n));
+            forced += u64::from(record.hand_force_n != vec3::ZERO);
+        }
+    });
+    assert!(forced > 20_000 && sequence > 50_000, "{forced} ticks with force, {sequence} jets");
+    let hand = solver.hand();
+    assert!(hand.refused >= sequence / 50 - 1 && hand.taken >= sequence - 1, "{hand:?}");
+    assert_eq!(core::iter::from_fn(|| recorded.pop().ok()).count(), 5_000);
 }
 
 /// The kernel method has no lattice, so it has its own blob. The forces are arbitrary: faults are reset and

@@ -147,11 +147,12 @@ const CORE: [&str; 14] = [
 
 /// The real-time host, lowest stratum first. The trait of a device is below the loop; a profile uses the
 /// loop's timing statistics, which are below both.
-const HOST: [&str; 24] = [
+const HOST: [&str; 25] = [
     "sys",
     "first_place",
     "blob_file",
     "instructions",
+    "live",
     "rt::clock",
     "rt::config",
     "rt::periodic",

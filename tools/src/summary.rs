@@ -124,7 +124,7 @@ pub(crate) fn replay(summary: &ReplaySummary, frames: Frames) -> Value {
         })
     };
     json!({
-        "recorded_method": summary.recorded_method.name(), "method": summary.method.name(), "ticks": summary.ticks,
+        "recorded_method": summary.recorded_method_name(), "method": summary.method_name(), "ticks": summary.ticks,
         "identical": summary.is_identical(), "different": summary.different,
         "first": summary.first.as_ref().map(difference), "largest": summary.largest.as_ref().map(difference),
         "lost": summary.lost, "cut": summary.is_cut, "stopped": summary.is_stopped, "touch": touch(&summary.touch),

@@ -2,7 +2,10 @@
 //!
 //! Lines that begin with `answer` or `tick` must be equal on both; the others report costs.
 
-use palpate_core::{Config, Controller, Limits, Method, Organ, Sample, Space, State, Vec3};
+use palpate_core::{
+    Command, Config, Controller, Field, Jet, JetFlags, JetMemory, Limits, Method, NodeWeight, Organ, Sample,
+    Solver, Space, State, Touch, Vec3,
+};
 
 const SPACES: usize = Limits::MICROCONTROLLER.spaces;
 type SmallOrgan<'a> = Organ<'a, SPACES>;
@@ -19,7 +22,7 @@ pub trait Bench {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Failed;
 
-/// Queries and ticks of every method in the blob.
+/// Queries and ticks of every method in the blob, and of jets.
 pub fn run(bench: &mut impl Bench, blob: &[u8]) -> Result<(), Failed> {
     let before = bench.clock();
     let organ = SmallOrgan::read_within(blob, &Limits::MICROCONTROLLER).map_err(|_| Failed)?;
@@ -33,9 +36,11 @@ pub fn run(bench: &mut impl Bench, blob: &[u8]) -> Result<(), Failed> {
     }
     for method in Method::ALL {
         if let Ok(controller) = Controller::new(&organ, Config::new(method)) {
-            touch(bench, &controller, space)?;
+            let tick = |state: &mut State, sample: &Sample| controller.tick(state, sample.t_us, Some(sample));
+            touch(bench, method.name(), space, tick)?;
         }
     }
+    jets(bench, &organ, space)?;
     bench.say(Line::new("organ").number(size_of::<SmallOrgan<'_>>() as u32))
 }
 
@@ -54,16 +59,81 @@ fn answer(bench: &mut impl Bench, space: &Space<'_>, method: Method) -> Result<(
         let line = Line::new("answer").word(method.name()).number(number);
         bench.say(line.force(answer.force_n).word(answer.coverage.name()))?;
     }
-    bench.say(count.line("query", method))
+    bench.say(count.line("query", method.name()))
+}
+
+/// Jets of a contact point that the live part of the comparison has memory for.
+const JETS: usize = 32;
+
+/// Half-width of the cube of their controls and of the queries, metres.
+const SPREAD_M: f32 = 0.01;
+
+/// Three contact points of which every tenth query or twentieth tick brings a jet, as a frame; the solver
+/// comes and goes.
+fn jets(bench: &mut impl Bench, organ: &SmallOrgan<'_>, space: &Space<'_>) -> Result<(), Failed> {
+    let mut memory = JetMemory::<3, JETS>::new();
+    let mut count = Count::default();
+    let shares = [(0, 0.5), (1, 0.3), (2, 0.2)];
+    let weights = shares.map(|(space, weight)| NodeWeight { space, weight });
+    let mut controls = queries(SPREAD_M).skip(ODD.len());
+    let mut now_us = 0;
+    for (number, displacement_m) in (0_u32..).zip(queries(SPREAD_M)) {
+        now_us += 1000;
+        if number % 10 == 0 {
+            learn(&mut memory, number, controls.next())?;
+        }
+        memory.solver(if number % 400 < 300 { Solver::Alive } else { Solver::Gone });
+        let displacement_m = core::hint::black_box(displacement_m);
+        let touch = Touch { now_us, weights, displacement_m, hip_m: displacement_m };
+        let before = bench.clock();
+        let answer = memory.force(&touch);
+        count.add(since(bench, before));
+        let answer = answer.ok_or(Failed)?;
+        let energy_j = memory.energy_j((number % 3) as u16, displacement_m).ok_or(Failed)?;
+        let line = Line::new("answer").word("jets").number(number).number(energy_j.to_bits());
+        bench.say(line.force(answer.force_n).word(answer.coverage.name()))?;
+    }
+    bench.say(count.line("query", "jets"))?;
+    memory.released(now_us);
+    memory.solver(Solver::Alive);
+    let controller = Controller::new(organ, Config::live()).map_err(|_| Failed)?;
+    touch(bench, "jets", space, |state, sample| {
+        let number = (sample.t_us / 1000) as u32;
+        if number % 20 == 0 {
+            // A frame is sound, so it is never refused.
+            let _ = learn(&mut memory, 3 * number, controls.next());
+        }
+        memory.solver(if number < 1_900 { Solver::Alive } else { Solver::Silent });
+        controller.tick_on(state, sample.t_us, Some(sample), &mut memory)
+    })
+}
+
+/// Decodes the frame of a jet of contact point `number % 3` and adds it.
+fn learn(memory: &mut JetMemory<3, JETS>, number: u32, control_m: Option<Vec3>) -> Result<(), Failed> {
+    let control_m = control_m.unwrap_or_default();
+    let [x, y, z] = control_m;
+    let jet = Jet {
+        contact: (number % 3) as u16,
+        sequence: number,
+        flags: JetFlags { flush_before: number % 70 == 0, ..JetFlags::default() },
+        control_m,
+        energy_j: 150.0 * (x * x + y * y + z * z),
+        force_n: control_m.map(|x| 300.0 * x),
+        stiffness_n_m: [310.0, 12.0, -7.0, 290.0, 5.0, 330.0],
+        third_n_m2: [900.0, -400.0, 300.0, 250.0, -150.0, 800.0, -700.0, 600.0, 350.0, -5_000.0],
+        trust_m: 0.003 + 0.001 * (number % 8) as f32,
+    };
+    let jet = Jet::decode(&core::hint::black_box(jet.encode())).map_err(|_| Failed)?;
+    if memory.insert(&jet) { Ok(()) } else { Err(Failed) }
 }
 
 /// Two presses into the organ, one tick per millisecond.
 fn touch(
     bench: &mut impl Bench,
-    controller: &Controller<'_, '_, SPACES>,
+    name: &str,
     space: &Space<'_>,
+    mut tick: impl FnMut(&mut State, &Sample) -> Command,
 ) -> Result<(), Failed> {
-    let method = controller.config().method.ok_or(Failed)?;
     let (mut state, mut count) = (State::new(), Count::default());
     state.arm();
     for step in 0..2000_u16 {
@@ -77,11 +147,11 @@ fn touch(
         let now_us = 1000 * u64::from(step);
         let sample = core::hint::black_box(Sample { t_us: now_us, position_m, buttons: 0 });
         let before = bench.clock();
-        let command = controller.tick(&mut state, now_us, Some(&sample));
+        let command = tick(&mut state, &sample);
         count.add(since(bench, before));
-        bench.say(Line::new("tick").word(method.name()).number(step.into()).force(command.hand_force_n))?;
+        bench.say(Line::new("tick").word(name).number(step.into()).force(command.hand_force_n))?;
     }
-    bench.say(count.line("ticks", method))
+    bench.say(count.line("ticks", name))
 }
 
 /// Minimum, maximum and sum of a count.
@@ -99,8 +169,8 @@ impl Count {
         self.sum += u64::from(ticks);
     }
 
-    fn line(&self, word: &str, method: Method) -> Line {
-        let line = Line::new(word).word(method.name()).number(self.least.unwrap_or(0)).number(self.most);
+    fn line(&self, word: &str, name: &str) -> Line {
+        let line = Line::new(word).word(name).number(self.least.unwrap_or(0)).number(self.most);
         line.number((self.sum >> 32) as u32).number(self.sum as u32)
     }
 }

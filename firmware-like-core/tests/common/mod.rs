@@ -12,12 +12,13 @@ pub mod ball;
 #[macro_use]
 pub mod bench;
 mod body;
+pub mod jets;
 pub mod kernel;
 mod potential;
 mod writer;
 
 pub use body::sphere;
-pub use potential::{A, force, potential};
+pub use potential::{A, Monomial, force, polynomial, potential};
 pub use writer::{Area, Draft, sign};
 
 use palpate_core::flags::{self, BRANCH_JUMP, SOLVED};

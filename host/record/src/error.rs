@@ -23,6 +23,8 @@ pub enum RecordingError {
         /// What is wrong with it.
         what: String,
     },
+    /// The organ of a live session is too large to be part of the recording: its bytes.
+    Organ(usize),
     /// The recorder's thread panicked.
     Panicked,
 }
@@ -46,6 +48,7 @@ impl fmt::Display for RecordingError {
             }
             Self::Metadata(what) => write!(f, "invalid metadata: {what}"),
             Self::Message { index, what } => write!(f, "message {index} is not a valid tick: {what}"),
+            Self::Organ(len) => write!(f, "the organ of {len} bytes is too large for a recording"),
             Self::Panicked => f.write_str("the recorder panicked (a defect of this program)"),
         }
     }

@@ -9,6 +9,13 @@ pub const SCHEMA: &str = include_str!("tick.schema.json");
 /// Version of messages and metadata. The reader refuses other versions.
 pub const FORMAT: u32 = 3;
 
+/// The channel of the jets of a live session: binary messages without a schema.
+pub const JET_TOPIC: &str = "/palpate/jet";
+/// Name of the attachment that holds the organ of a live session, whose blob no file keeps.
+pub(crate) const ORGAN: &str = "organ.blob";
+/// Longest record that a reader accepts: a damaged length must not cause a huge allocation.
+pub(crate) const MAX_RECORD_LEN: usize = 1 << 26;
+
 /// Name of the metadata record that opens a recording.
 pub(crate) const SESSION: &str = "palpate.session";
 /// Name of the metadata record that closes it.

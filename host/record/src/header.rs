@@ -69,6 +69,12 @@ impl Header {
         }
     }
 
+    /// Whether jets of a live solver gave the force.
+    #[must_use]
+    pub const fn is_live(&self) -> bool {
+        self.config.method.is_none()
+    }
+
     pub(crate) fn entries(&self) -> Entries {
         let mut entries = write(self);
         entries.insert(FORMAT_KEY.into(), FORMAT.to_string());

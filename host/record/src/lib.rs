@@ -8,7 +8,8 @@
 //! ```
 //!
 //! Inputs: [`TickRecord`](palpate_host::TickRecord)s. Output: one channel of JSON messages with their schema, a
-//! metadata record of the settings that a replay must match, and one of the end of the session.
+//! metadata record of the settings that a replay must match, and one of the end of the session. A recording of a
+//! live session also holds its organ and every jet, so that its replay gives the same bits.
 //! docs/formats.md, section 6, describes the file.
 //!
 //! Invariants:
@@ -22,17 +23,19 @@
 mod error;
 mod format;
 mod header;
+mod jet_message;
 mod message;
 mod reader;
 mod recorder;
 pub mod replay;
 mod replay_device;
+mod replay_jets;
 mod writer;
 
 pub use error::RecordingError;
-pub use format::{FORMAT, SCHEMA, SCHEMA_NAME, TOPIC};
+pub use format::{FORMAT, JET_TOPIC, SCHEMA, SCHEMA_NAME, TOPIC};
 pub use header::{End, Header};
 pub use reader::Recording;
-pub use recorder::{Recorder, RecorderReport};
+pub use recorder::{Queues, Recorder, RecorderReport};
 pub use replay::replay;
 pub use writer::TickWriter;

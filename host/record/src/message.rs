@@ -20,8 +20,9 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, vec3};
+    use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Solver, vec3};
     use palpate_host::device::DeviceState;
+    use palpate_host::live::LiveTick;
     use palpate_host::rt::Applied;
     use serde_json::Value;
 
@@ -54,6 +55,7 @@ pub(super) mod tests {
             device_ns: Some(8_000),
             lateness_ns: 401,
             skipped_periods: 3,
+            live: Some(LiveTick { jets: 41, sequence: 40, hand_overs: 9, solver: Solver::Silent }),
         }
     }
 
@@ -81,7 +83,8 @@ pub(super) mod tests {
         r#","hand_force_n":{"x":-0.33333334,"y":-2.0,"z":7.0},"coverage":"supercell""#,
         r#","phase":"safe-zero","fault":"overspeed","ramp":0.3,"clamped":true"#,
         r#","hand_work_j":-0.33333334,"damped":true,"compute_ns":9001,"device_ns":8000"#,
-        r#","lateness_ns":401,"skipped_periods":3}"#,
+        r#","lateness_ns":401,"skipped_periods":3,"live":{"jets":41,"sequence":40,"hand_overs":9"#,
+        r#","solver":"silent"}}"#,
     );
     const EMPTY: &str = concat!(
         r#"{"tick":0,"t_us":0,"device":"disconnected","zeroed":false,"reset":false,"arm":false"#,

@@ -1,17 +1,17 @@
 //! Reads a recording from its beginning to its end. No index and no footer are needed.
 
 use crate::error::RecordingError;
-use crate::format::{END, SESSION, TOPIC};
+use crate::format::{END, JET_TOPIC, MAX_RECORD_LEN, ORGAN, SESSION, TOPIC};
 use crate::header::{End, Header};
-use crate::message;
+use crate::{jet_message, message};
 use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use palpate_host::BlobFile;
+use palpate_host::live::{Frame, TakenJet};
 use palpate_host::rt::TickRecord;
+use std::collections::VecDeque;
 use std::io::{ErrorKind, Read};
-
-/// Largest accepted length of a record: a damaged length must not cause a huge allocation.
-const MAX_RECORD_LEN: usize = 1 << 24;
 
 /// A recording: its header, its ticks as an iterator, then its end.
 ///
@@ -22,7 +22,14 @@ pub struct Recording<R> {
     reader: LinearReader,
     header: Header,
     end: Option<End>,
-    channel: Option<u16>,
+    channels: Channels,
+    /// The organ of a live session.
+    organ: Option<BlobFile>,
+    /// Jets read before their tick.
+    jets: VecDeque<TakenJet>,
+    /// Jets of the ticks read so far.
+    taken: u32,
+    lost_jets: u32,
     state: Reading,
     ticks: u64,
     /// Number of ticks before the next record, if none is missing.
@@ -39,10 +46,20 @@ enum Reading {
     Failed,
 }
 
+/// The channels of ticks and jets, once they are known.
+#[derive(Debug, Clone, Copy, Default)]
+struct Channels {
+    ticks: Option<u16>,
+    jets: Option<u16>,
+}
+
 /// Meaning of a record of the file.
 enum Found {
     Metadata(mcap::records::Metadata),
+    Organ(BlobFile),
     Channel(u16),
+    JetChannel(u16),
+    Jet(Option<TakenJet>),
     Tick(TickRecord),
     InvalidTick(String),
     Other,
@@ -59,14 +76,14 @@ impl<R> core::fmt::Debug for Recording<R> {
 }
 
 impl<R: Read> Recording<R> {
-    /// Reads up to the header. `source` should be buffered.
+    /// Reads up to the header, and the organ of a live session. `source` should be buffered.
     pub fn open(mut source: R) -> Result<Self, RecordingError> {
         let options = LinearReaderOptions::default()
             .with_validate_chunk_crcs(true)
             .with_record_length_limit(MAX_RECORD_LEN);
         let mut reader = LinearReader::new_with_options(options);
         let header = loop {
-            match next(&mut reader, &mut source, None) {
+            match next(&mut reader, &mut source, Channels::default()) {
                 Ok(Found::Metadata(metadata)) if metadata.name == SESSION => {
                     break Header::of(&metadata.metadata)?;
                 }
@@ -77,13 +94,18 @@ impl<R: Read> Recording<R> {
                 Err(error) => return Err(error),
             }
         };
+        let organ = if header.is_live() { Some(organ(&mut reader, &mut source)?) } else { None };
         let state = Reading::Ticks;
         Ok(Self {
             source,
             reader,
             header,
             end: None,
-            channel: None,
+            channels: Channels::default(),
+            organ,
+            jets: VecDeque::new(),
+            taken: 0,
+            lost_jets: 0,
             state,
             ticks: 0,
             expected: 0,
@@ -112,10 +134,28 @@ impl<R: Read> Recording<R> {
         self.lost
     }
 
+    /// The blob of a live session, which no other file keeps.
+    pub const fn organ(&self) -> Option<&BlobFile> {
+        self.organ.as_ref()
+    }
+
+    /// The jet that the last tick read had taken, if it had.
+    pub fn take_jet(&mut self, tick: &TickRecord) -> Option<Frame> {
+        let jet = self.jets.pop_front_if(|jet| jet.tick == tick.tick)?;
+        Some(jet.frame)
+    }
+
+    /// Number of missing jets before the last tick read.
+    pub const fn lost_jets(&self) -> u32 {
+        self.lost_jets
+    }
+
     fn read(&mut self) -> Result<Option<TickRecord>, RecordingError> {
         while self.state == Reading::Ticks {
-            match next(&mut self.reader, &mut self.source, self.channel) {
-                Ok(Found::Channel(id)) => self.channel = Some(id),
+            match next(&mut self.reader, &mut self.source, self.channels) {
+                Ok(Found::Channel(id)) => self.channels.ticks = Some(id),
+                Ok(Found::JetChannel(id)) => self.channels.jets = Some(id),
+                Ok(Found::Jet(jet)) => self.keep(jet)?,
                 Ok(Found::Metadata(metadata)) if metadata.name == END => {
                     self.end = Some(End::read(&metadata.metadata)?);
                 }
@@ -124,12 +164,23 @@ impl<R: Read> Recording<R> {
                     return Err(RecordingError::Message { index: self.ticks, what });
                 }
                 Ok(Found::DataEnd) => self.state = Reading::Complete,
-                Ok(Found::Metadata(_) | Found::Other) => {}
+                Ok(Found::Metadata(_) | Found::Organ(_) | Found::Other) => {}
                 Err(RecordingError::Mcap(McapError::UnexpectedEof)) => self.state = Reading::Truncated,
                 Err(error) => return Err(error),
             }
         }
         Ok(None)
+    }
+
+    /// Keeps a jet for its tick, which follows.
+    fn keep(&mut self, jet: Option<TakenJet>) -> Result<(), RecordingError> {
+        let jet = jet.ok_or_else(|| RecordingError::Message {
+            index: self.ticks,
+            what: "it is neither a tick nor a jet".into(),
+        })?;
+        self.taken = self.taken.saturating_add(1);
+        self.jets.push_back(jet);
+        Ok(())
     }
 
     /// The number of ticks before a tick is its number minus the deadlines skipped before it.
@@ -144,6 +195,9 @@ impl<R: Read> Recording<R> {
         self.expected = self.expected.saturating_add(missing).saturating_add(1);
         self.ticks += 1;
         self.t_us = record.t_us;
+        // A jet precedes its tick, so all jets up to this tick are read; those of earlier ticks are taken.
+        self.lost_jets = record.live.map_or(0, |live| live.jets.saturating_sub(self.taken));
+        while self.jets.pop_front_if(|jet| jet.tick < record.tick).is_some() {}
         Ok(record)
     }
 }
@@ -160,11 +214,26 @@ impl<R: Read> Iterator for Recording<R> {
     }
 }
 
+/// Reads the organ of a live session, which follows the header.
+fn organ(reader: &mut LinearReader, source: &mut impl Read) -> Result<BlobFile, RecordingError> {
+    let missing = || RecordingError::Metadata(format!("missing attachment `{ORGAN}`"));
+    loop {
+        match next(reader, source, Channels::default()) {
+            Ok(Found::Organ(organ)) => return Ok(organ),
+            Ok(Found::Channel(_) | Found::DataEnd) | Err(RecordingError::Mcap(McapError::UnexpectedEof)) => {
+                return Err(missing());
+            }
+            Ok(_) => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
 /// The next record, from unpacked chunks.
 fn next(
     reader: &mut LinearReader,
     source: &mut impl Read,
-    ticks: Option<u16>,
+    channels: Channels,
 ) -> Result<Found, RecordingError> {
     loop {
         match reader.next_event() {
@@ -184,7 +253,14 @@ fn next(
                 return Ok(match mcap::parse_record(opcode, data)? {
                     Record::Metadata(metadata) => Found::Metadata(metadata),
                     Record::Channel(channel) if channel.topic == TOPIC => Found::Channel(channel.id),
-                    Record::Message { header, data } if Some(header.channel_id) == ticks => {
+                    Record::Channel(channel) if channel.topic == JET_TOPIC => Found::JetChannel(channel.id),
+                    Record::Attachment { header, data, .. } if header.name == ORGAN => {
+                        Found::Organ(BlobFile::of(&data))
+                    }
+                    Record::Message { header, data } if Some(header.channel_id) == channels.jets => {
+                        Found::Jet(jet_message::decode(&data))
+                    }
+                    Record::Message { header, data } if Some(header.channel_id) == channels.ticks => {
                         message::decode(&data).map_or_else(Found::InvalidTick, Found::Tick)
                     }
                     Record::DataEnd(_) => Found::DataEnd,

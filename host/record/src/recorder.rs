@@ -8,6 +8,7 @@ use crate::header::{End, Header};
 use crate::writer::TickWriter;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
+use palpate_host::live::TakenJet;
 use palpate_host::rt::TickRecord;
 use std::io::Write;
 use std::sync::Arc;
@@ -15,8 +16,19 @@ use std::thread::{Builder, JoinHandle};
 
 /// Capacity of the queue in ticks: half a minute at 1 kHz, in about 8 MB.
 const QUEUE_TICKS: usize = 32_768;
+/// Capacity of the queue of a live session in jets: a solver sends fewer than one a tick.
+const QUEUE_JETS: usize = QUEUE_TICKS;
 /// Pause of the writer when its queue is empty. The loop cannot wake it: that would be a system call.
 const PAUSE: Duration = Duration::from_millis(5);
+
+/// The queues that the loop of a live session fills.
+#[derive(Debug)]
+pub struct Queues {
+    /// For [`Observer::recording`](palpate_host::session::Observer::recording).
+    pub ticks: rtrb::Producer<TickRecord>,
+    /// For [`Observer::recording_jets`](palpate_host::session::Observer::recording_jets).
+    pub jets: rtrb::Producer<TakenJet>,
+}
 
 /// Summary of a recording.
 #[derive(Debug)]
@@ -68,13 +80,34 @@ impl<W: Write + Send + 'static> Recorder<W> {
         header: &Header,
         ticks: usize,
     ) -> Result<(Self, rtrb::Producer<TickRecord>), RecordingError> {
-        let writer = TickWriter::new(stream, header)?;
+        // Nothing is ever sent through the queue of jets.
+        let (_, jets) = rtrb::RingBuffer::new(1);
+        Self::spawn(TickWriter::new(stream, header)?, ticks, jets)
+    }
+
+    /// Like [`Self::start`], for a live session whose organ is this blob.
+    ///
+    /// # Errors
+    ///
+    /// Like [`Self::start`]; the organ is too large.
+    pub fn start_live(stream: W, header: &Header, organ: &[u8]) -> Result<(Self, Queues), RecordingError> {
+        let (jets, taken) = rtrb::RingBuffer::new(QUEUE_JETS);
+        let writer = TickWriter::live(stream, header, organ)?;
+        let (recorder, ticks) = Self::spawn(writer, QUEUE_TICKS, taken)?;
+        Ok((recorder, Queues { ticks, jets }))
+    }
+
+    fn spawn(
+        writer: TickWriter<W>,
+        ticks: usize,
+        jets: rtrb::Consumer<TakenJet>,
+    ) -> Result<(Self, rtrb::Producer<TickRecord>), RecordingError> {
         let (queue, records) = rtrb::RingBuffer::new(ticks.max(1));
         let ended = Arc::new(AtomicBool::new(false));
         let ends = Arc::clone(&ended);
         let thread = Builder::new()
             .name("palpate-recorder".into())
-            .spawn(move || write_all(writer, records, &ends))?;
+            .spawn(move || write_all(writer, records, jets, &ends))?;
         Ok((Self { thread: Some(thread), ended }, queue))
     }
 
@@ -112,6 +145,7 @@ impl<W: Write> Drop for Recorder<W> {
 fn write_all<W: Write>(
     writer: TickWriter<W>,
     mut records: rtrb::Consumer<TickRecord>,
+    mut jets: rtrb::Consumer<TakenJet>,
     ended: &AtomicBool,
 ) -> WriterResult<W> {
     let mut result = WriterResult { writer, dropped: 0, error: None };
@@ -120,7 +154,10 @@ fn write_all<W: Write>(
         let is_end = ended.load(Ordering::Acquire);
         while let Ok(record) = records.pop() {
             if result.error.is_none() {
-                result.error = result.writer.write(&record).err();
+                // The loop queues a jet before the record of its tick, so it is here; the file keeps this order.
+                let before = |jet: &TakenJet| jet.tick <= record.tick;
+                let written = write_jets(&mut result.writer, &mut jets, before);
+                result.error = written.and_then(|()| result.writer.write(&record)).err();
             } else {
                 result.dropped += 1;
             }
@@ -130,6 +167,19 @@ fn write_all<W: Write>(
         }
         std::thread::sleep(PAUSE);
     }
+}
+
+/// Writes the queued jets up to the first that is not wanted yet.
+fn write_jets<W: Write>(
+    writer: &mut TickWriter<W>,
+    jets: &mut rtrb::Consumer<TakenJet>,
+    is_wanted: impl Fn(&TakenJet) -> bool,
+) -> Result<(), RecordingError> {
+    while jets.peek().is_ok_and(&is_wanted) {
+        let Ok(jet) = jets.pop() else { break };
+        writer.write_jet(&jet)?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -11,11 +11,13 @@ use crate::error::RecordingError;
 use crate::header::Header;
 use crate::reader::Recording;
 use crate::replay_device::{RecordedReply, ReplayDevice};
+use crate::replay_jets::{RecordedLive, ReplayJets};
 use core::fmt;
 use core::ops::ControlFlow;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::{Config, Method, Organ, Vec3, vec3};
+use palpate_host::live::{Frame, LiveField};
 use palpate_host::model::{self, ModelError, TouchMemory};
 use palpate_host::rt::{Clock, Controls, HapticLoop, Outputs, TickRecord, VirtualClock};
 use palpate_host::session::{Observer, TouchStatistics};
@@ -36,8 +38,10 @@ pub enum ReplayError {
     Model(ModelError),
     /// The recording is damaged.
     Recording(RecordingError),
-    /// Jets of a live solver gave the recorded force: there are no tables to replay it with.
+    /// A method was named for a live recording, whose organ has no tables.
     Live,
+    /// The memory of a live replay could not be made.
+    Memory(std::io::Error),
 }
 
 impl fmt::Display for ReplayError {
@@ -53,7 +57,10 @@ impl fmt::Display for ReplayError {
             }
             Self::Model(error) => error.fmt(f),
             Self::Recording(error) => error.fmt(f),
-            Self::Live => f.write_str("recorded in a live session, which has no tables to replay"),
+            Self::Live => {
+                f.write_str("recorded in a live session, which has jets and no tables: name no method")
+            }
+            Self::Memory(error) => write!(f, "no memory for the jets: {error}"),
         }
     }
 }
@@ -97,9 +104,9 @@ impl Difference {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplaySummary {
     /// Method of the recording.
-    pub recorded_method: Method,
-    /// Method of the replay.
-    pub method: Method,
+    pub recorded_method: Option<Method>,
+    /// Method of the replay; `None` with the recorded jets.
+    pub method: Option<Method>,
     /// Ticks replayed.
     pub ticks: u64,
     /// Ticks whose result differs from the recording.
@@ -110,6 +117,8 @@ pub struct ReplaySummary {
     pub largest: Option<Difference>,
     /// Number of missing records at which the replay ended; 0 if it reached the end.
     pub lost: u64,
+    /// Number of missing jets at which it ended.
+    pub lost_jets: u32,
     /// Whether the file is truncated.
     pub is_cut: bool,
     /// Whether the replay was stopped before the end.
@@ -119,11 +128,27 @@ pub struct ReplaySummary {
 }
 
 impl ReplaySummary {
+    /// Name of the method of the recording, or `jets`.
+    #[must_use]
+    pub fn recorded_method_name(&self) -> &'static str {
+        name_of(self.recorded_method)
+    }
+
+    /// Name of the method of the replay, or `jets`.
+    #[must_use]
+    pub fn method_name(&self) -> &'static str {
+        name_of(self.method)
+    }
+
     /// Whether every tick of the recording was replayed with the same bits.
     #[must_use]
     pub const fn is_identical(&self) -> bool {
-        self.different == 0 && self.lost == 0 && !self.is_stopped
+        self.different == 0 && self.lost == 0 && self.lost_jets == 0 && !self.is_stopped
     }
+}
+
+fn name_of(method: Option<Method>) -> &'static str {
+    Config { method, ..Config::live() }.method_name()
 }
 
 impl fmt::Display for ReplaySummary {
@@ -134,8 +159,8 @@ impl fmt::Display for ReplaySummary {
             (Some(_), Some(largest)) if self.method != self.recorded_method => write!(
                 f,
                 ", recorded with {}, replayed with {}: {} differ, by {:.4} N at most (tick {})",
-                self.recorded_method.name(),
-                self.method.name(),
+                self.recorded_method_name(),
+                self.method_name(),
                 self.different,
                 largest.size_n(),
                 largest.tick
@@ -169,6 +194,13 @@ impl fmt::Display for ReplaySummary {
                 self.lost
             )?;
         }
+        if self.lost_jets > 0 {
+            write!(
+                f,
+                "\nlosses       {} jets are missing; the ticks after them cannot be replayed",
+                self.lost_jets
+            )?;
+        }
         if self.is_cut {
             write!(f, "\nend          the recording is truncated here")?;
         }
@@ -200,7 +232,8 @@ pub fn check_blobs(header: &Header, blob_blake3: &[String]) -> Result<(), Replay
 ///
 /// # Errors
 ///
-/// [`ReplayError`]: another blob, a damaged or a live recording, or organs that the controller refuses.
+/// [`ReplayError`]: another blob, a damaged recording, a method for a live one, or organs that the controller
+/// refuses.
 pub fn replay<R: Read, const N: usize>(
     organs: &[&Organ<'_, N>],
     blob_blake3: &[String],
@@ -212,42 +245,32 @@ pub fn replay<R: Read, const N: usize>(
 ) -> Result<ReplaySummary, ReplayError> {
     let header = recording.header().clone();
     check_blobs(&header, blob_blake3)?;
-    let recorded_method = header.config.method.ok_or(ReplayError::Live)?;
-    let method = method.unwrap_or(recorded_method);
-    let config = Config { method: Some(method), ..header.config };
+    if header.is_live() && method.is_some() {
+        return Err(ReplayError::Live);
+    }
+    let config = Config { method: method.or(header.config.method), ..header.config };
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
     let mut shown =
         Shown { observer, pace, due_us: 0, started: Instant::now(), ignored: Controls::default() };
     let (clock, controls) = (VirtualClock::default(), Controls::default());
-    let (mut replies, fed) = rtrb::RingBuffer::new(1);
+    let (mut inputs, replies, jets) = Inputs::new();
     let (records, mut replayed) = rtrb::RingBuffer::new(1);
     let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
-    let mut haptic = HapticLoop::with_models(
-        &controllers,
-        ReplayDevice::new(header.device, fed),
-        &clock,
-        header.haptic,
-        &controls,
-        Outputs { records, latest },
-    );
-    let mut summary = ReplaySummary {
-        recorded_method,
-        method,
-        ticks: 0,
-        different: 0,
-        first: None,
-        largest: None,
-        lost: 0,
-        is_cut: false,
-        is_stopped: false,
-        touch: TouchStatistics::default(),
+    let (device, outputs) = (ReplayDevice::new(header.device, replies), Outputs { records, latest });
+    let mut haptic = match controllers.first() {
+        Some(controller) if config.method.is_none() => {
+            let jets = LiveField::new(jets).map_err(ReplayError::Memory)?;
+            HapticLoop::live(*controller, jets, device, &clock, header.haptic, &controls, outputs)
+        }
+        _ => HapticLoop::with_models(&controllers, device, &clock, header.haptic, &controls, outputs),
     };
+    let mut summary = ReplaySummary::new(header.config.method, config.method);
     let mut is_closed = false;
     while let Some(recorded) = recording.next() {
         let recorded = recorded?;
-        summary.lost = recording.lost();
-        if summary.lost > 0 {
+        (summary.lost, summary.lost_jets) = (recording.lost(), recording.lost_jets());
+        if summary.lost > 0 || summary.lost_jets > 0 {
             break;
         }
         summary.is_stopped = is_closed || stop.load(Ordering::Relaxed);
@@ -256,8 +279,7 @@ pub fn replay<R: Read, const N: usize>(
         }
         controls.repeat(recorded.applied);
         controls.select(recorded.model);
-        let reply = RecordedReply { sample: recorded.sample, state: recorded.device };
-        replies.push(reply).expect("every tick consumes one");
+        inputs.feed(&recorded, recording.take_jet(&recorded));
         let start_ns = recorded.t_us.saturating_mul(1_000);
         clock.wait_until(start_ns, 0);
         haptic
@@ -270,6 +292,31 @@ pub fn replay<R: Read, const N: usize>(
     }
     summary.is_cut = recording.is_cut();
     Ok(summary)
+}
+
+/// What the loop reads in a tick, besides the clock and the requests.
+struct Inputs {
+    replies: rtrb::Producer<RecordedReply>,
+    live: rtrb::Producer<RecordedLive>,
+}
+
+impl Inputs {
+    fn new() -> (Self, rtrb::Consumer<RecordedReply>, ReplayJets) {
+        let (replies, replied) = rtrb::RingBuffer::new(1);
+        let (live, fed) = rtrb::RingBuffer::new(1);
+        (Self { replies, live }, replied, ReplayJets::new(fed))
+    }
+
+    /// Makes the recorded inputs of a tick ready for it.
+    fn feed(&mut self, recorded: &TickRecord, frame: Option<Frame>) {
+        let reply = RecordedReply { sample: recorded.sample, state: recorded.device };
+        self.replies.push(reply).expect("every tick consumes one");
+        if let Some(live) = recorded.live {
+            let recorded = RecordedLive { frame, solver: live.solver };
+            // Tables read none of them: the first stays in the queue.
+            let _ = self.live.push(recorded);
+        }
+    }
 }
 
 /// When a replay shows a record.
@@ -288,11 +335,28 @@ fn output_bits(record: &TickRecord) -> impl PartialEq {
     let vectors = [record.hip_m, record.displacement_m, record.reaction_n, record.hand_force_n];
     let shares = record.shares.map(|share| (share.space, share.weight.to_bits()));
     let (work, ramp) = (record.hand_work_j.to_bits(), record.ramp.to_bits());
-    let rest = (record.t_us, record.engaged, record.coverage, record.phase, record.clamped);
+    let rest = (record.t_us, record.engaged, record.coverage, record.phase, record.clamped, record.live);
     (vectors.map(|vector| vector.map(f32::to_bits)), rest, shares, (work, ramp, record.damped, record.model))
 }
 
 impl ReplaySummary {
+    /// Before the first tick.
+    fn new(recorded_method: Option<Method>, method: Option<Method>) -> Self {
+        Self {
+            recorded_method,
+            method,
+            ticks: 0,
+            different: 0,
+            first: None,
+            largest: None,
+            lost: 0,
+            lost_jets: 0,
+            is_cut: false,
+            is_stopped: false,
+            touch: TouchStatistics::default(),
+        }
+    }
+
     fn compare(&mut self, recorded: &TickRecord, now: &TickRecord) {
         self.ticks += 1;
         self.touch.add(now);

@@ -1,12 +1,15 @@
 //! Writes ticks to MCAP in complete chunks of one second.
 
 use crate::error::RecordingError;
-use crate::format::{END, SCHEMA, SCHEMA_NAME, SESSION, TOPIC};
+use crate::format::{END, JET_TOPIC, MAX_RECORD_LEN, ORGAN, SCHEMA, SCHEMA_NAME, SESSION, TOPIC};
 use crate::header::{End, Header};
-use crate::message;
+use crate::{jet_message, message};
+use mcap::Attachment;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
+use palpate_host::live::TakenJet;
 use palpate_host::rt::TickRecord;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Write;
 
@@ -21,6 +24,8 @@ const CHUNK_US: u64 = 1_000_000;
 pub struct TickWriter<W: Write> {
     writer: mcap::Writer<NoSeek<W>>,
     channel: u16,
+    /// The channel of the jets of a live session.
+    jets: Option<u16>,
     start_unix_ns: u64,
     chunk_begun_us: u64,
     ticks: u64,
@@ -36,6 +41,15 @@ impl<W: Write> core::fmt::Debug for TickWriter<W> {
 impl<W: Write> TickWriter<W> {
     /// Begins a recording and writes the header, so an unwritable stream fails here.
     pub fn new(stream: W, header: &Header) -> Result<Self, RecordingError> {
+        Self::begin(stream, header, None)
+    }
+
+    /// As [`TickWriter::new`], for a live session: the recording also holds the blob of the organ.
+    pub fn live(stream: W, header: &Header, organ: &[u8]) -> Result<Self, RecordingError> {
+        Self::begin(stream, header, Some(organ))
+    }
+
+    fn begin(stream: W, header: &Header, organ: Option<&[u8]>) -> Result<Self, RecordingError> {
         let options = mcap::WriteOptions::new()
             .compression(None)
             // Chunks end by time, in `write`.
@@ -44,12 +58,28 @@ impl<W: Write> TickWriter<W> {
             .library(&header.program);
         let mut writer = options.create(NoSeek::new(stream))?;
         writer.write_metadata(&Metadata { name: SESSION.into(), metadata: header.entries() })?;
+        if let Some(organ) = organ {
+            // What surrounds it is shorter than the second half of the limit.
+            if organ.len() > MAX_RECORD_LEN / 2 {
+                return Err(RecordingError::Organ(organ.len()));
+            }
+            writer.attach(&Attachment {
+                log_time: header.start_unix_ns,
+                create_time: header.start_unix_ns,
+                name: ORGAN.into(),
+                media_type: "application/octet-stream".into(),
+                data: Cow::Borrowed(organ),
+            })?;
+        }
         let schema = writer.add_schema(SCHEMA_NAME, "jsonschema", SCHEMA.as_bytes())?;
         let channel = writer.add_channel(schema, TOPIC, "json", &BTreeMap::new())?;
+        let binary = |_| writer.add_channel(0, JET_TOPIC, "palpate-jet", &BTreeMap::new());
+        let jets = organ.map(binary).transpose()?;
         writer.flush()?;
         Ok(Self {
             writer,
             channel,
+            jets,
             start_unix_ns: header.start_unix_ns,
             chunk_begun_us: 0,
             ticks: 0,
@@ -76,6 +106,14 @@ impl<W: Write> TickWriter<W> {
             self.writer.flush()?;
         }
         Ok(())
+    }
+
+    /// Writes a jet. It must come before the record of its tick. A session that is not live has none.
+    pub fn write_jet(&mut self, jet: &TakenJet) -> Result<(), RecordingError> {
+        let Some(channel_id) = self.jets else { return Ok(()) };
+        let log_time = self.start_unix_ns.saturating_add(jet.t_us.saturating_mul(1_000));
+        let header = MessageHeader { channel_id, sequence: jet.number, log_time, publish_time: log_time };
+        Ok(self.writer.write_to_known_channel(&header, &jet_message::encode(jet))?)
     }
 
     /// Number of ticks written.

@@ -1,3 +1,4 @@
 //! The integration tests of recordings in one binary.
 
+mod live;
 mod replay;

@@ -78,18 +78,18 @@ impl GuardPath {
 
 /// The shared page, from either side.
 #[derive(Debug)]
-pub struct Page(SharedWords<WORDS>);
+pub struct Page(SharedWords);
 
 impl Page {
     /// A page that another process can map, and its descriptor.
     pub fn shared() -> io::Result<(Self, OwnedFd)> {
-        let (words, fd) = SharedWords::create()?;
+        let (words, fd) = SharedWords::create(c"palpate-guard", WORDS)?;
         Ok((Self(words), fd))
     }
 
     /// Maps a page that another process has made.
     pub fn map(fd: &OwnedFd) -> io::Result<Self> {
-        SharedWords::map(fd).map(Self)
+        SharedWords::map(fd, WORDS).map(Self)
     }
 
     fn word(&self, index: usize) -> &AtomicU64 {
@@ -173,7 +173,7 @@ pub struct Fence {
 impl Default for Fence {
     /// A fence without a guard: it is open.
     fn default() -> Self {
-        Self::new(Page(SharedWords::local()))
+        Self::new(Page(SharedWords::local(WORDS)))
     }
 }
 

@@ -48,7 +48,8 @@ pub fn guard_stdin() -> io::Result<GuardSummary> {
 pub fn guard(mut socket: UnixStream) -> io::Result<GuardSummary> {
     socket.set_read_timeout(Some(SETUP_TIMEOUT))?;
     let mut bytes = [0; Setup::MAX_LEN];
-    let (count, [page, device, session]) = sys::receive_fds(&socket, &mut bytes)?;
+    let (count, fds) = sys::receive_fds(&socket, &mut bytes)?;
+    let [page, device, session] = <[OwnedFd; 3]>::try_from(fds).map_err(|_| ErrorKind::InvalidData)?;
     let setup = Setup::decode(&bytes[..count]).ok_or(ErrorKind::InvalidData)?;
     let page = Page::map(&page)?;
     let request = RtRequest {

@@ -2,9 +2,9 @@
 
 use super::setup::{Ready, Setup};
 use crate::device::fence::{Fence, GuardPath, Page, Wire};
-use crate::sys::{self, Policy};
+use crate::sys::{self, Ended, Policy};
 use core::fmt;
-use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use core::sync::atomic::{AtomicU64, Ordering};
 use std::io::{self, Read};
 use std::net::Shutdown;
 use std::os::fd::{AsFd, OwnedFd};
@@ -24,8 +24,6 @@ const READY_TIMEOUT: Duration = Duration::from_secs(10);
 const EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Period of checking for its exit.
 const EXIT_CHECK: Duration = Duration::from_millis(1);
-/// How often the watching thread checks whether it is still needed.
-const WATCH_CHECK: Duration = Duration::from_secs(1);
 
 /// How a guard is started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,7 +75,7 @@ impl fmt::Display for GuardStatus {
 pub(super) struct Guard {
     socket: UnixStream,
     child: Option<Child>,
-    has_ended: Arc<AtomicBool>,
+    ended: Ended,
     pub(super) status: Arc<GuardStatus>,
 }
 
@@ -123,40 +121,24 @@ impl Guard {
         let GuardOptions { limit_ms, fifo_priority, locks_memory } = options;
         let setup = Setup { limit_ms, fifo_priority, locks_memory, wire: path.wire };
         let session = sys::pidfd(std::process::id())?;
-        sys::send_fds(&socket, &setup.encode(), [page.as_fd(), path.fd.as_fd(), session.as_fd()])?;
+        sys::send_fds(&socket, &setup.encode(), &[page.as_fd(), path.fd.as_fd(), session.as_fd()])?;
         socket.set_read_timeout(Some(READY_TIMEOUT))?;
         let mut bytes = [0; Ready::MAX_LEN];
         let count = socket.read(&mut bytes)?;
         let ready = Ready::decode(&bytes[..count]).ok_or(io::ErrorKind::UnexpectedEof)?;
         let policy = if ready.fifo_priority > 0 { Policy::Fifo(ready.fifo_priority) } else { Policy::Other };
         let pid = child.as_ref().map(Child::id);
-        let guard = Self {
+        Ok(Self {
             socket,
             child,
-            has_ended: Arc::default(),
+            ended: Ended::watch(ended, "palpate-guarded")?,
             status: Arc::new(GuardStatus { pid, limit_ms, policy, fired: AtomicU64::new(0) }),
-        };
-        guard.watch(ended)?;
-        Ok(guard)
-    }
-
-    /// Starts the thread that notices the guard's end.
-    fn watch(&self, ended: OwnedFd) -> io::Result<()> {
-        let has_ended = Arc::downgrade(&self.has_ended);
-        std::thread::Builder::new().name("palpate-guarded".into()).spawn(move || {
-            while let Some(has_ended) = has_ended.upgrade() {
-                if sys::wait_readable(ended.as_fd(), WATCH_CHECK) {
-                    has_ended.store(true, Ordering::Release);
-                    return;
-                }
-            }
-        })?;
-        Ok(())
+        })
     }
 
     /// Whether the guard has ended. Wait-free.
     pub(super) fn has_ended(&self) -> bool {
-        self.has_ended.load(Ordering::Acquire)
+        self.ended.has_ended()
     }
 }
 

@@ -14,8 +14,9 @@ use super::periodic::{PeriodicEnd, PeriodicTask, run_periodic};
 use super::record::{Applied, TickRecord};
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
+use crate::live::{LiveCounts, LiveField};
 use core::sync::atomic::{AtomicBool, Ordering};
-use palpate_core::{Controller, Fault, Limits, Phase, Sample, State, Vec3, vec3};
+use palpate_core::{Controller, Fault, Limits, Phase, Sample, Space, State, Vec3, vec3};
 
 /// The buttons while they are unknown: none counts as pressed before it was seen released.
 const ALL_HELD: u32 = u32::MAX;
@@ -61,6 +62,8 @@ pub struct LoopOutcome {
     pub last_device_error: Option<DeviceError>,
     /// Phase at the end.
     pub phase: Phase,
+    /// What a live solver has sent; `None` where tables gave the force.
+    pub live: Option<LiveCounts>,
 }
 
 /// Stops the device when dropped, at the end of a run or while a panic unwinds.
@@ -73,17 +76,20 @@ impl<D: Device> Drop for StopOnDrop<D> {
     }
 }
 
-/// A controller and the interpolator chosen for its method.
+/// What gives the force, decided once.
 #[derive(Debug)]
-struct Model<'o, 'a, const N: usize> {
-    controller: Controller<'o, 'a, N>,
-    interpolator: Interpolator,
+enum Force {
+    /// The tables of each model, with the interpolator chosen for its method.
+    Tables(Vec<Interpolator>),
+    /// The jets of a live solver, for the only model.
+    Jets(Box<LiveField>),
 }
 
 /// The loop and all it owns. It is built outside the real-time thread, because building allocates.
 #[derive(Debug)]
 pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = { Limits::PC.spaces }> {
-    models: Vec<Model<'o, 'a, N>>,
+    models: Vec<Controller<'o, 'a, N>>,
+    force: Force,
     model: usize,
     state: State,
     device: StopOnDrop<D>,
@@ -162,19 +168,51 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         controls: &'l Controls,
         outputs: Outputs,
     ) -> Self {
+        assert!(!controllers.is_empty() && controllers.len() <= MAX_MODELS, "1 to 254 models");
+        let interpolator = |controller: &Controller<'o, 'a, N>| {
+            Interpolator::new(controller.config().method.expect("models of tables have a method"))
+        };
+        let force = Force::Tables(controllers.iter().map(interpolator).collect());
+        Self::with_force(controllers.to_vec(), force, device, clock, config, controls, outputs)
+    }
+
+    /// Makes a loop that renders the jets of a live solver. The controller needs no method.
+    pub fn live(
+        controller: Controller<'o, 'a, N>,
+        jets: LiveField,
+        device: D,
+        clock: C,
+        config: LoopConfig,
+        controls: &'l Controls,
+        outputs: Outputs,
+    ) -> Self {
+        Self::with_force(
+            vec![controller],
+            Force::Jets(Box::new(jets)),
+            device,
+            clock,
+            config,
+            controls,
+            outputs,
+        )
+    }
+
+    fn with_force(
+        models: Vec<Controller<'o, 'a, N>>,
+        force: Force,
+        device: D,
+        clock: C,
+        config: LoopConfig,
+        controls: &'l Controls,
+        outputs: Outputs,
+    ) -> Self {
         let mut state = State::new();
         if device.info().self_arming {
             state.arm();
         }
-        assert!(!controllers.is_empty() && controllers.len() <= MAX_MODELS, "1 to 254 models");
-        let rendered = |controller: &Controller<'o, 'a, N>| Model {
-            controller: *controller,
-            interpolator: Interpolator::new(
-                controller.config().method.expect("models of tables have a method"),
-            ),
-        };
         Self {
-            models: controllers.iter().map(rendered).collect(),
+            models,
+            force,
             model: 0,
             state,
             device: StopOnDrop(device),
@@ -214,7 +252,10 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
 
     /// The instructions that evaluate the force.
     pub fn instructions(&self) -> Instructions {
-        self.models[self.model].interpolator.instructions()
+        match &self.force {
+            Force::Tables(interpolators) => interpolators[self.model].instructions(),
+            Force::Jets(_) => Instructions::Baseline,
+        }
     }
 
     /// Switches to the requested model.
@@ -240,7 +281,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     /// Runs for a number of periods or until the flag is set, then stops the device.
     pub fn run(mut self, stop: &AtomicBool, periods: u64) -> LoopOutcome {
         let end = self.run_periods(stop, periods);
-        let Self { state, device, latency, ticks, dropped_records, dropped_by_recorder, .. } = self;
+        let Self { state, device, latency, ticks, dropped_records, dropped_by_recorder, force, .. } = self;
+        let live = if let Force::Jets(jets) = &force { Some(jets.counts()) } else { None };
         let (device_errors, last_device_error) = (self.device_errors, self.last_device_error);
         drop(device);
         LoopOutcome {
@@ -252,6 +294,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             device_errors,
             last_device_error,
             phase: state.phase(),
+            live,
         }
     }
 
@@ -301,11 +344,19 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         if self.button_is_pressed(index, sample.as_ref()) && ready && applied == Applied::default() {
             self.state.arm();
         }
-        let Model { controller, interpolator, .. } = &self.models[self.model];
-        let command =
-            controller.tick_with(&mut self.state, now_us, sample.as_ref(), |space, displacement_m| {
-                interpolator.force(space, displacement_m)
-            });
+        let (controller, state) = (&self.models[self.model], &mut self.state);
+        let (command, live) = match &mut self.force {
+            Force::Tables(interpolators) => {
+                let interpolator = interpolators[self.model];
+                let force = |space: &Space<'_>, d: &Vec3| interpolator.force(space, d);
+                (controller.tick_with(state, now_us, sample.as_ref(), force), None)
+            }
+            Force::Jets(jets) => {
+                let at = (index, start_ns, now_us);
+                let (command, live) = jets.tick(controller, state, at, sample.as_ref());
+                (command, Some(live))
+            }
+        };
         self.sent_force_n = command.hand_force_n;
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
         let end_ns = self.clock.now_ns();
@@ -325,6 +376,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             device_ns: Some(device_ns),
             lateness_ns,
             skipped_periods: self.skipped_periods,
+            live,
             ..TickRecord::of(&command)
         };
         if self.outputs.records.push(record).is_err() {

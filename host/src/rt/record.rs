@@ -5,6 +5,7 @@
 mod form;
 
 use crate::device::DeviceState;
+use crate::live::LiveTick;
 use palpate_core::{Command, Coverage, NodeWeight, Phase, Sample, Vec3, vec3};
 use serde::{Deserialize, Serialize};
 
@@ -86,6 +87,9 @@ pub struct TickRecord {
     pub lateness_ns: u64,
     /// Deadlines skipped so far.
     pub skipped_periods: u64,
+    /// What the tick got from a live solver; `None` where tables give the force.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub live: Option<LiveTick>,
 }
 
 impl TickRecord {
@@ -133,5 +137,6 @@ impl TickRecord {
         device_ns: None,
         lateness_ns: 0,
         skipped_periods: 0,
+        live: None,
     };
 }

@@ -19,6 +19,7 @@ pub use summary::SessionSummary;
 use crate::device::{Device, DeviceInfo};
 use crate::doctor::{Probe, SystemInfo};
 use crate::instructions::Instructions;
+use crate::live::LiveField;
 use crate::model::{self, ModelError, TouchMemory};
 use crate::rt::thread::spawn;
 use crate::rt::{Controls, HapticLoop, LoopConfig, LoopOutcome, MonotonicClock, Outputs, TickRecord};
@@ -144,6 +145,35 @@ pub fn run_session<D: Device, const N: usize>(
     stop: &AtomicBool,
     observer: &mut impl Observer,
 ) -> Result<SessionSummary, SessionError> {
+    run(organs, config, None, device, options, stop, observer)
+}
+
+/// As [`run_session`], with the jets of a live solver in place of tables. `config` has no method.
+///
+/// # Errors
+///
+/// As [`run_session`].
+pub fn run_live_session<D: Device, const N: usize>(
+    organ: &Organ<'_, N>,
+    config: Config,
+    jets: LiveField,
+    device: D,
+    options: &SessionOptions,
+    stop: &AtomicBool,
+    observer: &mut impl Observer,
+) -> Result<SessionSummary, SessionError> {
+    run(&[organ], Config { method: None, ..config }, Some(jets), device, options, stop, observer)
+}
+
+fn run<D: Device, const N: usize>(
+    organs: &[&Organ<'_, N>],
+    config: Config,
+    jets: Option<LiveField>,
+    device: D,
+    options: &SessionOptions,
+    stop: &AtomicBool,
+    observer: &mut impl Observer,
+) -> Result<SessionSummary, SessionError> {
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
     // The stiffest organ, and the smallest force share of all.
@@ -162,10 +192,15 @@ pub fn run_session<D: Device, const N: usize>(
         // If this side fails, the loop must end as well, or the scope waits for ever.
         let _end = SetOnDrop(&ended_here);
         let outputs = Outputs { records: producer, latest };
-        let haptic =
-            HapticLoop::with_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs)
-                .with_recording(watched.observer.recording())
-                .with_stop_flag(stop);
+        let (clock, timing) = (MonotonicClock, options.haptic);
+        let haptic = match jets {
+            None => HapticLoop::with_models(&controllers, device, clock, timing, &controls, outputs),
+            Some(jets) => {
+                let jets = jets.with_recording(watched.observer.recording_jets());
+                HapticLoop::live(controllers[0], jets, device, clock, timing, &controls, outputs)
+            }
+        };
+        let haptic = haptic.with_recording(watched.observer.recording()).with_stop_flag(stop);
         let instructions = haptic.instructions();
         let (real_time, granted) = (options.real_time, &*options.granted);
         let handle = spawn(scope, haptic, real_time, &ended_here, periods, granted);
@@ -243,6 +278,7 @@ fn summary(
         dropped_records: outcome.dropped_records,
         dropped_by_recorder: outcome.dropped_by_recorder,
         device_errors: outcome.device_errors,
+        live: outcome.live,
         touch,
     }
 }

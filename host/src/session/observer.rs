@@ -1,5 +1,6 @@
 //! What watches a session from outside: a screen, a recorder, a log. The session knows none of them.
 
+use crate::live::TakenJet;
 use crate::rt::{Controls, TickRecord};
 use core::ops::ControlFlow;
 use core::time::Duration;
@@ -14,6 +15,11 @@ pub trait Observer {
     ///
     /// The loop fills it directly, so a slow frame loses no record of a recording.
     fn recording(&mut self) -> Option<rtrb::Producer<TickRecord>> {
+        None
+    }
+
+    /// The queue of a recorder for the jets of a live solver. The session requests it once, before the loop begins.
+    fn recording_jets(&mut self) -> Option<rtrb::Producer<TakenJet>> {
         None
     }
 

@@ -1,7 +1,7 @@
 //! Statistics over the records of a session or a recording.
 
 use crate::rt::TickRecord;
-use palpate_core::{Coverage, Phase, Vec3, vec3};
+use palpate_core::{Coverage, Phase, vec3};
 
 /// Largest values and counts over the records that reached the caller.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -27,7 +27,14 @@ pub struct TouchStatistics {
     pub largest_work_j: f32,
     /// Ticks in which the energy guard added damping.
     pub damped_ticks: u64,
-    before: Option<(u64, bool, Vec3)>,
+    /// Time of the first tick with a force of the model, us since the loop began.
+    pub first_force_us: Option<u64>,
+    /// Changes of the active jet of a touched contact; 0 where tables give the force.
+    pub hand_overs: u32,
+    /// Largest change of h between two ticks of a touch in the second of which the active jet changed, N. It
+    /// contains the motion of the hand.
+    pub largest_hand_over_n: f32,
+    before: Option<TickRecord>,
 }
 
 impl TouchStatistics {
@@ -36,13 +43,17 @@ impl TouchStatistics {
         self.peak_reaction_n = self.peak_reaction_n.max(vec3::norm(record.reaction_n));
         self.peak_hand_force_n = self.peak_hand_force_n.max(vec3::norm(record.hand_force_n));
         self.peak_displacement_m = self.peak_displacement_m.max(vec3::norm(record.displacement_m));
-        let engaged = record.engaged.is_some();
-        let (before, was_engaged, force_n) = self.before.unwrap_or((0, false, vec3::ZERO));
-        self.contacts += u64::from(engaged && !was_engaged);
-        if record.phase == Phase::Active && record.tick == before + 1 {
-            self.largest_step_n = self.largest_step_n.max(vec3::distance(force_n, record.hand_force_n));
+        let (engaged, before) = (record.engaged.is_some(), self.before.unwrap_or(TickRecord::EMPTY));
+        self.contacts += u64::from(engaged && before.engaged.is_none());
+        if record.phase == Phase::Active && record.tick == before.tick + 1 {
+            let step_n = vec3::distance(before.hand_force_n, record.hand_force_n);
+            self.largest_step_n = self.largest_step_n.max(step_n);
+            self.add_hand_over(&before, record);
         }
-        self.before = Some((record.tick, engaged, record.hand_force_n));
+        if engaged && record.reaction_n != vec3::ZERO {
+            self.first_force_us.get_or_insert(record.t_us);
+        }
+        self.before = Some(*record);
         self.largest_work_j = self.largest_work_j.max(record.hand_work_j);
         self.damped_ticks += u64::from(record.damped);
         self.engaged_ticks += u64::from(engaged);
@@ -51,5 +62,24 @@ impl TouchStatistics {
         for (_, ticks) in kinds.filter(|(kind, _)| record.coverage == Some(**kind)) {
             *ticks += 1;
         }
+    }
+
+    /// Counts the changes of the active jet between two consecutive ticks.
+    fn add_hand_over(&mut self, before: &TickRecord, record: &TickRecord) {
+        let hand_overs = |record: &TickRecord| record.live.map_or(0, |live| live.hand_overs);
+        self.hand_overs = hand_overs(record);
+        if self.hand_overs != hand_overs(before) && before.engaged.is_some() && record.engaged.is_some() {
+            let step_n = vec3::distance(before.reaction_n, record.reaction_n);
+            self.largest_hand_over_n = self.largest_hand_over_n.max(step_n);
+        }
+    }
+
+    /// Share of the ticks in contact whose force was extrapolated; 0 without contact.
+    #[must_use]
+    pub fn extrapolated_share(&self) -> f64 {
+        let kinds = Coverage::ALL.iter().zip(self.coverage_ticks);
+        let extrapolated: u64 =
+            kinds.filter(|(kind, _)| **kind == Coverage::Extrapolated).map(|(_, ticks)| ticks).sum();
+        extrapolated as f64 / self.engaged_ticks.max(1) as f64
     }
 }

@@ -4,6 +4,7 @@ use super::statistics::TouchStatistics;
 use crate::device::DeviceInfo;
 use crate::doctor::SystemInfo;
 use crate::instructions::Instructions;
+use crate::live::LiveCounts;
 use crate::rt::{LatencyReport, LoopEnd};
 use crate::sys::RtReport;
 use core::fmt;
@@ -41,6 +42,8 @@ pub struct SessionSummary {
     pub device_errors: u64,
     /// Forces, displacements, contacts.
     pub touch: TouchStatistics,
+    /// What a live solver has sent; `None` where tables gave the force.
+    pub live: Option<LiveCounts>,
 }
 
 impl SessionSummary {
@@ -55,13 +58,35 @@ impl SessionSummary {
         }
         Ok(())
     }
+
+    /// Writes what the solver has sent and how the force went from jet to jet.
+    fn write_live(&self, live: LiveCounts, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let touch = &self.touch;
+        write!(f, "\nlive         {} jets taken", live.taken)?;
+        if live.refused > 0 {
+            write!(f, ", {} of them refused", live.refused)?;
+        }
+        if let Some(first_us) = touch.first_force_us {
+            write!(f, "; first force {:.2} s after the loop began", first_us as f64 * 1e-6)?;
+        }
+        write!(
+            f,
+            "; {:.2} % of the ticks in touch extrapolated; {} changes of the jet, with a step of {:.0} mN at most",
+            100.0 * touch.extrapolated_share(),
+            touch.hand_overs,
+            touch.largest_hand_over_n * 1e3
+        )
+    }
 }
 
 impl fmt::Display for SessionSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "device       {}", self.device.name)?;
         writeln!(f, "instructions {}", self.instructions)?;
-        write!(f, "stiffness    up to {:.0} N/m", self.stiffest_n_m)?;
+        match self.live {
+            None => write!(f, "stiffness    up to {:.0} N/m", self.stiffest_n_m)?,
+            Some(_) => write!(f, "stiffness    that of the jets, not limited")?,
+        }
         if self.force_share < 1.0 {
             let cap_n_m = self.force_share * self.stiffest_n_m;
             write!(
@@ -96,6 +121,9 @@ impl fmt::Display for SessionSummary {
             if touch.damped_ticks > 0 {
                 write!(f, ", {} ticks damped", touch.damped_ticks)?;
             }
+        }
+        if let Some(live) = self.live {
+            self.write_live(live, f)?;
         }
         match self.end {
             LoopEnd::Completed => {}

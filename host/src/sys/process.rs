@@ -1,19 +1,22 @@
 //! Watching another process, and handing it descriptors.
 
+use core::sync::atomic::{AtomicBool, Ordering};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::poll::{PollFd, PollFlags, ppoll};
+use rustix::io::Errno;
 use rustix::net::{
     RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer, SendAncillaryMessage,
-    SendFlags, recvmsg, sendmsg,
+    SendFlags, recvmsg, send, sendmsg,
 };
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use std::io::{self, IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
 use std::time::Duration;
 
-/// Number of descriptors in a message.
+/// Largest number of descriptors in a message.
 pub const FDS: usize = 3;
 
 /// A descriptor that becomes readable when the process ends. It cannot come to mean another process, unlike a
@@ -21,6 +24,42 @@ pub const FDS: usize = 3;
 pub fn pidfd(pid: u32) -> io::Result<OwnedFd> {
     let pid = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
     Ok(pidfd_open(pid, PidfdFlags::empty())?)
+}
+
+/// How often a watching thread checks whether it is still needed.
+const WATCH_CHECK: Duration = Duration::from_secs(1);
+
+/// Whether another process has ended. A thread waits for it, so that the answer costs one load.
+#[derive(Debug, Clone, Default)]
+pub struct Ended(Arc<AtomicBool>);
+
+impl Ended {
+    /// Watches a descriptor that becomes readable when the process ends: its [`pidfd`], or a socket on which it
+    /// sends nothing. The thread ends with the last clone.
+    pub fn watch(fd: OwnedFd, thread: &str) -> io::Result<Self> {
+        let ended = Self::default();
+        let watched = Arc::downgrade(&ended.0);
+        std::thread::Builder::new().name(thread.into()).spawn(move || {
+            while let Some(has_ended) = watched.upgrade() {
+                if wait_readable(fd.as_fd(), WATCH_CHECK) {
+                    has_ended.store(true, Ordering::Release);
+                    return;
+                }
+            }
+        })?;
+        Ok(ended)
+    }
+
+    /// Notes the end that another path has noticed.
+    pub fn note(&self) {
+        self.0.store(true, Ordering::Release);
+    }
+
+    /// Whether it has ended. Wait-free.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.0.load(Ordering::Acquire)
+    }
 }
 
 /// A duplicate of an open descriptor; from now on neither blocks.
@@ -37,26 +76,35 @@ pub fn write(fd: BorrowedFd<'_>, bytes: &[u8]) -> io::Result<usize> {
     Ok(nix::unistd::write(fd, bytes)?)
 }
 
-/// Sends bytes and descriptors in one message.
-pub fn send_fds(socket: &UnixStream, bytes: &[u8], fds: [BorrowedFd<'_>; FDS]) -> io::Result<()> {
+/// Sends bytes and at most [`FDS`] descriptors in one message; the number of bytes that the socket accepted.
+pub fn send_fds(socket: &UnixStream, bytes: &[u8], fds: &[BorrowedFd<'_>]) -> io::Result<usize> {
     let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(FDS))];
     let mut control = SendAncillaryBuffer::new(&mut space);
-    control.push(SendAncillaryMessage::ScmRights(&fds));
-    sendmsg(socket, &[IoSlice::new(bytes)], &mut control, SendFlags::empty())?;
-    Ok(())
+    control.push(SendAncillaryMessage::ScmRights(fds));
+    Ok(sendmsg(socket, &[IoSlice::new(bytes)], &mut control, SendFlags::empty())?)
 }
 
-/// Receives what [`send_fds`] has sent: the number of bytes, and the descriptors.
-pub fn receive_fds(socket: &UnixStream, bytes: &mut [u8]) -> io::Result<(usize, [OwnedFd; FDS])> {
+/// Sends bytes if the socket has room for them now; whether it had. Bytes of a few kilobytes are sent as a whole
+/// or not at all.
+pub fn send_now(socket: &UnixStream, bytes: &[u8]) -> io::Result<bool> {
+    match send(socket, bytes, SendFlags::DONTWAIT | SendFlags::NOSIGNAL) {
+        Ok(count) if count == bytes.len() => Ok(true),
+        Ok(_) => Err(io::ErrorKind::WriteZero.into()),
+        Err(Errno::AGAIN) => Ok(false),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Receives what [`send_fds`] has sent: the number of bytes, and the descriptors that came with them.
+pub fn receive_fds(socket: &UnixStream, bytes: &mut [u8]) -> io::Result<(usize, Vec<OwnedFd>)> {
     let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(FDS))];
     let mut control = RecvAncillaryBuffer::new(&mut space);
     let received = recvmsg(socket, &mut [IoSliceMut::new(bytes)], &mut control, RecvFlags::CMSG_CLOEXEC)?;
-    let fds = control.drain().find_map(|message| match message {
-        RecvAncillaryMessage::ScmRights(fds) => Some(fds.collect::<Vec<OwnedFd>>()),
+    let fds = control.drain().filter_map(|message| match message {
+        RecvAncillaryMessage::ScmRights(fds) => Some(fds),
         _ => None,
     });
-    let fds = fds.and_then(|fds| fds.try_into().ok()).ok_or(io::ErrorKind::InvalidData)?;
-    Ok((received.bytes, fds))
+    Ok((received.bytes, fds.flatten().collect()))
 }
 
 /// Waits until one of the descriptors is readable or closed at its other end, for at most `timeout`; whether
@@ -98,11 +146,11 @@ mod tests {
     fn descriptors_arrive_with_their_bytes() {
         let (ours, theirs) = UnixStream::pair().expect("sockets");
         let (mut near, far) = UnixStream::pair().expect("sockets");
-        send_fds(&ours, b"setup", [far.as_fd(), far.as_fd(), far.as_fd()]).expect("room");
+        send_fds(&ours, b"setup", &[far.as_fd(), far.as_fd()]).expect("room");
         let mut bytes = [0; 16];
-        let (count, [first, ..]) = receive_fds(&theirs, &mut bytes).expect("they arrive");
-        assert_eq!(&bytes[..count], b"setup");
-        std::io::Write::write_all(&mut UnixStream::from(first), b"x").expect("the same socket");
+        let (count, mut fds) = receive_fds(&theirs, &mut bytes).expect("they arrive");
+        assert_eq!((&bytes[..count], fds.len()), (&b"setup"[..], 2));
+        std::io::Write::write_all(&mut UnixStream::from(fds.remove(0)), b"x").expect("the same socket");
         let mut byte = [0];
         near.read_exact(&mut byte).expect("it arrives");
         assert_eq!(&byte, b"x");

@@ -443,7 +443,7 @@ fn run_replay(
         output::line(format!("{figures:#}"))?;
     } else {
         let text = touch::with_frames(&summary, frames);
-        output::line(format!("method       {}\n{text}", summary.method.name()))?;
+        output::line(format!("method       {}\n{text}", summary.method_name()))?;
     }
     if summary.method == summary.recorded_method && summary.different > 0 {
         return Err(Failure::work(named(&format!("{} of its ticks differ", summary.different))));

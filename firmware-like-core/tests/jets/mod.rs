@@ -1,0 +1,8 @@
+//! Jets of a live solver: frame, force, hand-over, memory, ladder and tick.
+
+mod force;
+mod frame;
+mod hand_over;
+mod ladder;
+mod memory;
+mod tick;

@@ -1,0 +1,200 @@
+//! The controller on jets.
+
+use palpate_core::vec3::{self, Vec3};
+use palpate_core::{
+    AlignedBytes, Command, Config, Controller, Coverage, Fault, Jet, JetMemory, Organ, Phase, Sample, Solver,
+    State, TouchSurface,
+};
+
+use crate::common::ball::{RADIUS_M, uneven};
+use crate::common::jets::jet;
+use crate::common::{Recipe, potential, sphere};
+
+/// The organ of a live session: spaces without tables.
+fn bare(nodes: Vec<Vec3>) -> Recipe {
+    Recipe {
+        nodes,
+        lattice_table: false,
+        rbf: false,
+        hermite: false,
+        displacement: false,
+        ..Recipe::default()
+    }
+}
+
+fn config() -> Config {
+    let mut config = Config::live();
+    config.limits.ramp_s = 0.0;
+    config
+}
+
+struct Bench<'o, 'a> {
+    controller: Controller<'o, 'a, 2>,
+    state: State,
+    memory: JetMemory<2, 16>,
+    now_us: u64,
+}
+
+impl<'o, 'a> Bench<'o, 'a> {
+    fn new(organ: &'o Organ<'a, 2>) -> Self {
+        let controller = Controller::new(organ, config()).expect("no table is needed");
+        assert_eq!((controller.hand_scale(), controller.stiffest_n_m()), (1.0, 0.0));
+        let mut bench = Self { controller, state: State::new(), memory: JetMemory::new(), now_us: 1_000_000 };
+        for n in 0..4 {
+            assert!(bench.memory.insert(&jet(potential, 0, [0.0, 0.0, -4e-3 * n as f32], 4e-3)));
+        }
+        assert!(bench.state.arm());
+        bench
+    }
+
+    fn at(&mut self, position_m: Vec3) -> Command {
+        self.now_us += 1000;
+        let sample = Sample { t_us: self.now_us, position_m, buttons: 0 };
+        self.controller.tick_on(&mut self.state, self.now_us, Some(&sample), &mut self.memory)
+    }
+
+    fn press(&mut self) -> Command {
+        for step in 0..200 {
+            self.at([0.0, 0.0, 1e-3 - 0.2e-3 * (step as f32).min(30.0)]);
+        }
+        self.at([0.0, 0.0, -5e-3])
+    }
+}
+
+fn organ_blob() -> AlignedBytes {
+    bare(vec![[0.0; 3], [0.05, 0.0, 0.0]]).blob()
+}
+
+#[test]
+fn a_press_has_the_force_of_the_jets() {
+    let blob = organ_blob();
+    let organ = Organ::<2>::read(&blob).expect("good");
+    let mut bench = Bench::new(&organ);
+    let pressed = bench.press();
+    let exact_n = potential([0.0, 0.0, -5e-3], [0, 0, 1]) as f32;
+    assert!((pressed.reaction_n[2] - exact_n).abs() < 1e-3, "{pressed:?}");
+    assert!((pressed.hand_force_n[2] + pressed.reaction_n[2]).abs() < 1e-5);
+    assert_eq!((pressed.engaged, pressed.coverage), (Some(0), Some(Coverage::Scattered)));
+    // Without tables and without a method the other ways to tick are a fault, not a wrong force.
+    let mut state = State::new();
+    state.arm();
+    let mut last = Command::default();
+    for (t_us, z) in [(0, 1e-3), (1_000, -1e-4)] {
+        let sample = Sample { t_us, position_m: [0.0, 0.0, z], buttons: 0 };
+        last = bench.controller.tick(&mut state, t_us, Some(&sample));
+    }
+    assert_eq!(last.phase, Phase::SafeZero(Fault::Internal));
+}
+
+#[test]
+fn a_lost_solver_ends_in_a_soft_fade_and_a_latched_fault() {
+    let blob = organ_blob();
+    let organ = Organ::<2>::read(&blob).expect("good");
+    let mut bench = Bench::new(&organ);
+    let pressed = bench.press();
+    bench.memory.solver(Solver::Gone);
+    let mut before_n = pressed.hand_force_n;
+    let (mut largest_n, mut ticks) = (0.0_f32, 0);
+    let latched = loop {
+        let command = bench.at([0.0, 0.0, -5e-3]);
+        largest_n = largest_n.max(vec3::distance(command.hand_force_n, before_n));
+        before_n = command.hand_force_n;
+        ticks += 1;
+        match command.phase {
+            Phase::Active => assert!(ticks < 1_000, "{command:?}"),
+            _ => break command,
+        }
+        if ticks <= 500 {
+            assert_eq!(command.hand_force_n, pressed.hand_force_n, "{ticks} ms");
+        }
+    };
+    assert_eq!((latched.phase, latched.hand_force_n), (Phase::SafeZero(Fault::Solver), vec3::ZERO));
+    assert!((800..=803).contains(&ticks), "{ticks} ms");
+    assert!(largest_n <= 1.05 * vec3::norm(pressed.hand_force_n) / 300.0, "{largest_n} N in one tick");
+    // Latched, whatever happens to the solver; arming alone does not help.
+    bench.memory.solver(Solver::Alive);
+    assert_eq!(bench.at([0.0, 0.0, 1e-3]).phase, Phase::SafeZero(Fault::Solver));
+    assert!(!bench.state.arm());
+    bench.state.reset();
+    assert!(bench.state.arm());
+    let again = bench.press();
+    assert!((again.reaction_n[2] - pressed.reaction_n[2]).abs() < 1e-3, "{again:?}");
+}
+
+#[test]
+fn a_lost_solver_is_a_fault_of_a_free_tool_too() {
+    let blob = organ_blob();
+    let organ = Organ::<2>::read(&blob).expect("good");
+    let mut bench = Bench::new(&organ);
+    bench.memory.solver(Solver::Gone);
+    let ticks = (1..2_000).find(|_| bench.at([0.0, 0.0, 0.01]).phase != Phase::Active);
+    assert!(ticks.is_some_and(|ticks| (800..=803).contains(&ticks)), "{ticks:?}");
+    assert_eq!(bench.state.phase(), Phase::SafeZero(Fault::Solver));
+    // It is still gone: armed again, the fault returns at once, and no touch begins.
+    bench.state.reset();
+    assert!(bench.state.arm());
+    assert_eq!(bench.at([0.0, 0.0, 0.01]).phase, Phase::SafeZero(Fault::Solver));
+    // A solver that is late is none.
+    bench.state.reset();
+    bench.state.arm();
+    bench.memory.solver(Solver::Silent);
+    for _ in 0..3_000 {
+        assert_eq!(bench.at([0.0, 0.0, 0.01]).phase, Phase::Active);
+    }
+}
+
+/// A jet of the ball's vertex: isotropic, with the uneven stiffness of its neighbours.
+fn of_vertex(contact: u16) -> Jet {
+    let k = (400.0 * uneven(contact.into())) as f32;
+    Jet { contact, stiffness_n_m: [k, 0.0, 0.0, k, 0.0, k], trust_m: 0.025, ..Jet::default() }
+}
+
+/// As for the tables, sliding over points of uneven stiffness gives the hand no energy: the slip uses the
+/// energy of the jets.
+#[test]
+fn no_closed_path_over_jets_gives_energy_to_the_hand() {
+    let body = sphere(RADIUS_M, 2);
+    let recipe = Recipe { normal: vec3::normalize_or_zero, radius_m: 0.02, ..bare(body.0.clone()) };
+    let blob = Recipe { body: Some(body), ..recipe }.blob();
+    let organ = <Organ<'_>>::read(&blob).expect("good");
+    let mut words = vec![0; TouchSurface::words(&organ)];
+    let mut config = config();
+    config.contact.friction = 0.0;
+    config.contact.capture_radius_m = 1.0;
+    let surface = TouchSurface::new(&organ, &mut words);
+    let controller = Controller::new(&organ, config).expect("sound").on_surface(surface);
+    let mut memory = Box::new(JetMemory::<168, 8>::new());
+    for contact in 0..organ.spaces.len() as u16 {
+        assert!(memory.insert(&of_vertex(contact)));
+    }
+    let (mut least_j, mut longest) = (f64::INFINITY, 0);
+    for from in (0..3_000).step_by(150) {
+        let mut state = State::new();
+        state.arm();
+        let at = |index: u32, height_m: f32| -> Vec3 {
+            let angle = core::f32::consts::TAU * index as f32 / 3_000.0;
+            let (sine, cosine) = (libm::sinf(angle), libm::cosf(angle));
+            vec3::scale([cosine, 0.9 * sine, 0.435_89 * sine], RADIUS_M + height_m)
+        };
+        let down = (0..=60).map(|i| at(from, 1e-3 - 1e-4 * i as f32));
+        let along = (0..=220).map(|i| at(from + i, -5e-3));
+        let up = (0..=100).map(|i| at(from + 220, -5e-3 + 1e-4 * i as f32));
+        let (mut work_j, mut engaged, mut before) = (0.0_f64, 0, None);
+        for (t, position_m) in (0..).zip(down.chain(along).chain(up)) {
+            let sample = Sample { t_us: 1_000 * t, position_m, buttons: 0 };
+            let command = controller.tick_on(&mut state, sample.t_us, Some(&sample), memory.as_mut());
+            assert_eq!(command.phase, Phase::Active, "{command:?}");
+            engaged += u32::from(command.engaged.is_some());
+            if let Some((from_m, from_n)) = before {
+                let mean_n = vec3::scale(vec3::add(from_n, command.reaction_n), 0.5);
+                work_j += f64::from(vec3::dot(mean_n, vec3::sub(position_m, from_m)));
+            }
+            before = Some((position_m, command.reaction_n));
+        }
+        least_j = least_j.min(work_j);
+        longest = longest.max(engaged);
+    }
+    println!("least work into the body: {:.4} mJ", 1e3 * least_j);
+    assert!(longest > 300, "{longest} ticks of touch");
+    assert!(least_j > -2e-6, "the hand receives {least_j} J");
+}
