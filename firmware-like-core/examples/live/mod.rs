@@ -47,16 +47,19 @@ fn counted_tick(
     controller.tick_on(state, sample.t_us, Some(sample), memory)
 }
 
-/// A jet of a spring of 300 N/m with a little curvature; every 64th announces a jump of the body.
+/// A jet of a spring of 300 N/m with a little curvature. Every 64th announces a jump of the body, and of those
+/// every 32nd contradicts all others of its contact point.
 fn jet(noise: &mut Noise) -> Jet {
     let control_m = noise.displacement();
+    let (flush_before, jumps) = (noise.next().is_multiple_of(64), noise.next().is_multiple_of(32));
+    let jump_n = if flush_before && jumps { [1.0, 0.5, -1.0].map(|x| 4.0 * x) } else { vec3::ZERO };
     Jet {
         contact: (noise.next() % CONTACTS as u32) as u16,
         sequence: noise.next(),
-        flags: JetFlags { flush_before: noise.next().is_multiple_of(64), ..JetFlags::default() },
+        flags: JetFlags { flush_before, ..JetFlags::default() },
         control_m,
         energy_j: 150.0 * vec3::dot(control_m, control_m),
-        force_n: vec3::scale(control_m, 300.0),
+        force_n: vec3::add(vec3::scale(control_m, 300.0), jump_n),
         stiffness_n_m: [300.0, 0.0, 0.0, 300.0, 0.0, 300.0],
         third_n_m2: std::array::from_fn(|_| 100.0 * noise.unit()),
         trust_m: 0.012 + 0.008 * noise.unit(),
