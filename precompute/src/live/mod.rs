@@ -22,7 +22,7 @@ mod states;
 mod truth;
 
 pub use memory::Trust;
-pub use skin::{Contact, Skin};
+pub use skin::Skin;
 pub use solver::{LiveError, LiveSolver, Published, Step, Totals};
 pub use truth::Truth;
 

@@ -1,27 +1,17 @@
 //! The places of the skin that the tool can touch.
 
 use super::solver::LiveError;
-use crate::fem::{Body, Fingertip, Handle, Pad};
+use crate::fem::{Body, Contact, Fingertip, Handle, Pad};
 use crate::mesh::{Surface, TetMesh};
 use crate::num::vector::distance;
+use crate::pack::Place;
 use crate::spec::Tool;
-
-/// A place that the tool can touch: a vertex of the skin.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Contact {
-    /// The mesh node.
-    pub node: u32,
-    /// Its position on the body at rest, m.
-    pub rest_m: [f64; 3],
-    /// Outward unit normal there.
-    pub normal: [f64; 3],
-}
 
 /// The contacts of a body and the triangles between them.
 #[derive(Debug, Clone)]
 pub struct Skin {
     /// Vertices of the skin without a fixed component, in ascending order of their nodes.
-    pub contacts: Vec<Contact>,
+    pub contacts: Vec<Place>,
     /// Corners of each triangle that has three contacts, counter-clockwise seen from outside.
     pub triangles: Vec<[u16; 3]>,
     /// Contacts that share a triangle with each contact, ascending.
@@ -63,7 +53,7 @@ impl Skin {
         }
         let contacts = nodes
             .iter()
-            .map(|&node| Contact {
+            .map(|&node| Place {
                 node,
                 rest_m: body.rest_position_m(node),
                 normal: surface.normal(node).expect("a vertex of the skin"),
@@ -73,7 +63,7 @@ impl Skin {
     }
 
     /// What the tool does to the body at a contact.
-    pub(super) fn touch(&self, contact: u16, body: &Body) -> crate::fem::Contact {
+    pub(super) fn touch(&self, contact: u16, body: &Body) -> Contact {
         let node = self.contacts[usize::from(contact)].node;
         match self.tip {
             None => Handle::node(node).into(),

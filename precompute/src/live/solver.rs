@@ -11,7 +11,9 @@ use super::skin::Skin;
 use super::states::States;
 use crate::fem::{Body, Constraints, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver};
 use crate::num::branch::Excess;
+use crate::pack::{PackError, Untabled};
 use crate::scene::{ElementOrder, ResolvedScene};
+use crate::spec::Sampling;
 
 /// Number of contacts whose problem is kept.
 const PROBLEMS: usize = 256;
@@ -23,6 +25,8 @@ const MAX_SWEEPS: u32 = 8;
 const HALVINGS: u32 = 2;
 /// Weight of the last solve in the mean time of a solve.
 const NEWEST_SHARE: f64 = 0.2;
+/// How far a tool is expected to press in a scene without a grid, m.
+const REACH_M: f64 = 0.05;
 /// Mean time of a solve before the first one, s.
 const FIRST_SOLVE_S: f64 = 5e-3;
 
@@ -153,6 +157,28 @@ impl LiveSolver {
     /// The places that can be touched.
     pub fn skin(&self) -> &Skin {
         &self.skin
+    }
+
+    /// The organ of the session as a blob without tables, and the mesh nodes of the vertices of its surface. The
+    /// spaces are the contacts.
+    ///
+    /// # Errors
+    ///
+    /// [`PackError`].
+    pub fn organ(&self, scene: &ResolvedScene) -> Result<(Vec<u8>, Vec<u32>), PackError> {
+        let organ = Untabled {
+            scene: &scene.name,
+            law: &self.body.law_names(),
+            max_force_n: scene.max_force_n,
+            mesh: &scene.mesh,
+            rest_m: self.body.rest_state.as_chunks::<3>().0,
+            fixed: &scene.fixed,
+            tool: &scene.tool,
+            places: &self.skin.contacts,
+            triangles: &self.skin.triangles,
+            reach_m: scene.grid.as_ref().map_or(REACH_M, Sampling::radius_m),
+        };
+        organ.pack()
     }
 
     /// Number of equations.

@@ -2,8 +2,10 @@
 
 mod error;
 mod fitted;
+mod untabled;
 
 pub use error::PackError;
+pub use untabled::{Place, Untabled};
 
 use bytemuck::Pod;
 use palpate_core::format::{
@@ -129,7 +131,7 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
     let fitted = fitter.all(store, &selected, options.threads)?;
     let mut packer =
         Packer { store, identity: &identity, mesh, surface: &surface, options, planes: PlaneArea::default() };
-    let surface_header = packer.surface(&fixed)?;
+    let surface_header = self::surface(&mut packer.planes, &surface, &packer.mesh, &fixed)?;
     let spaces = selected.iter().zip(fitted).map(|(selected, fitted)| packer.space(selected, &fitted));
     let spaces = spaces.collect::<Result<Vec<SpaceHeader>, PackError>>()?;
     if spaces.len() > Limits::PC.spaces {
@@ -146,10 +148,7 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
         mesh_hash: identity.mesh_hash,
         surface: surface_header,
         contact,
-        fingertip: identity.contacts.as_ref().map(|contacts| Fingertip {
-            radius_m: contacts.fingertip.radius_m as f32,
-            stiffness_n_m: contacts.fingertip.stiffness_on_a_plane_n_m() as f32,
-        }),
+        fingertip: identity.contacts.as_ref().map(|contacts| fingertip(&contacts.fingertip)),
         certificate: None,
         space_count: spaces.len() as u32,
     };
@@ -160,6 +159,36 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
 
 /// The rest point.
 const REST: GridIndex = [0; 3];
+
+/// The planes of a surface.
+fn surface(
+    planes: &mut PlaneArea,
+    surface: &Surface,
+    mesh: &TetMesh,
+    fixed: &[u32],
+) -> Result<SurfaceHeader, PackError> {
+    let position = |axis: usize| -> Vec<f32> {
+        surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize][axis] as f32).collect()
+    };
+    let vertex =
+        |node: u32| surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32;
+    let triangles: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(vertex)).collect();
+    let held: Vec<u8> = surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
+    Ok(SurfaceHeader {
+        node: planes.push(&surface.nodes)?,
+        position_m: planes.push3(&[position(0), position(1), position(2)])?,
+        triangles: planes.push(&triangles)?,
+        fixed: planes.push(&held)?,
+    })
+}
+
+/// A fingertip as the blob states it.
+fn fingertip(tip: &crate::fem::Fingertip) -> Fingertip {
+    Fingertip {
+        radius_m: tip.radius_m as f32,
+        stiffness_n_m: tip.stiffness_on_a_plane_n_m() as f32,
+    }
+}
 
 /// Data that all spaces of a blob share while they are packed.
 struct Packer<'s> {
@@ -172,24 +201,6 @@ struct Packer<'s> {
 }
 
 impl Packer<'_> {
-    fn surface(&mut self, fixed: &[u32]) -> Result<SurfaceHeader, PackError> {
-        let Self { surface, mesh, planes, .. } = self;
-        let position = |axis: usize| -> Vec<f32> {
-            surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize][axis] as f32).collect()
-        };
-        let vertex = |node: u32| {
-            surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32
-        };
-        let triangles: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(vertex)).collect();
-        let held: Vec<u8> = surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
-        Ok(SurfaceHeader {
-            node: planes.push(&surface.nodes)?,
-            position_m: planes.push3(&[position(0), position(1), position(2)])?,
-            triangles: planes.push(&triangles)?,
-            fixed: planes.push(&held)?,
-        })
-    }
-
     /// The triangles between contact points that have a space.
     fn contact(
         &mut self,
