@@ -12,18 +12,18 @@ const WORKSPACE_MARGIN_M: f32 = 0.3;
 /// causes contact chatter.
 const HYSTERESIS_COUNTS: f32 = 4.0;
 
-/// The default settings with every limit lowered to those of the device, the organs and the profile.
+/// The default settings, without a method where jets give the force, with every limit lowered to those of the device, the organs and the profile.
 ///
 /// Hand and encoder values (speed, resolution, energy) are in device metres. With a profile they are
 /// multiplied by the workspace scale to model metres.
 #[must_use]
 pub fn controller_config<const N: usize>(
     organs: &[&Organ<'_, N>],
-    method: Method,
+    method: impl Into<Option<Method>>,
     device: &DeviceInfo,
     profile: Option<&Profile>,
 ) -> Config {
-    let mut config = Config::new(method);
+    let mut config = method.into().map_or_else(Config::live, Config::new);
     let (limits, contact, passivity) = (&mut config.limits, &mut config.contact, &mut config.passivity);
     limits.max_stiffness_n_m = limits.max_stiffness_n_m.min(device.max_stiffness_n_m);
     // A scene without a device and an ideal simulated device do not raise the default limit.

@@ -27,6 +27,7 @@ mod points;
 mod progress;
 mod regions;
 mod resident;
+mod session;
 mod summary;
 mod timing;
 mod touch;

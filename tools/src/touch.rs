@@ -12,12 +12,13 @@ use std::time::{Duration, SystemTime};
 use palpate_core::{Config, Method, Organ, Phase};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::device::profile::Profile;
+use palpate_host::live::{LiveField, TakenJet};
 use palpate_host::model::ModelError;
 use palpate_host::rt::{Controls, LoopEnd, TickRecord};
 use palpate_host::session::Observer;
 use palpate_host::settings::{arm_button, controller_config};
 use palpate_host::sys::RtReport;
-use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_session};
+use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_live_session, run_session};
 use palpate_record::{End, Header, Recorder, RecorderReport};
 use palpate_viewer::{Frames, Regions, RendererConfig, Screen, View, ViewerError};
 
@@ -164,22 +165,56 @@ pub(crate) struct Record<'p> {
     pub file: &'p Output,
     /// BLAKE3 of each blob.
     pub blob_blake3: &'p [String],
+    /// The blob of a live session, which no file keeps.
+    pub live: Option<&'p [u8]>,
+}
+
+/// The queues of a recorder.
+struct Queues {
+    ticks: rtrb::Producer<TickRecord>,
+    jets: Option<rtrb::Producer<TakenJet>>,
+}
+
+/// Where the force comes from.
+#[derive(Debug)]
+pub(crate) enum Source {
+    /// The tables of the organs, by a method.
+    Tables(Method),
+    /// The jets of a live solver.
+    Jets(LiveField),
+}
+
+impl Source {
+    /// The method, or what takes its place.
+    pub(crate) fn name(&self) -> &'static str {
+        match self {
+            Self::Tables(method) => method.name(),
+            Self::Jets(_) => "jets",
+        }
+    }
 }
 
 impl Record<'_> {
-    fn start(
+    fn start<const N: usize>(
         &self,
-        organ: &Organ<'_>,
+        organ: &Organ<'_, N>,
         config: Config,
         options: &SessionOptions,
         device: DeviceInfo,
-    ) -> Result<(Recorder<BufWriter<File>>, rtrb::Producer<TickRecord>), Failure> {
+    ) -> Result<(Recorder<BufWriter<File>>, Queues), Failure> {
         let blob = self.blob_blake3.to_vec();
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let start_unix_ns = since_1970.as_nanos() as u64;
         let header = Header::new(organ, blob, config, options.haptic, device, start_unix_ns);
-        Recorder::start(BufWriter::new(self.file.create_new()?), &header)
-            .map_err(|error| Failure::work(format!("{}: {error}", self.file.path().display())))
+        let stream = BufWriter::new(self.file.create_new()?);
+        let started = match self.live {
+            None => Recorder::start(stream, &header)
+                .map(|(recorder, ticks)| (recorder, Queues { ticks, jets: None })),
+            Some(organ) => Recorder::start_live(stream, &header, organ).map(|(recorder, queues)| {
+                (recorder, Queues { ticks: queues.ticks, jets: Some(queues.jets) })
+            }),
+        };
+        started.map_err(|error| Failure::work(format!("{}: {error}", self.file.path().display())))
     }
 }
 
@@ -209,7 +244,7 @@ pub(crate) fn with_frames(summary: &impl fmt::Display, frames: Frames) -> String
 /// The screen, the recorder's queue and the caller of a session.
 struct Watch<'w, 's, 'o, F, const N: usize> {
     screen: &'w mut Screen<'s, 'o, N>,
-    recording: Option<rtrb::Producer<TickRecord>>,
+    recording: Option<Queues>,
     granted: &'w OnceLock<RtReport>,
     /// Whether a tick has run.
     moved: bool,
@@ -222,8 +257,12 @@ struct Watch<'w, 's, 'o, F, const N: usize> {
 }
 
 impl<F: FnMut(&TickRecord), const N: usize> Observer for Watch<'_, '_, '_, F, N> {
+    fn recording_jets(&mut self) -> Option<rtrb::Producer<TakenJet>> {
+        self.recording.as_mut().and_then(|queues| queues.jets.take())
+    }
+
     fn recording(&mut self) -> Option<rtrb::Producer<TickRecord>> {
-        self.recording.take()
+        self.recording.take().map(|queues| queues.ticks)
     }
 
     fn controls(&mut self) -> Arc<Controls> {
@@ -257,9 +296,9 @@ impl<F: FnMut(&TickRecord), const N: usize> Observer for Watch<'_, '_, '_, F, N>
 
 /// Runs a session. Screen and settings come before the device: what they refuse moves no motor, and
 /// `device` is called at most once.
-pub(crate) fn run<D: Device>(
-    organs: &[&Organ<'_>],
-    method: Method,
+pub(crate) fn run<D: Device, const N: usize>(
+    organs: &[&Organ<'_, N>],
+    source: Source,
     show: Show<'_>,
     stop: &AtomicBool,
     device: impl FnOnce() -> Result<D, Failure>,
@@ -268,9 +307,13 @@ pub(crate) fn run<D: Device>(
     let organ = organs.first().ok_or_else(|| Failure::input(SessionError::Model(ModelError::Count)))?;
     let mut options = show.options()?;
     let had_folder = show.pictures.exists();
-    let mut screen = show.screen(organs, method.name())?;
+    let mut screen = show.screen(organs, source.name())?;
     let device = device().inspect_err(|_| show.discard(had_folder))?;
     let info = device.info();
+    let method = match &source {
+        Source::Tables(method) => Some(*method),
+        Source::Jets(_) => None,
+    };
     let mut config = controller_config(organs, method, &info, show.profile);
     config.contact.friction = show.friction.unwrap_or(config.contact.friction);
     options.haptic.arm_button = arm_button(&info, show.profile);
@@ -288,7 +331,10 @@ pub(crate) fn run<D: Device>(
         is_held: false,
         on_record,
     };
-    let ended = run_session(organs, config, device, &options, stop, &mut watch);
+    let ended = match source {
+        Source::Tables(_) => run_session(organs, config, device, &options, stop, &mut watch),
+        Source::Jets(jets) => run_live_session(organ, config, jets, device, &options, stop, &mut watch),
+    };
     let (moved, is_held) = (watch.moved, watch.is_held);
     let end = ended.as_ref().ok().map(End::of_session);
     let recording = recorder.map(|recorder| recorder.finish(end));
@@ -360,13 +406,13 @@ mod tests {
                 seconds: Some(20.0),
                 headless: true,
                 rate_hz: Some(50.0),
-                record: Some(Record { file: &record, blob_blake3: &blob_blake3 }),
+                record: Some(Record { file: &record, blob_blake3: &blob_blake3, live: None }),
                 ..no_pictures(&pictures)
             };
             let mut ticks = 0;
             let device = || Ok(SimulatedHand::new(&organ, SimulatedConfig::default()));
             let ended = catch_unwind(AssertUnwindSafe(|| {
-                run(&[&organ], Method::Tricubic, show, &AtomicBool::new(false), device, |_| {
+                run(&[&organ], Source::Tables(Method::Tricubic), show, &AtomicBool::new(false), device, |_| {
                     ticks += 1;
                     if ticks == 100 {
                         std::fs::remove_dir_all(&pictures).expect("the frames are there");
@@ -430,7 +476,7 @@ mod tests {
                 assert!(pictures.is_dir(), "the screen is open before the device");
                 Ok(SimulatedHand::new(&organ, SimulatedConfig::default()))
             };
-            let touched = run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect("it runs");
+            let touched = run(&[&organ], Source::Tables(Method::Tricubic), show, &go, device, |_| ()).expect("it runs");
             assert_eq!(opened, 1);
             assert!(touched.frames.written >= 1);
         }
@@ -452,7 +498,7 @@ mod tests {
         ] {
             let device =
                 || -> Result<SimulatedHand, Failure> { panic!("{refused}: no device may be opened") };
-            run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect_err(refused);
+            run(&[&organ], Source::Tables(Method::Tricubic), show, &go, device, |_| ()).expect_err(refused);
         }
         // The screen of a device that cannot be opened leaves nothing behind.
         let folder = folder.path().join("other");
@@ -461,7 +507,7 @@ mod tests {
             assert!(folder.is_dir(), "the screen is open before the device");
             Err(Failure::input("port in use"))
         };
-        run(&[&organ], Method::Tricubic, show, &go, device, |_| ()).expect_err("no device");
+        run(&[&organ], Source::Tables(Method::Tricubic), show, &go, device, |_| ()).expect_err("no device");
         assert!(!folder.exists());
     }
 }

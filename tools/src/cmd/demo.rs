@@ -26,6 +26,7 @@ use crate::interrupt::stop_flag;
 use crate::output::{Csv, Table};
 use crate::progress::WorkProgress;
 use crate::timing::Timing;
+use crate::touch::Source;
 use crate::truth::{self, Checked, MethodError, Visit};
 use crate::{blob, output, summary, touch};
 
@@ -326,7 +327,7 @@ fn palpate(
     let mut visits = Vec::new();
     let touched = touch::run(
         &[organ],
-        args.method,
+        Source::Tables(args.method),
         show,
         stop,
         || Ok(SimulatedHand::new(organ, hand)),

@@ -1,0 +1,97 @@
+//! The device of a session.
+
+use std::sync::atomic::AtomicBool;
+
+use palpate_core::{Organ, vec3};
+use palpate_host::device::motors_off::MotorsOff;
+use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
+use palpate_host::device::palpation::RandomConfig;
+use palpate_host::device::profile::Profile;
+use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::first_place::first_place;
+use palpate_host::Device;
+
+use super::SessionArgs;
+use crate::device_spec::DeviceSpec;
+use crate::failure::Failure;
+use crate::{hardware, touch};
+
+/// Initial height of the mouse's tool above its first place, m.
+const MOUSE_HEIGHT_M: f32 = 0.03;
+
+/// The mouse device, and the handle of the window.
+fn open_mouse<const N: usize>(args: &SessionArgs, organ: &Organ<'_, N>) -> Result<(MouseHandle, Mouse), Failure> {
+    if args.headless {
+        return Err(Failure::input(touch::MOUSE_NEEDS_WINDOW));
+    }
+    let start_m = organ.spaces.get(first_place(organ)).map_or(vec3::ZERO, |space| {
+        vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, MOUSE_HEIGHT_M))
+    });
+    Ok(mouse(start_m, MouseConfig::default()))
+}
+
+/// The named profile, or that of the device, at the period of this session.
+pub(crate) fn profile(args: &SessionArgs) -> Result<Option<Profile>, Failure> {
+    let profile = hardware::profile(&args.device, args.profile.as_deref())?;
+    // The stiffness cap depends on the actual period.
+    Ok(profile.map(|profile| match args.timing.period_us {
+        Some(period_us) => profile.at_period(period_us),
+        None => profile,
+    }))
+}
+
+/// Opens the simulated hand or the hardware. Mouse and replay are opened elsewhere.
+fn open_device<const N: usize>(
+    args: &SessionArgs,
+    organ: &Organ<'_, N>,
+    profile: Option<&Profile>,
+    stop: &AtomicBool,
+) -> Result<hardware::Held, Failure> {
+    if let (Some(hardware), Some(profile)) = (args.device.hardware(), profile) {
+        return hardware::open(hardware, profile, args.guard(), stop);
+    }
+    let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::for_profile);
+    if let DeviceSpec::Simulated { seed: Some(seed) } = args.device {
+        config.random = Some(RandomConfig::new(seed));
+    }
+    Ok((Box::new(SimulatedHand::new(organ, config)), None))
+}
+
+
+/// A device that is opened when the session is ready for it.
+#[derive(Debug)]
+pub(crate) struct Opener<'a> {
+    args: &'a SessionArgs,
+    profile: Option<&'a Profile>,
+    stop: &'a AtomicBool,
+    /// The handle of the window of the mouse device.
+    pub(crate) mouse: Option<MouseHandle>,
+    tool: Option<Mouse>,
+}
+
+impl<'a> Opener<'a> {
+    /// Prepares the device of these arguments for an organ.
+    pub(crate) fn new<const N: usize>(
+        args: &'a SessionArgs,
+        organ: &Organ<'_, N>,
+        profile: Option<&'a Profile>,
+        stop: &'a AtomicBool,
+    ) -> Result<Self, Failure> {
+        let (mouse, tool) = match args.device {
+            DeviceSpec::Mouse => {
+                open_mouse(args, organ).map(|(handle, tool)| (Some(handle), Some(tool)))?
+            }
+            _ => (None, None),
+        };
+        Ok(Self { args, profile, stop, mouse, tool })
+    }
+
+    /// Opens it, with its guard if it has motors. Without --motors-off it may move them from now on.
+    pub(crate) fn open<const N: usize>(mut self, organ: &Organ<'_, N>) -> Result<hardware::Held, Failure> {
+        if let Some(tool) = self.tool.take() {
+            return Ok((Box::new(tool) as Box<dyn Device>, None));
+        }
+        let (device, guard) = open_device(self.args, organ, self.profile, self.stop)?;
+        Ok((if self.args.motors_off { Box::new(MotorsOff::new(device)) } else { device }, guard))
+    }
+}
