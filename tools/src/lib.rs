@@ -59,9 +59,12 @@ enum Command {
     Query(cmd::query::Args),
     Inspect(cmd::inspect::Args),
     Run(cmd::run::Args),
+    Live(cmd::live::Args),
     Control(cmd::control::Args),
     #[command(hide = true)]
     Guard(cmd::guard::Args),
+    #[command(hide = true)]
+    LiveSolver(cmd::live_solver::Args),
     Doctor(cmd::doctor::Args),
     Report(cmd::report::Args),
     Paper(cmd::paper::Args),
@@ -88,6 +91,8 @@ pub fn palpate() -> ExitCode {
         Command::Inspect(args) => cmd::inspect::run(&args),
         Command::Report(args) => cmd::report::run(&args),
         Command::Run(args) => cmd::run::run(&args),
+        Command::Live(args) => cmd::live::run(&args),
+        Command::LiveSolver(args) => cmd::live_solver::run(&args),
         Command::Control(args) => cmd::control::run(&args),
         Command::Guard(args) => cmd::guard::run(&args),
         Command::Doctor(args) => cmd::doctor::run(&args),

@@ -18,7 +18,9 @@ use palpate_host::rt::{Controls, LoopEnd, TickRecord};
 use palpate_host::session::Observer;
 use palpate_host::settings::{arm_button, controller_config};
 use palpate_host::sys::RtReport;
-use palpate_host::{Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_live_session, run_session};
+use palpate_host::{
+    Device, DeviceInfo, SessionError, SessionOptions, SessionSummary, run_live_session, run_session,
+};
 use palpate_record::{End, Header, Recorder, RecorderReport};
 use palpate_viewer::{Frames, Regions, RendererConfig, Screen, View, ViewerError};
 
@@ -412,13 +414,20 @@ mod tests {
             let mut ticks = 0;
             let device = || Ok(SimulatedHand::new(&organ, SimulatedConfig::default()));
             let ended = catch_unwind(AssertUnwindSafe(|| {
-                run(&[&organ], Source::Tables(Method::Tricubic), show, &AtomicBool::new(false), device, |_| {
-                    ticks += 1;
-                    if ticks == 100 {
-                        std::fs::remove_dir_all(&pictures).expect("the frames are there");
-                        assert!(fault != Fault::Panic, "planted panic");
-                    }
-                })
+                run(
+                    &[&organ],
+                    Source::Tables(Method::Tricubic),
+                    show,
+                    &AtomicBool::new(false),
+                    device,
+                    |_| {
+                        ticks += 1;
+                        if ticks == 100 {
+                            std::fs::remove_dir_all(&pictures).expect("the frames are there");
+                            assert!(fault != Fault::Panic, "planted panic");
+                        }
+                    },
+                )
             }));
             match fault {
                 Fault::Panic => assert!(ended.is_err()),
@@ -476,7 +485,8 @@ mod tests {
                 assert!(pictures.is_dir(), "the screen is open before the device");
                 Ok(SimulatedHand::new(&organ, SimulatedConfig::default()))
             };
-            let touched = run(&[&organ], Source::Tables(Method::Tricubic), show, &go, device, |_| ()).expect("it runs");
+            let touched =
+                run(&[&organ], Source::Tables(Method::Tricubic), show, &go, device, |_| ()).expect("it runs");
             assert_eq!(opened, 1);
             assert!(touched.frames.written >= 1);
         }

@@ -33,6 +33,9 @@ impl Limits {
         modes: 1_024,
     };
 
+    /// A live session on a PC: every free vertex of the skin is a space, without tables.
+    pub const LIVE: Self = Self { spaces: 4_096, ..Self::PC };
+
     /// A microcontroller: four nodes, grids of up to 5 cells and forces only; the surface may lie in flash,
     /// unused. The paper's coarsest grid has 5 cells: 514 points, 1,015 with rest and the corners that
     /// complete the cells at the rim.

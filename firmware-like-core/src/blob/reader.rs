@@ -80,12 +80,12 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         Ok(organ)
     }
 
-    /// [`Organ::read`] on the heap: an organ of many spaces takes a large part of a thread's stack. Needs the
-    /// feature `alloc`.
+    /// [`Organ::read`] on the heap, with as many spaces as the type holds: an organ of many spaces takes a large
+    /// part of a thread's stack. Needs the feature `alloc`.
     #[cfg(feature = "alloc")]
     pub fn read_boxed(bytes: &'a [u8]) -> Result<alloc::boxed::Box<Self>, BlobError> {
         let mut organ = alloc::boxed::Box::new(Self::empty());
-        organ.load(bytes, &Limits::PC)?;
+        organ.load(bytes, &Limits { spaces: MAX_SPACES, ..Limits::PC })?;
         Ok(organ)
     }
 

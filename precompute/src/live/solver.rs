@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use palpate_core::{Jet, JetFlags};
 use thiserror::Error;
 
 use super::Hand;
@@ -10,7 +11,9 @@ use super::memory::{Growth, Known, Trust};
 use super::skin::Skin;
 use super::states::States;
 use crate::fem::{Body, Constraints, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver};
+use crate::num::SECOND_INDICES;
 use crate::num::branch::Excess;
+use crate::num::jet::EnergyJet;
 use crate::pack::{PackError, Untabled};
 use crate::scene::{ElementOrder, ResolvedScene};
 use crate::spec::Sampling;
@@ -68,6 +71,30 @@ pub struct Published {
     pub is_fresh: bool,
     /// Whether the state is unstable.
     pub is_unstable: bool,
+}
+
+impl Published {
+    /// The jet for the loop, with its number in the session.
+    pub fn jet(&self, sequence: u32) -> Jet {
+        let EnergyJet { control_m, energy_j, force_n, stiffness_n_m, third_n_m2 } = self.trust.jet;
+        let flags = JetFlags {
+            joined: self.joins,
+            fresh: self.is_fresh,
+            unstable: self.is_unstable,
+            flush_before: !self.joins,
+        };
+        Jet {
+            contact: self.contact,
+            sequence,
+            flags,
+            control_m: control_m.map(|x| x as f32),
+            energy_j: energy_j as f32,
+            force_n: force_n.map(|x| x as f32),
+            stiffness_n_m: SECOND_INDICES.map(|[i, j]| stiffness_n_m[(i, j)] as f32),
+            third_n_m2: third_n_m2.map(|x| x as f32),
+            trust_m: self.trust.radius_m as f32,
+        }
+    }
 }
 
 /// What a step did.
@@ -191,9 +218,16 @@ impl LiveSolver {
         self.totals
     }
 
-    /// All jets of a contact.
-    pub fn jets(&self, contact: u16) -> &[Trust] {
-        self.known.get(usize::from(contact)).map_or(&[], Known::jets)
+    /// All jets of a contact, as if they were found anew.
+    pub fn jets(&self, contact: u16) -> impl Iterator<Item = Published> {
+        let jets = self.known.get(usize::from(contact)).map_or(&[][..], Known::jets);
+        jets.iter().map(move |&trust| Published {
+            contact,
+            trust,
+            joins: true,
+            is_fresh: false,
+            is_unstable: false,
+        })
     }
 
     /// States how long the last step took, s.

@@ -6,6 +6,8 @@ pub(crate) mod demo;
 pub(crate) mod doctor;
 pub(crate) mod guard;
 pub(crate) mod inspect;
+pub(crate) mod live;
+pub(crate) mod live_solver;
 pub(crate) mod pack;
 pub(crate) mod paper;
 pub(crate) mod path;

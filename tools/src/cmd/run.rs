@@ -115,7 +115,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     for (path, organ) in paths.iter().zip(&organs) {
         check_certificate(path, organ, method, args)?;
     }
-    let record = outputs.record.as_ref().map(|file| touch::Record { file, blob_blake3: &blob_blake3, live: None });
+    let record =
+        outputs.record.as_ref().map(|file| touch::Record { file, blob_blake3: &blob_blake3, live: None });
     let profile = session::profile(&args.session)?;
     if organs.iter().all(|organ| organ.spaces.iter().all(|space| space.displacement().is_none())) {
         eprintln!(
@@ -143,7 +144,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         guard = status;
         Ok(device)
     };
-    let touched = touch::run(&organs, Source::Tables(method), show, &stop, open, |record| watcher.take(record))?;
+    let touched =
+        touch::run(&organs, Source::Tables(method), show, &stop, open, |record| watcher.take(record))?;
     let bytes = files.iter().map(|file| file.bytes().len()).sum::<usize>();
     let mut of = Map::new();
     of.insert("blobs".into(), json!(paths));

@@ -126,7 +126,9 @@ impl SessionArgs {
         let histograms = self.histograms.as_ref();
         Ok(Outputs {
             record: self.record.as_ref().map(|path| files.write_new("--record", path)).transpose()?,
-            histograms: histograms.map(|path| files.write("--histograms", path, FileKind::Table)).transpose()?,
+            histograms: histograms
+                .map(|path| files.write("--histograms", path, FileKind::Table))
+                .transpose()?,
         })
     }
 

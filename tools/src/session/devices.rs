@@ -3,13 +3,13 @@
 use std::sync::atomic::AtomicBool;
 
 use palpate_core::{Organ, vec3};
+use palpate_host::Device;
 use palpate_host::device::motors_off::MotorsOff;
 use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::first_place::first_place;
-use palpate_host::Device;
 
 use super::SessionArgs;
 use crate::device_spec::DeviceSpec;
@@ -20,7 +20,10 @@ use crate::{hardware, touch};
 const MOUSE_HEIGHT_M: f32 = 0.03;
 
 /// The mouse device, and the handle of the window.
-fn open_mouse<const N: usize>(args: &SessionArgs, organ: &Organ<'_, N>) -> Result<(MouseHandle, Mouse), Failure> {
+fn open_mouse<const N: usize>(
+    args: &SessionArgs,
+    organ: &Organ<'_, N>,
+) -> Result<(MouseHandle, Mouse), Failure> {
     if args.headless {
         return Err(Failure::input(touch::MOUSE_NEEDS_WINDOW));
     }
@@ -57,7 +60,6 @@ fn open_device<const N: usize>(
     Ok((Box::new(SimulatedHand::new(organ, config)), None))
 }
 
-
 /// A device that is opened when the session is ready for it.
 #[derive(Debug)]
 pub(crate) struct Opener<'a> {
@@ -78,9 +80,7 @@ impl<'a> Opener<'a> {
         stop: &'a AtomicBool,
     ) -> Result<Self, Failure> {
         let (mouse, tool) = match args.device {
-            DeviceSpec::Mouse => {
-                open_mouse(args, organ).map(|(handle, tool)| (Some(handle), Some(tool)))?
-            }
+            DeviceSpec::Mouse => open_mouse(args, organ).map(|(handle, tool)| (Some(handle), Some(tool)))?,
             _ => (None, None),
         };
         Ok(Self { args, profile, stop, mouse, tool })

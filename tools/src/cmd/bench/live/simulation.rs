@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use nalgebra::Vector3;
-use palpate_core::{Coverage, Field, Jet, JetFlags, JetMemory, NodeWeight};
-use palpate_precompute::live::{Hand as Seen, LiveSolver, Published, Step, Touch, Truth};
+use palpate_core::{Coverage, Field, JetMemory, NodeWeight};
+use palpate_precompute::live::{Hand as Seen, LiveSolver, Step, Touch, Truth};
 use serde::Serialize;
 
 use super::hands::Hand;
@@ -128,7 +128,7 @@ pub(super) fn run(
     // What a tool that comes near finds solved.
     let near = Seen { touch: Some(touch(contact, &at)), ..Seen::default() };
     while let Step::Solved(published) = solver.step(&near) {
-        memory.insert(&jet(&published, sequence));
+        memory.insert(&published.jet(sequence));
         sequence += 1;
     }
     let mut ticks =
@@ -141,7 +141,7 @@ pub(super) fn run(
         loop {
             if pending.as_ref().is_some_and(|pending| pending.at_ms <= now_ms) {
                 if let Some(Pending { step: Step::Solved(published), .. }) = pending.take() {
-                    memory.insert(&jet(&published, sequence));
+                    memory.insert(&published.jet(sequence));
                     sequence += 1;
                 }
             }
@@ -227,29 +227,6 @@ impl Ticks {
 
 fn touch(contact: u16, d: &V) -> Touch {
     Touch { contacts: [(contact, 1.0), (0, 0.0), (0, 0.0)], control_m: (*d).into() }
-}
-
-/// A jet for the core.
-fn jet(published: &Published, sequence: u32) -> Jet {
-    let jet = &published.trust.jet;
-    let s = &jet.stiffness_n_m;
-    let flags = JetFlags {
-        joined: published.joins,
-        fresh: published.is_fresh,
-        unstable: published.is_unstable,
-        flush_before: !published.joins,
-    };
-    Jet {
-        contact: published.contact,
-        sequence,
-        flags,
-        control_m: jet.control_m.map(|x| x as f32),
-        energy_j: jet.energy_j as f32,
-        force_n: jet.force_n.map(|x| x as f32),
-        stiffness_n_m: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| s[at] as f32),
-        third_n_m2: jet.third_n_m2.map(|x| x as f32),
-        trust_m: published.trust.radius_m as f32,
-    }
 }
 
 fn truth(

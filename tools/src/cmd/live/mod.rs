@@ -1,0 +1,108 @@
+//! `palpate live`: touch at once; the forces are solved beside the loop.
+
+mod certificate;
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Args as ClapArgs;
+use palpate_core::{Limits, Organ};
+use palpate_host::live::{self as host_live, LiveField, StartError};
+use serde_json::{Map, json};
+
+use crate::control::Control;
+use crate::device_spec::DeviceSpec;
+use crate::failure::Failure;
+use crate::files::Files;
+use crate::interrupt::stop_flag;
+use crate::session::{self, Figures, Opener, SessionArgs, Watcher};
+use crate::touch::{self, Source};
+use certificate::Visits;
+
+/// Number of contacts of a live session.
+const CONTACTS: usize = Limits::LIVE.spaces;
+
+/// Touch a scene at once: nothing is precomputed, a solver beside the loop follows the hand.
+///
+/// Every free vertex of the skin can be touched. A second process solves the finite-element model where the hand
+/// is and where it goes; the loop interpolates between what is solved. Where the solver lags, the force levels off
+/// and then fades, and the window says so.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// The scene, a .toml file
+    scene: PathBuf,
+    /// Solve N visited positions afterwards and report the error of the force that was felt; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    check: usize,
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let begun = Instant::now();
+    args.session.check()?;
+    let mut files = Files::new(args.session.replace);
+    files.read(&args.scene);
+    let outputs = args.session.outputs(files)?;
+    if let DeviceSpec::Replay { .. } = &args.session.device {
+        return Err(Failure::input("a live recording is replayed by `palpate run`")); // replaced below
+    }
+    let profile = session::profile(&args.session)?;
+    let stop = stop_flag()?;
+    let program = std::env::current_exe().map_err(Failure::work)?;
+    let mut command = Command::new(program);
+    command.arg("live-solver").arg(&args.scene);
+    let started = host_live::start(command, &stop, |line| eprintln!("palpate: {line}"));
+    let host_live::Ready { blob, for_loop, view, process } = started.map_err(|error| match error {
+        StartError::Refused(line) => Failure::input(line),
+        other => Failure::work(other),
+    })?;
+    let organ: Box<Organ<'_, CONTACTS>> = Organ::read_boxed(blob.bytes())
+        .map_err(|error| Failure::work(format!("{}: {error}", args.scene.display())))?;
+    let control = &args.session.control;
+    let control = control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
+    let jets = LiveField::new(for_loop).map_err(Failure::work)?;
+    let device = Opener::new(&args.session, &organ, profile.as_ref(), &stop)?;
+    let mouse = device.mouse.clone();
+    let blob_blake3 = [blob.blake3()];
+    let record = outputs.record.as_ref();
+    let record =
+        record.map(|file| touch::Record { file, blob_blake3: &blob_blake3, live: Some(blob.bytes()) });
+    let show = touch::Show {
+        profile: profile.as_ref(),
+        mouse: mouse.as_ref(),
+        control: control.as_ref(),
+        ..args.session.show(record)
+    };
+    let mut watcher = Watcher::new(&args.session, begun);
+    let mut visits = Visits::new(begun);
+    let mut guard = None;
+    let open = || {
+        let (device, status) = device.open(&organ)?;
+        guard = status;
+        Ok(device)
+    };
+    let touched = touch::run(&[&*organ], Source::Jets(jets), show, &stop, open, |record| {
+        watcher.take(record);
+        visits.take(record);
+    })?;
+    let counters = view.counters();
+    drop((process, view));
+    let certificate = visits.certificate(args, &touched.summary, counters, &stop)?;
+    let mut of = Map::new();
+    of.insert("scene".into(), json!(args.scene));
+    of.insert("live".into(), json!(certificate));
+    let figures = Figures {
+        of,
+        method: "jets",
+        bytes: blob.bytes().len(),
+        guard: guard.as_ref().map(ToString::to_string),
+        profile: profile.as_ref(),
+        lines: certificate.lines(),
+    };
+    figures.print(&args.session, &outputs, &touched, watcher)?;
+    touch::judge(&touched.summary)
+}

@@ -1,0 +1,195 @@
+//! `palpate live-solver`: the process beside a `palpate live` that solves where the hand goes.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Weak};
+use std::time::{Duration, Instant};
+
+use clap::Args as ClapArgs;
+use palpate_host::live::{Counters, Hand, Heart, Service, Serving, Work};
+use palpate_host::sys::monotonic_ns;
+use palpate_precompute::live::{Hand as Seen, LiveSolver, Step, Touch};
+use palpate_precompute::scene::{ResolvedScene, Scene};
+
+use crate::failure::Failure;
+
+/// Pause while everything near the hand is known.
+const IDLE_PAUSE: Duration = Duration::from_micros(300);
+/// Time between two pictures of the surface.
+const PICTURE: Duration = Duration::from_millis(33);
+/// Time between two heartbeats.
+const BEAT: Duration = Duration::from_millis(20);
+/// A solve that takes longer has failed in a way that nobody foresaw: the heart stops. Every loop of the solver is
+/// bounded, so a large body may take seconds, but not this long.
+const LONGEST_SOLVE: Duration = Duration::from_secs(20);
+/// Time before jets that the loop lacks are sent once more.
+const RESEND: Duration = Duration::from_millis(200);
+
+/// Solve where the hand of `palpate live` goes.
+///
+/// `palpate live` starts it with a socket as its standard input. It ends with its session.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Scene
+    scene: PathBuf,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let by_hand =
+        |error| Failure::input(format!("{error}: live-solver is started by `palpate live`, not by hand"));
+    let service = Service::of_stdin().map_err(by_hand)?;
+    let ended = |_| Failure::work("the session has ended");
+    match prepare(&args.scene) {
+        Ok((solver, blob, nodes)) => {
+            let serving = service.ready(&blob, nodes.len()).map_err(ended)?;
+            Solving::new(solver, serving, nodes).run();
+            Ok(())
+        }
+        Err(failure) => {
+            service.refuse(&failure.line()).map_err(ended)?;
+            Err(failure)
+        }
+    }
+}
+
+/// The solver of a scene, the blob of its organ, and the nodes of the organ's surface.
+fn prepare(path: &Path) -> Result<(LiveSolver, Vec<u8>, Vec<u32>), Failure> {
+    let scene = scene(path)?;
+    let solver = solver(path, &scene)?;
+    let (blob, nodes) = solver.organ(&scene)?;
+    Ok((solver, blob, nodes))
+}
+
+/// The scene of a live session.
+pub(super) fn scene(path: &Path) -> Result<ResolvedScene, Failure> {
+    Ok(Scene::load(path)?.resolve()?)
+}
+
+/// The solver of a scene.
+pub(super) fn solver(path: &Path, scene: &ResolvedScene) -> Result<LiveSolver, Failure> {
+    LiveSolver::new(scene).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+}
+
+/// What the solver sees of a hand.
+fn seen(hand: &Hand) -> Seen {
+    let touch = hand.is_engaged.then(|| Touch {
+        contacts: hand.engaged.map(|node| (node.space, f64::from(node.weight))),
+        control_m: hand.displacement_m.map(f64::from),
+    });
+    Seen { hip_m: hand.hip_m.map(f64::from), velocity_m_s: hand.velocity_m_s.map(f64::from), touch }
+}
+
+/// A session from the solver's side.
+struct Solving {
+    solver: LiveSolver,
+    serving: Serving,
+    nodes: Vec<u32>,
+    displacements_m: Vec<[f32; 3]>,
+    shown: Instant,
+    /// Whether the last picture shows the body at rest.
+    at_rest: bool,
+    sequence: u32,
+    resent: Option<(u16, Instant)>,
+    counters: Counters,
+    /// When the present solve began, CLOCK_MONOTONIC, ns; 0 between two.
+    solving_ns: Arc<AtomicU64>,
+}
+
+impl Solving {
+    fn new(solver: LiveSolver, serving: Serving, nodes: Vec<u32>) -> Self {
+        let solving_ns = Arc::new(AtomicU64::new(0));
+        let (heart, watched) = (serving.end.heart(), Arc::downgrade(&solving_ns));
+        std::thread::spawn(move || beat(&heart, &watched));
+        Self {
+            solver,
+            serving,
+            displacements_m: vec![[0.0; 3]; nodes.len()],
+            nodes,
+            shown: Instant::now(),
+            at_rest: true,
+            sequence: 0,
+            resent: None,
+            counters: Counters::default(),
+            solving_ns,
+        }
+    }
+
+    /// Until the session ends.
+    fn run(mut self) {
+        while !self.serving.end.has_session_ended() {
+            let hand = self.serving.end.hand();
+            let seen = seen(&hand);
+            self.show(&seen);
+            if self.resend(&hand).is_err() {
+                return;
+            }
+            self.solving_ns.store(monotonic_ns(), Ordering::Relaxed);
+            self.serving.end.set_work(Work::Solving);
+            let begun = Instant::now();
+            let step = self.solver.step(&seen);
+            let took = begun.elapsed();
+            self.solving_ns.store(0, Ordering::Relaxed);
+            if step == Step::Idle {
+                self.serving.end.set_work(Work::Idle);
+                std::thread::sleep(IDLE_PAUSE);
+                continue;
+            }
+            self.solver.took(took.as_secs_f64());
+            self.counters.busy_ns += took.as_nanos() as u64;
+            match step {
+                Step::Solved(published) => {
+                    self.counters.solves += 1;
+                    self.sequence += 1;
+                    if self.serving.end.send(&published.jet(self.sequence)).is_err() {
+                        return;
+                    }
+                }
+                Step::Lost { .. } | Step::Idle => self.counters.lost += 1,
+            }
+            self.serving.end.set_counters(self.counters);
+        }
+    }
+
+    /// Sends the jets of a contact again that the loop has given up for others.
+    fn resend(&mut self, hand: &Hand) -> Result<(), palpate_host::live::SessionEnded> {
+        let missing = hand.engaged.iter().zip(hand.missing).find(|(_, missing)| *missing);
+        let Some((node, _)) = missing else { return Ok(()) };
+        let contact = node.space;
+        let is_recent = |&(of, at): &(u16, Instant)| of == contact && at.elapsed() < RESEND;
+        if self.resent.as_ref().is_some_and(is_recent) {
+            return Ok(());
+        }
+        let jets: Vec<_> = self.solver.jets(contact).collect();
+        for published in &jets {
+            self.sequence += 1;
+            self.serving.end.send(&published.jet(self.sequence))?;
+        }
+        if !jets.is_empty() {
+            self.resent = Some((contact, Instant::now()));
+        }
+        Ok(())
+    }
+
+    /// Shows the surface, if a picture is due.
+    fn show(&mut self, hand: &Seen) {
+        let at_rest = hand.touch.is_none();
+        if self.shown.elapsed() < PICTURE || at_rest && self.at_rest {
+            return;
+        }
+        self.solver.displacements_into(hand, &self.nodes, &mut self.displacements_m);
+        self.serving.end.show(&self.displacements_m);
+        (self.shown, self.at_rest) = (Instant::now(), at_rest);
+    }
+}
+
+/// Beats while the session lasts and no solve takes too long.
+fn beat(heart: &Heart, solving_ns: &Weak<AtomicU64>) {
+    while let Some(solving_ns) = solving_ns.upgrade() {
+        let (now_ns, begun_ns) = (monotonic_ns(), solving_ns.load(Ordering::Relaxed));
+        if begun_ns == 0 || now_ns.saturating_sub(begun_ns) < LONGEST_SOLVE.as_nanos() as u64 {
+            heart.beat(now_ns);
+        }
+        std::thread::sleep(BEAT);
+    }
+}
