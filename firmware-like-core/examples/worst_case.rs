@@ -1,12 +1,17 @@
 //! Ticks with expensive samples, for `check-worst-case`, which counts the instructions of each one.
 //!
 //! `cargo run --release -p palpate-core --features std --example worst_case -- FILE.blob METHOD TICKS`
+//!
+//! The method `jets` is the live tick.
 
 use std::process::ExitCode;
 
 use palpate_core::{
     AlignedBytes, Command, Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3,
 };
+
+#[allow(unreachable_pub, reason = "shared with `live_tick`")]
+mod live;
 
 /// The function that callgrind counts, by its name.
 #[inline(never)]
@@ -74,6 +79,11 @@ fn displacement(noise: &mut Noise, space: &Space<'_>) -> Vec3 {
 fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
     let bytes = std::fs::read(path).map_err(|error| format!("{path}: {error}"))?;
     let blob = AlignedBytes::from(&bytes);
+    if method == "jets" {
+        let live::Run { engaged, faults, .. } = live::run(&blob, ticks)?;
+        println!("jets: {ticks} ticks, {engaged} of them on three contact points, {faults} faults");
+        return Ok(());
+    }
     let organ: Organ<'_> = Organ::read(&blob).map_err(|error| format!("{path}: {error}"))?;
     let space = organ.spaces.first().ok_or("no space")?;
     let mut config = Config::new(Method::from_name(method).ok_or_else(|| format!("no method {method}"))?);

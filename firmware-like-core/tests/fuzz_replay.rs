@@ -3,11 +3,14 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::common::Recipe;
+use crate::common::jets::jet;
+use crate::common::{Recipe, potential};
 use replay::{kept, replay, write_seeds};
 
 #[path = "../fuzz/bodies.rs"]
 mod bodies;
+#[path = "../fuzz/jets.rs"]
+mod jet_bodies;
 #[path = "../fuzz/replay.rs"]
 mod replay;
 
@@ -40,6 +43,48 @@ fn ticks_are_finite_and_within_limits() {
     replay(&kept(&corpus("tick")), 5, bodies::tick);
 }
 
+#[test]
+fn jets_are_refused_or_have_finite_forces() {
+    replay(&live_touches(), 2_000, jet_bodies::jets);
+    replay(&kept(&corpus("jets")), 50, jet_bodies::jets);
+}
+
+/// Seeds of [`jet_bodies::jets`]: frames, a touch, a solver that is gone, and a jump of the body.
+fn live_touches() -> Vec<Vec<u8>> {
+    let frame = |kind: u8, contact: u16, z: f32, flags: u8| {
+        let mut bytes = vec![kind];
+        let of = jet(potential, contact, [0.0, 0.001, z], 0.006);
+        bytes.extend_from_slice(&of.encode()[..116]);
+        bytes[1 + 14] = flags;
+        bytes
+    };
+    let touch = |kind: u8, elapsed_us: u32, n: u32| {
+        let middle = 1 << 31;
+        let mut words = [0_u32; 29];
+        words[..7].copy_from_slice(&[
+            elapsed_us,
+            0,
+            middle,
+            middle + (n << 22),
+            middle - (n << 24),
+            0x2_0100,
+            0x40_3f80,
+        ]);
+        let mut bytes = vec![kind];
+        bytes.extend_from_slice(bytemuck::cast_slice(&words));
+        bytes
+    };
+    let release = |kind: u8| [vec![kind], vec![0; 116]].concat();
+    let learnt = || (0..6).flat_map(|n| frame(0, n % 3, -2e-3 * f32::from(n), 1)).collect::<Vec<u8>>();
+    let pressed = || (0..20).flat_map(|n| touch(4, 1_000, n)).collect::<Vec<u8>>();
+    let full = (0_u8..12).flat_map(|n| frame(0, 0, -1e-3 * f32::from(n), 2));
+    vec![
+        [learnt(), pressed(), release(7), pressed()].concat(),
+        [learnt(), release(7 + 16), pressed(), touch(4, 600_000, 9), touch(4, 400_000, 9)].concat(),
+        [full.collect(), pressed(), frame(0, 0, 0.004, 8), pressed(), touch(12, 1_000, 3)].concat(),
+    ]
+}
+
 /// Seeds of [`bodies::tick`]: a grasp and a walk, ticks without samples, a fault and its reset.
 fn strokes() -> Vec<Vec<u8>> {
     let step = |kind: u8, buttons: u8, at: [u32; 3]| {
@@ -65,5 +110,6 @@ fn strokes() -> Vec<Vec<u8>> {
 #[ignore = "writes the seeds of check-fuzz: run by hand after a change of the layout"]
 fn write_the_first_inputs() {
     write_seeds(&corpus("blob"), &blobs());
+    write_seeds(&corpus("jets"), &live_touches());
     write_seeds(&corpus("tick"), &strokes());
 }

@@ -233,24 +233,16 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     ) -> Result<Command, Fault> {
         let (config, spaces) = (&self.config.contact, &self.organ.spaces);
         let (surface, hip_m) = (self.surface.as_ref(), sample.position_m);
-        let free = Command::zero(Phase::Active, hip_m);
-        let model = match contact.update(config, spaces, surface, hip_m, sample.buttons) {
-            None => None,
-            Some(at) => {
-                let displacement_m = vec3::sub(hip_m, at.anchor_m);
-                let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m };
-                let answer = field.force(&touch).ok_or(Fault::Internal)?;
-                let is_released = self.is_released(&at, displacement_m, answer.force_n);
-                (!is_released).then_some((at, displacement_m, answer))
-            }
+        let Some(at) = contact.update(config, spaces, surface, hip_m, sample.buttons) else {
+            return untouched(field, now_us, hip_m);
         };
-        let Some((at, displacement_m, answer)) = model else {
-            if contact.is_engaged() {
-                contact.release(hip_m);
-            }
-            field.released(now_us);
-            return if field.is_lost() { Err(Fault::Solver) } else { Ok(free) };
-        };
+        let displacement_m = vec3::sub(hip_m, at.anchor_m);
+        let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m };
+        let answer = field.force(&touch).ok_or(Fault::Internal)?;
+        if self.is_released(&at, displacement_m, answer.force_n) {
+            contact.release(hip_m);
+            return untouched(field, now_us, hip_m);
+        }
         if field.is_lost() {
             return Err(Fault::Solver);
         }
@@ -262,7 +254,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             engaged: Some(at.main_space()),
             weights: at.weights,
             coverage: Some(answer.coverage),
-            ..free
+            ..Command::zero(Phase::Active, hip_m)
         })
     }
 
@@ -285,4 +277,10 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             }
         }
     }
+}
+
+/// The command of a tick without contact.
+fn untouched(field: &mut impl Field, now_us: u64, hip_m: Vec3) -> Result<Command, Fault> {
+    field.released(now_us);
+    if field.is_lost() { Err(Fault::Solver) } else { Ok(Command::zero(Phase::Active, hip_m)) }
 }
