@@ -84,7 +84,7 @@ impl Jet {
         if distance_m <= self.trust_m {
             return Place { from_control_m, outward: vec3::ZERO, beyond_m: 0.0 };
         }
-        let outward = vec3::scale(from_control_m, 1.0 / distance_m);
+        let outward = vec3::normalize_or_zero(from_control_m);
         let beyond_m = distance_m - self.trust_m;
         Place { from_control_m: vec3::scale(outward, self.trust_m), outward, beyond_m }
     }

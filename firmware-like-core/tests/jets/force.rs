@@ -212,10 +212,14 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 20_000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn every_answer_is_finite(jet in any_jet(), d in prop::array::uniform3(finite())) {
+    fn every_answer_is_finite(jet in any_jet(), d in prop::array::uniform3(finite()), scale in finite()) {
         prop_assert_eq!(Jet::decode(&jet.encode()), Ok(jet));
-        prop_assert!(vec3::is_finite(jet.force(d).force_n), "{:?}", jet.force(d));
-        prop_assert!(jet.energy_j(d).is_finite());
+        // Also beside the control, at a distance of which the reciprocal overflows.
+        let beside = vec3::add(jet.control_m, [0.0, scale % 1e-38, 0.0]);
+        for d in [d, beside, jet.control_m] {
+            prop_assert!(vec3::is_finite(jet.force(d).force_n), "{:?}", jet.force(d));
+            prop_assert!(jet.energy_j(d).is_finite());
+        }
         for odd in [f32::NAN, f32::INFINITY] {
             let [x, y, _] = d;
             let found = jet.force([x, y, odd]);

@@ -130,15 +130,19 @@ mod tests {
     #[test]
     fn no_value_is_torn_and_none_is_older_than_one_before() {
         let (mut writer, mut reader, _) = ends();
-        const LAST: u64 = 200_000;
+        const LAST: u64 = 50_000;
         std::thread::scope(|scope| {
-            scope.spawn(move || (1..=LAST).for_each(|value| writer.write([value; 5].into_iter())));
-            let mut before = 0;
-            while before < LAST {
+            let writes =
+                scope.spawn(move || (1..=LAST).for_each(|value| writer.write([value; 5].into_iter())));
+            let (mut before, mut is_last) = (0, false);
+            while !is_last {
+                // Read before the value: the read after the last write gets it.
+                is_last = writes.is_finished();
                 let value: Vec<u64> = reader.read().collect();
                 assert!(value.iter().all(|word| *word == value[0]) && value[0] >= before, "{value:?}");
                 before = value[0];
             }
+            assert_eq!(before, LAST);
         });
     }
 
