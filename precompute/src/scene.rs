@@ -143,7 +143,7 @@ impl Scene {
     }
 
     /// Name of the scene: the key `name`, or the file's stem.
-    pub(crate) fn name(&self) -> String {
+    pub fn name(&self) -> String {
         let stem = || self.place.path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
         self.file.name.as_ref().map(|name| name.get_ref().clone()).or_else(stem).unwrap_or_default()
     }

@@ -1,8 +1,5 @@
-//! `palpate run`: the 1 kHz loop on a blob and a device with an optional recording, or the replay of a
-//! recording.
+//! `palpate run`: the 1 kHz loop on blobs and a device, or the replay of a recording of one.
 
-use std::fs::File;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,8 +8,6 @@ use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::certificate::Verdict;
-use palpate_record::Recording;
-use palpate_record::replay::{self, Pace, ReplayError};
 use serde_json::{Map, json};
 
 use super::inspect::certificate;
@@ -22,9 +17,9 @@ use crate::device_spec::DeviceSpec;
 use crate::failure::Failure;
 use crate::files::Files;
 use crate::interrupt::stop_flag;
-use crate::session::{Figures, Opener, Outputs, SessionArgs, Watcher};
+use crate::session::{Figures, Opener, Outputs, Replay, SessionArgs, Watcher};
 use crate::touch::Source;
-use crate::{blob, output, regions, session, summary, touch};
+use crate::{blob, regions, session, touch};
 
 /// Palpate a blob: the 1 kHz loop, a device and the viewer.
 ///
@@ -157,67 +152,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     touch::judge(&touched.summary)
 }
 
-/// Replays a recording on its blob. It needs no certificate, because the forces drive no device.
+/// Replays a recording on its blobs.
 fn run_replay(
     args: &Args,
     organs: &[&Organ<'_>],
     blob_blake3: &[String],
     path: &Path,
 ) -> Result<(), Failure> {
-    if args.session.record.is_some() || args.session.seconds.is_some() || args.session.profile.is_some() {
-        return Err(Failure::input(
-            "a replay is as long as its recording, has its limits, and is not recorded again: leave --seconds, --profile and \
-             --record out",
-        ));
-    }
-    if args.session.control.is_some() {
-        return Err(Failure::input("a replay moves no motors: leave --control out"));
-    }
-    if args.session.histograms.is_some() {
-        return Err(Failure::input("a replay has no timing of its own: leave --histograms out"));
-    }
-    let stop = stop_flag()?;
-    let named = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-    let source = File::open(path).map_err(|error| Failure::file(path, &error))?;
-    let mut recording =
-        Recording::open(BufReader::new(source)).map_err(|error| Failure::input(named(&error)))?;
-    replay::check_blobs(recording.header(), blob_blake3).map_err(|error| Failure::input(named(&error)))?;
     let regions = args.scene.as_ref().map(|scene| regions::of_scene(scene, organs)).transpose()?;
-    let show = touch::Show { regions: regions.as_ref(), ..args.session.show(None) };
-    let recorded = &recording.header().config;
-    let method = args.method.map_or(recorded.method_name(), Method::name);
-    let had_folder = show.pictures.exists();
-    let mut screen = show.screen(organs, method)?;
-    let pace = match screen.interval() {
-        None => Pace::Unseen,
-        Some(_) if screen.is_window() => Pace::RealTime,
-        Some(interval) => Pace::Recorded(interval),
-    };
-    let replayed = replay::replay(organs, blob_blake3, &mut recording, args.method, &stop, &mut screen, pace);
-    if let Err(ReplayError::Model(_)) = &replayed {
-        show.discard(had_folder);
-    }
-    let frames = screen.finish();
-    let summary = replayed.map_err(|error| Failure::input(named(&error)))?;
-    let frames = frames.map_err(|error| show.screen_failure(error))?;
-    if args.session.json {
-        let figures =
-            json!({ "blob": args.blob, "recording": path, "replay": summary::replay(&summary, frames) });
-        output::line(format!("{figures:#}"))?;
-    } else {
-        let text = touch::with_frames(&summary, frames);
-        output::line(format!("method       {}\n{text}", summary.method_name()))?;
-    }
-    if summary.method == summary.recorded_method && summary.different > 0 {
-        return Err(Failure::work(named(&format!("{} of its ticks differ", summary.different))));
-    }
-    if summary.ticks == 0 && !summary.is_stopped {
-        return Err(Failure::work(named(&"contains no tick to replay")));
-    }
-    if summary.lost > 0 {
-        return Err(Failure::work(named(&"records are missing, so only a part was replayed")));
-    }
-    Ok(())
+    let recording = Replay::open(&args.session, path)?;
+    let of = json!({ "blob": args.blob });
+    recording.run(organs, blob_blake3, args.method, regions.as_ref(), of)
 }
 
 /// Refuses a blob without a certificate of this method, or whose certificate has no position away from branch

@@ -2,14 +2,16 @@
 
 mod certificate;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_core::{Limits, Organ};
+use palpate_core::{BlobError, Limits, Organ};
+use palpate_host::BlobFile;
 use palpate_host::live::{self as host_live, LiveField, StartError};
+use palpate_precompute::scene::Scene;
 use serde_json::{Map, json};
 
 use crate::control::Control;
@@ -17,7 +19,7 @@ use crate::device_spec::DeviceSpec;
 use crate::failure::Failure;
 use crate::files::Files;
 use crate::interrupt::stop_flag;
-use crate::session::{self, Figures, Opener, SessionArgs, Watcher};
+use crate::session::{self, Figures, Opener, Replay, SessionArgs, Watcher};
 use crate::touch::{self, Source};
 use certificate::Visits;
 
@@ -47,8 +49,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut files = Files::new(args.session.replace);
     files.read(&args.scene);
     let outputs = args.session.outputs(files)?;
-    if let DeviceSpec::Replay { .. } = &args.session.device {
-        return Err(Failure::input("a live recording is replayed by `palpate run`")); // replaced below
+    if let DeviceSpec::Replay { file } = &args.session.device {
+        return replay(args, file);
     }
     let profile = session::profile(&args.session)?;
     let stop = stop_flag()?;
@@ -60,8 +62,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         StartError::Refused(line) => Failure::input(line),
         other => Failure::work(other),
     })?;
-    let organ: Box<Organ<'_, CONTACTS>> = Organ::read_boxed(blob.bytes())
-        .map_err(|error| Failure::work(format!("{}: {error}", args.scene.display())))?;
+    let organ = organ(&blob).map_err(|error| Failure::work(format!("{}: {error}", args.scene.display())))?;
     let control = &args.session.control;
     let control = control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
     let jets = LiveField::new(for_loop).map_err(Failure::work)?;
@@ -105,4 +106,26 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     };
     figures.print(&args.session, &outputs, &touched, watcher)?;
     touch::judge(&touched.summary)
+}
+
+/// Replays a live recording on the organ that it holds.
+fn replay(args: &Args, path: &Path) -> Result<(), Failure> {
+    let replay = Replay::open(&args.session, path)?;
+    let named = |what: &str| Failure::input(format!("{}: {what}", path.display()));
+    let blob = replay.organ().ok_or_else(|| {
+        named("is not of a live session; replay it with `palpate run BLOB --device replay:FILE`")
+    })?;
+    // The recording gives its jets one by one, so the organ is read from a copy.
+    let blob = BlobFile::of(blob.bytes());
+    let organ = organ(&blob).map_err(|error| named(&error.to_string()))?;
+    let scene = Scene::load(&args.scene)?.name();
+    if organ.scene.as_str() != scene {
+        return Err(named(&format!("is of the scene {}, not of {scene}", organ.scene)));
+    }
+    replay.run(&[&*organ], &[blob.blake3()], None, None, json!({ "scene": args.scene }))
+}
+
+/// The organ of a live session.
+fn organ(blob: &BlobFile) -> Result<Box<Organ<'_, CONTACTS>>, BlobError> {
+    Organ::read_boxed(blob.bytes())
 }
