@@ -6,6 +6,7 @@ mod documents;
 mod extremes;
 mod fingertip;
 mod guard;
+mod live;
 mod outputs;
 mod paper;
 mod plan;

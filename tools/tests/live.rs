@@ -1,0 +1,188 @@
+//! Tests `palpate live`: touch without a precomputation, with the solver as a process of its own.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+use crate::{palpate, quiet, refused, text};
+
+/// The bundled organ, held at its nodes.
+const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");
+/// No pictures.
+const UNSEEN: [&str; 3] = ["--headless", "--frame-rate", "0"];
+
+fn figures(output: &Output) -> serde_json::Value {
+    let said = String::from_utf8_lossy(&output.stderr);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {said}"))
+}
+
+/// A session of which every visited position is compared with a full solution, then its replay.
+#[test]
+fn a_scene_is_touched_at_once_certified_recorded_and_replayed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recording = folder.path().join("live.mcap");
+    let session = ["live", SCENE, "--seconds", "6", "--check", "60", "--json", "--record", text(&recording)];
+    let output = {
+        let _alone = quiet();
+        Command::new(env!("CARGO_BIN_EXE_palpate")).args(session).args(UNSEEN).output().expect("it runs")
+    };
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let figures = figures(&output);
+    let live = &figures["live"];
+    println!("{live:#}");
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or_else(|| panic!("{live:#}"));
+    assert!(number(&live["checked"]) >= 20.0 && number(&live["unsolved"]) == 0.0, "{live:#}");
+    assert!(number(&live["not_felt_share"]) > 0.95, "{live:#}");
+    assert!(number(&live["error_mn"]["mean"]) < 20.0, "{live:#}");
+    assert!(number(&live["error_mn"]["max"]) >= number(&live["error_mn"]["p99"]), "{live:#}");
+    assert!(number(&live["jets"]) > 10.0 && number(&live["lost"]) == 0.0, "{live:#}");
+    assert!((0.0..1.0).contains(&number(&live["solver_busy_share"])), "{live:#}");
+    assert!(number(&live["first_force_s"]) < 5.0, "{live:#}");
+    assert!(number(&live["extrapolated_share"]) < 0.2, "{live:#}");
+    assert!(number(&live["handover_max_mn"]) < 100.0, "{live:#}");
+    assert!(number(&figures["session"]["touch"]["peak_reaction_n"]) > 0.5, "{figures:#}");
+
+    let replay = format!("replay:{}", text(&recording));
+    let output = palpate(&[&["live", SCENE, "--device", &replay][..], &UNSEEN].concat());
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains("all forces bit-identical"), "{said}");
+    let inspected = palpate(&["inspect", text(&recording), "--json"]);
+    assert_eq!(self::figures(&inspected)["method"], "jets");
+    // A blob has other forces, and another scene another body.
+    let demo = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/demo.toml");
+    refused(&[&["live", demo, "--device", &replay][..], &UNSEEN].concat(), &["is of the scene"]);
+}
+
+/// A session in its own process, its log, and its solver's process.
+struct Session {
+    child: Child,
+}
+
+impl Session {
+    fn start(arguments: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        command.arg("live").args(arguments).args(UNSEEN);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        Self { child: command.spawn().expect("it starts") }
+    }
+
+    /// Waits for a line on standard error.
+    fn wait_for(&mut self, what: &str) {
+        let stderr = self.child.stderr.take().expect("piped");
+        let mut lines = BufReader::new(stderr);
+        let mut line = String::new();
+        while lines.read_line(&mut line).expect("readable") > 0 {
+            if line.contains(what) {
+                self.child.stderr = Some(lines.into_inner());
+                return;
+            }
+            line.clear();
+        }
+        panic!("it ended without `{what}`");
+    }
+
+    /// The process that solves.
+    fn solver(&self) -> Pid {
+        let children = format!("/proc/{0}/task/{0}/children", self.child.id());
+        let children = std::fs::read_to_string(children).expect("readable");
+        let of = |pid: &str| {
+            let words = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            String::from_utf8_lossy(&words).contains("live-solver")
+        };
+        let pid = children.split_whitespace().find(|pid| of(pid)).expect("a solver");
+        Pid::from_raw(pid.parse().expect("a number"))
+    }
+
+    /// Exit code, and both streams.
+    fn end(self) -> (Option<i32>, String, String) {
+        let output = self.child.wait_with_output().expect("it ends");
+        let [stdout, stderr] =
+            [output.stdout, output.stderr].map(|s| String::from_utf8_lossy(&s).into_owned());
+        (output.status.code(), stdout, stderr)
+    }
+}
+
+/// The solver dies in the middle of a touch: the force fades and the session ends with its fault.
+#[test]
+fn the_death_of_the_solver_is_a_fault() {
+    let _alone = quiet();
+    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
+        let mut session = Session::start(&[SCENE, "--seconds", "20"]);
+        session.wait_for("haptic thread");
+        std::thread::sleep(Duration::from_millis(1_500));
+        let solver = session.solver();
+        kill(solver, signal).expect("it lives");
+        std::thread::sleep(Duration::from_secs(3));
+        kill(Pid::from_raw(session.child.id() as i32), Signal::SIGINT).expect("it lives");
+        let (code, told, said) = session.end();
+        assert_eq!(code, Some(1), "{told}{said}");
+        assert!(said.contains("safe zero: solver"), "{told}{said}");
+        assert!(kill(solver, None).is_err(), "the solver ends with its session");
+    }
+}
+
+/// A core that is stolen for 200 ms does not end the touch.
+#[test]
+fn a_pause_of_the_solver_is_no_fault() {
+    let _alone = quiet();
+    let mut session = Session::start(&[SCENE, "--seconds", "4", "--json"]);
+    session.wait_for("haptic thread");
+    let solver = session.solver();
+    for _ in 0..5 {
+        std::thread::sleep(Duration::from_millis(300));
+        kill(solver, Signal::SIGSTOP).expect("it lives");
+        std::thread::sleep(Duration::from_millis(200));
+        kill(solver, Signal::SIGCONT).expect("it lives");
+    }
+    let (code, told, said) = session.end();
+    assert_eq!(code, Some(0), "{told}{said}");
+    let figures: serde_json::Value = serde_json::from_str(&told).expect("JSON");
+    assert!(figures["session"]["fault"].is_null(), "{figures:#}");
+    let share = figures["live"]["extrapolated_share"].as_f64().expect("a number");
+    assert!(share < 0.5, "{figures:#}");
+}
+
+/// Ctrl-C ends a session, also while the body is built, and its solver with it.
+#[test]
+fn ctrl_c_ends_it_at_once() {
+    let _alone = quiet();
+    let large = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-large.toml");
+    for (scene, after_ms) in [(large, 60), (SCENE, 1_500)] {
+        let session = Session::start(&[scene]);
+        std::thread::sleep(Duration::from_millis(after_ms));
+        let interrupted = Instant::now();
+        kill(Pid::from_raw(session.child.id() as i32), Signal::SIGINT).expect("it lives");
+        let (_, _, said) = session.end();
+        let took = interrupted.elapsed();
+        println!("{after_ms} ms after the start it ended in {took:?}");
+        assert!(took < Duration::from_secs(2), "{took:?}: {said}");
+    }
+}
+
+#[test]
+fn what_cannot_be_touched_live_is_refused_in_one_line() {
+    refused(&["live", "/nowhere/scene.toml"], &["/nowhere/scene.toml", "check the path"]);
+    let folder = tempfile::tempdir().expect("a folder");
+    let bundled = std::fs::read_to_string(SCENE).expect("it is there");
+    let mesh = Path::new(SCENE).with_file_name("liver-small.msh");
+    let bundled = bundled.replace("\"liver-small.msh\"", &format!("{:?}", text(&mesh)));
+    let scene = |name: &str, from: &str, to: &str| {
+        assert!(bundled.contains(from), "{from}");
+        let path = folder.path().join(name);
+        std::fs::write(&path, bundled.replace(from, to)).expect("writable");
+        path
+    };
+    let law = scene("law.toml", "\"mooney-rivlin\"", "\"mooney\"");
+    refused(&["live", text(&law)], &["law.toml", "mooney"]);
+    let tool = "[tool]\nshape = \"fingertip\"\nradius_m = 0.015\n\n[fixed]";
+    let near = scene("near.toml", "order = 1", "order = \"tool\"");
+    let text_of = std::fs::read_to_string(&near).expect("it is there");
+    std::fs::write(&near, text_of.replace("[fixed]", tool)).expect("writable");
+    refused(&["live", text(&near)], &["near.toml", "order = \"tool\"", "use `order = 1`"]);
+    refused(&["live-solver", SCENE], &["not by hand"]);
+}
