@@ -106,7 +106,7 @@ fn presses_are_rendered_from_the_jets_of_a_solver() {
     assert!(touch.peak_reaction_n > 2.5 && touch.hand_overs >= 8, "{touch:?}");
     assert!(touch.largest_hand_over_n < 0.1, "{touch:?}");
     assert!(touch.first_force_us.is_some_and(|first_us| (10_000..200_000).contains(&first_us)), "{touch:?}");
-    assert!(solver.sent > 6 && view.solver(4_000_000_000) == Solver::Alive);
+    assert!(solver.sent > 6 && view.meter().solver(4_000_000_000) == Solver::Alive);
 }
 
 /// Without a jet there is no force, and the solver is told which contact lacks one.

@@ -12,7 +12,7 @@ use std::time::{Duration, SystemTime};
 use palpate_core::{Config, Method, Organ, Phase};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::device::profile::Profile;
-use palpate_host::live::{LiveField, TakenJet};
+use palpate_host::live::{LiveField, SolverView, TakenJet};
 use palpate_host::model::ModelError;
 use palpate_host::rt::{Controls, LoopEnd, TickRecord};
 use palpate_host::session::Observer;
@@ -69,6 +69,13 @@ pub(crate) struct Show<'p> {
     pub control: Option<&'p Control>,
     /// Regions inside the body that the side view shows.
     pub regions: Option<&'p Regions>,
+}
+
+/// The end of a live solver that shows the surface, and its process.
+#[derive(Debug)]
+pub(crate) struct LiveSource {
+    pub jets: LiveField,
+    pub view: SolverView,
 }
 
 impl Show<'_> {
@@ -183,7 +190,7 @@ pub(crate) enum Source {
     /// The tables of the organs, by a method.
     Tables(Method),
     /// The jets of a live solver.
-    Jets(LiveField),
+    Jets(Box<LiveSource>),
 }
 
 impl Source {
@@ -310,12 +317,16 @@ pub(crate) fn run<D: Device, const N: usize>(
     let mut options = show.options()?;
     let had_folder = show.pictures.exists();
     let mut screen = show.screen(organs, source.name())?;
+    let (method, live) = match source {
+        Source::Tables(method) => (Some(method), None),
+        Source::Jets(live) => (None, Some(*live)),
+    };
+    let jets = live.map(|LiveSource { jets, view }| {
+        screen.set_solver(view);
+        jets
+    });
     let device = device().inspect_err(|_| show.discard(had_folder))?;
     let info = device.info();
-    let method = match &source {
-        Source::Tables(method) => Some(*method),
-        Source::Jets(_) => None,
-    };
     let mut config = controller_config(organs, method, &info, show.profile);
     config.contact.friction = show.friction.unwrap_or(config.contact.friction);
     options.haptic.arm_button = arm_button(&info, show.profile);
@@ -333,9 +344,9 @@ pub(crate) fn run<D: Device, const N: usize>(
         is_held: false,
         on_record,
     };
-    let ended = match source {
-        Source::Tables(_) => run_session(organs, config, device, &options, stop, &mut watch),
-        Source::Jets(jets) => run_live_session(organ, config, jets, device, &options, stop, &mut watch),
+    let ended = match jets {
+        None => run_session(organs, config, device, &options, stop, &mut watch),
+        Some(jets) => run_live_session(organ, config, jets, device, &options, stop, &mut watch),
     };
     let (moved, is_held) = (watch.moved, watch.is_held);
     let end = ended.as_ref().ok().map(End::of_session);

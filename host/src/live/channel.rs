@@ -145,10 +145,9 @@ fn prepare(memory: &SharedWords, vertices: usize) {
 
 fn session_ends(memory: Arc<SharedWords>, vertices: usize, solver: Ended) -> (LoopEnd, SolverView) {
     let view = SolverView {
-        memory: memory.clone(),
         surface: latest::Reader::new(memory.clone(), surface(vertices)),
         vertices,
-        ended: solver.clone(),
+        meter: SolverMeter { memory: memory.clone(), ended: solver.clone() },
     };
     let for_loop = LoopEnd {
         hand: latest::Writer::new(memory.clone(), HAND),
@@ -199,10 +198,9 @@ impl LoopEnd {
 /// The end of the threads that show the session.
 #[derive(Debug)]
 pub struct SolverView {
-    memory: Arc<SharedWords>,
     surface: latest::Reader,
     vertices: usize,
-    ended: Ended,
+    meter: SolverMeter,
 }
 
 impl SolverView {
@@ -224,6 +222,21 @@ impl SolverView {
         number
     }
 
+    /// What the solver does and has done, for a holder of its own.
+    #[must_use]
+    pub fn meter(&self) -> SolverMeter {
+        self.meter.clone()
+    }
+}
+
+/// What the solver does and has done.
+#[derive(Debug, Clone)]
+pub struct SolverMeter {
+    memory: Arc<SharedWords>,
+    ended: Ended,
+}
+
+impl SolverMeter {
     /// What the solver does.
     #[must_use]
     pub fn work(&self) -> Work {

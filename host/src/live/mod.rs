@@ -24,7 +24,8 @@ mod serve;
 mod start;
 
 pub use channel::{
-    Counters, GONE_NS, Heart, LoopEnd, SILENT_NS, SessionEnded, SolverEnd, SolverView, Work, local,
+    Counters, GONE_NS, Heart, LoopEnd, SILENT_NS, SessionEnded, SolverEnd, SolverMeter, SolverView, Work,
+    local,
 };
 pub use field::{CONTACTS, JETS, JetSource, LiveCounts, LiveField, LiveTick, TakenJet};
 pub use hand::{Hand, VelocityFilter};

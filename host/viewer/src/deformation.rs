@@ -53,6 +53,12 @@ impl Deformation {
         self.recompute(organ.surface.triangles);
     }
 
+    /// Moves the surface by the displacements that `fill` writes, one of each vertex, m.
+    pub fn show(&mut self, triangles: &[[u32; 3]], fill: impl FnOnce(&mut [[f32; 3]])) {
+        fill(&mut self.displacement_m);
+        self.recompute(triangles);
+    }
+
     fn recompute(&mut self, triangles: &[[u32; 3]]) {
         for ((position, rest), moved) in
             self.position_m.iter_mut().zip(&self.rest_m).zip(&self.displacement_m)

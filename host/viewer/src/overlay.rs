@@ -10,8 +10,9 @@ use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, magnitudes};
 use super::verdict::Verdict;
 use core::time::Duration;
 use glam::Vec2;
-use palpate_core::Phase;
+use palpate_core::{Coverage, Phase, Solver};
 use palpate_host::first_place::MAX_NAMED;
+use palpate_host::live::LiveTick;
 use palpate_host::rt::{SessionState, TickRecord};
 
 /// Text for a model without displacements.
@@ -19,6 +20,9 @@ const FORCE_ONLY: &str = "forces only: the shape is not updated";
 
 /// Text for a tool without a size.
 const POINT_NOTE: &str = "a point or patch: its force depends on the mesh";
+
+/// What happens while a live solver is behind the hand.
+const BEHIND: [&str; 2] = ["extrapolated", "the solver is behind: the force levels off, then fades"];
 
 /// What ends a fault.
 const FAULT_HINT: &str = "the force is zero \u{b7} R resets, then hold Shift + A to arm";
@@ -152,11 +156,18 @@ impl Overlay {
             state => (state.to_string(), WAITING),
         };
         let verdict = captions.verdict(record);
+        let verdict = verdict.map_or(("\u{2013}", BRIGHT), |verdict| (verdict.word(), verdict.colour()));
+        let jets = record.live.map(|live| solver(&live));
+        // A live session is certified afterwards.
+        let (quality, (word, shade)) = match &jets {
+            Some((word, shade)) => ("solver", (word.as_str(), *shade)),
+            None => ("verdict", verdict),
+        };
         let coverage = record.coverage.map_or("\u{2013}", |coverage| coverage.name());
         let rows = [
             ("method", captions.method.as_str(), BRIGHT),
             ("touches", touching.map_or("\u{2013}", String::as_str), BRIGHT),
-            ("verdict", verdict.map_or("\u{2013}", Verdict::word), verdict.map_or(BRIGHT, Verdict::colour)),
+            (quality, word, shade),
             ("data", coverage, if coverage == "extrapolated" { WAITING } else { BRIGHT }),
             ("phase", phase.as_str(), colour),
         ];
@@ -173,10 +184,14 @@ impl Overlay {
         }
     }
 
-    /// Draws the reason of a fault prominently.
+    /// Draws the reason of a fault prominently, or that the force is extrapolated.
     fn draw_fault(&mut self, image: &mut Image, record: &TickRecord, scale: f32) {
-        let Phase::SafeZero(fault) = record.phase else { return };
-        self.draw_banner(image, (fault.name(), BAD, 0x2a_0d0b), FAULT_HINT, scale);
+        if let Phase::SafeZero(fault) = record.phase {
+            self.draw_banner(image, (fault.name(), BAD, 0x2a_0d0b), FAULT_HINT, scale);
+        } else if record.live.is_some() && record.coverage == Some(Coverage::Extrapolated) {
+            let [text, hint] = BEHIND;
+            self.draw_banner(image, (text, WAITING, 0x2a_1f0b), hint, scale);
+        }
     }
 
     /// Draws the countdown until the device is armed.
@@ -283,6 +298,15 @@ impl Overlay {
         let colour = if record.skipped_periods == 0 { GOOD } else { WAITING };
         let missed = record.skipped_periods.to_string();
         self.text(image, &missed, x + width + 3.0 * scale, y, Align::Left, TextStyle { colour, ..style });
+    }
+}
+
+/// What a live solver does, and the colour of it.
+fn solver(live: &LiveTick) -> (String, u32) {
+    match live.solver {
+        Solver::Alive => (format!("{} jets", live.jets), GOOD),
+        Solver::Silent => ("silent".into(), WAITING),
+        Solver::Gone => ("gone".into(), BAD),
     }
 }
 

@@ -18,6 +18,7 @@ use crate::deformation::Deformation;
 use core::time::Duration;
 use glam::Vec2;
 use palpate_core::Organ;
+use palpate_host::live::SolverView;
 use palpate_host::rt::TickRecord;
 use std::time::Instant;
 
@@ -105,6 +106,8 @@ pub struct Renderer {
     names_at: Vec<Option<Vec2>>,
     layers: Layers,
     times: FrameTimes,
+    /// The live solver, which knows the displacements.
+    solver: Option<SolverView>,
 }
 
 impl Renderer {
@@ -139,6 +142,7 @@ impl Renderer {
             names_at: Vec::new(),
             layers: Layers::default(),
             times: FrameTimes::default(),
+            solver: None,
         }
     }
 
@@ -155,6 +159,11 @@ impl Renderer {
     /// Sets the boundaries of regions inside the body, which the side view shows.
     pub fn set_regions(&mut self, regions: &Regions) {
         self.inset.set_regions(regions);
+    }
+
+    /// Sets the live solver that shows the displacements of the surface; the organ then needs no table of them.
+    pub fn set_solver(&mut self, solver: Option<SolverView>) {
+        self.solver = solver;
     }
 
     /// The camera.
@@ -205,7 +214,8 @@ impl Renderer {
                 now.clone_into(shown);
             }
         }
-        self.captions.force_only = organ.spaces.iter().all(|space| space.displacement().is_none());
+        self.captions.force_only =
+            self.solver.is_none() && organ.spaces.iter().all(|space| space.displacement().is_none());
         self.deform(organ, record);
         self.times.deformation = watch.lap();
 
@@ -245,7 +255,12 @@ impl Renderer {
 
     /// Updates the surface to the configuration of a tick.
     fn deform<const N: usize>(&mut self, organ: &Organ<'_, N>, record: &TickRecord) {
-        self.surface.update(organ, &record.shares, record.displacement_m);
+        match &mut self.solver {
+            Some(solver) => self.surface.show(organ.surface.triangles, |displacements_m| {
+                solver.surface(displacements_m);
+            }),
+            None => self.surface.update(organ, &record.shares, record.displacement_m),
+        }
         // The scale only increases, so the colours of a run are comparable and do not flicker.
         self.full_scale_m = self.full_scale_m.max(nice_scale_m(self.surface.largest_m()));
     }

@@ -13,6 +13,7 @@ use core::time::Duration;
 use palpate_core::{Organ, vec3};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::first_place::first_place;
+use palpate_host::live::SolverView;
 use palpate_host::rt::{Controls, TickRecord};
 use palpate_host::session::Observer;
 use std::path::PathBuf;
@@ -167,6 +168,13 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
     pub fn set_regions(&mut self, regions: &Regions) {
         if let Some(renderer) = &mut self.renderer {
             renderer.set_regions(regions);
+        }
+    }
+
+    /// Sets the live solver that shows the displacements, see [`Renderer::set_solver`].
+    pub fn set_solver(&mut self, solver: SolverView) {
+        if let Some(renderer) = &mut self.renderer {
+            renderer.set_solver(Some(solver));
         }
     }
 

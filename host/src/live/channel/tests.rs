@@ -72,7 +72,7 @@ fn the_age_of_the_heartbeat_is_the_state() {
     let states = [(0, Solver::Alive), (99, Solver::Alive), (100, Solver::Silent), (499, Solver::Silent)];
     for (age_ms, state) in states.into_iter().chain([(500, Solver::Gone), (1 << 30, Solver::Gone)]) {
         assert_eq!(for_loop.solver((1_000 + age_ms) * MS), state, "{age_ms}");
-        assert_eq!(view.solver((1_000 + age_ms) * MS), state, "{age_ms}");
+        assert_eq!(view.meter().solver((1_000 + age_ms) * MS), state, "{age_ms}");
     }
     assert_eq!(for_loop.solver(0), Solver::Alive, "the beat was after the start of the tick");
     solver.heart().beat(2_000 * MS);
@@ -84,11 +84,11 @@ fn the_age_of_the_heartbeat_is_the_state() {
 #[test]
 fn counters_and_work_are_seen() {
     let (solver, _, view) = local(0);
-    assert_eq!((view.work(), view.counters()), (Work::Idle, Counters::default()));
+    assert_eq!((view.meter().work(), view.meter().counters()), (Work::Idle, Counters::default()));
     let counters = Counters { solves: 3, busy_ns: 1 << 40, lost: 1 };
     solver.set_counters(counters);
     solver.set_work(Work::Solving);
-    assert_eq!((view.work(), view.counters()), (Work::Solving, counters));
+    assert_eq!((view.meter().work(), view.meter().counters()), (Work::Solving, counters));
 }
 
 #[test]

@@ -20,7 +20,7 @@ use crate::failure::Failure;
 use crate::files::Files;
 use crate::interrupt::stop_flag;
 use crate::session::{self, Figures, Opener, Replay, SessionArgs, Watcher};
-use crate::touch::{self, Source};
+use crate::touch::{self, LiveSource, Source};
 use certificate::Visits;
 
 /// Number of contacts of a live session.
@@ -66,6 +66,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let control = &args.session.control;
     let control = control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
     let jets = LiveField::new(for_loop).map_err(Failure::work)?;
+    let meter = view.meter();
+    let source = Source::Jets(Box::new(LiveSource { jets, view }));
     let device = Opener::new(&args.session, &organ, profile.as_ref(), &stop)?;
     let mouse = device.mouse.clone();
     let blob_blake3 = [blob.blake3()];
@@ -86,12 +88,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         guard = status;
         Ok(device)
     };
-    let touched = touch::run(&[&*organ], Source::Jets(jets), show, &stop, open, |record| {
+    let touched = touch::run(&[&*organ], source, show, &stop, open, |record| {
         watcher.take(record);
         visits.take(record);
     })?;
-    let counters = view.counters();
-    drop((process, view));
+    let counters = meter.counters();
+    drop(process);
     let certificate = visits.certificate(args, &touched.summary, counters, &stop)?;
     let mut of = Map::new();
     of.insert("scene".into(), json!(args.scene));
