@@ -217,8 +217,19 @@ const VIEWER: [&str; 37] = [
 ];
 
 /// Recordings and their replay, lowest stratum first.
-const RECORD: [&str; 9] =
-    ["format", "error", "header", "message", "writer", "reader", "recorder", "replay_device", "replay"];
+const RECORD: [&str; 11] = [
+    "format",
+    "error",
+    "header",
+    "message",
+    "jet_message",
+    "writer",
+    "reader",
+    "recorder",
+    "replay_device",
+    "replay_jets",
+    "replay",
+];
 
 /// The emulated devices and the tests on them, lowest stratum first.
 const HIL: [&str; 27] = [

@@ -141,8 +141,8 @@ impl<R: Read> Recording<R> {
 
     /// The jet that the last tick read had taken, if it had.
     pub fn take_jet(&mut self, tick: &TickRecord) -> Option<Frame> {
-        let jet = self.jets.pop_front_if(|jet| jet.tick == tick.tick)?;
-        Some(jet.frame)
+        self.jets.front().filter(|jet| jet.tick == tick.tick)?;
+        self.jets.pop_front().map(|jet| jet.frame)
     }
 
     /// Number of missing jets before the last tick read.
@@ -197,7 +197,9 @@ impl<R: Read> Recording<R> {
         self.t_us = record.t_us;
         // A jet precedes its tick, so all jets up to this tick are read; those of earlier ticks are taken.
         self.lost_jets = record.live.map_or(0, |live| live.jets.saturating_sub(self.taken));
-        while self.jets.pop_front_if(|jet| jet.tick < record.tick).is_some() {}
+        while self.jets.front().is_some_and(|jet| jet.tick < record.tick) {
+            self.jets.pop_front();
+        }
         Ok(record)
     }
 }
