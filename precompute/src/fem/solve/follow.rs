@@ -226,8 +226,7 @@ impl Solver {
         let (mut residual, sweeps) =
             self.residual_steps.refine(&mut self.factor, matrix, &self.right, &mut self.columns, goal);
         count.sweeps = sweeps;
-        // The negated comparison is also true for NaN.
-        if !(residual <= options.worst_sensitivity) {
+        if residual.is_nan() || residual > options.worst_sensitivity {
             count.factorisations += 1;
             let solved = self.factor.factorise_and_solve(matrix, &self.right, &mut self.columns, FRESH);
             residual = solved.ok()?;

@@ -139,11 +139,11 @@ pub(super) fn run(
         at = expected + (d - expected) * ALPHA;
         velocity += (d - expected) * (BETA / 1e-3);
         loop {
-            if pending.as_ref().is_some_and(|pending| pending.at_ms <= now_ms) {
-                if let Some(Pending { step: Step::Solved(published), .. }) = pending.take() {
-                    memory.insert(&published.jet(sequence));
-                    sequence += 1;
-                }
+            if pending.as_ref().is_some_and(|pending| pending.at_ms <= now_ms)
+                && let Some(Pending { step: Step::Solved(published), .. }) = pending.take()
+            {
+                memory.insert(&published.jet(sequence));
+                sequence += 1;
             }
             if pending.is_some() || free_ms > now_ms {
                 break;
