@@ -15,15 +15,17 @@
 //! says how long the step took ([`LiveSolver::took`]), which the prediction of the hand needs.
 
 mod choice;
+mod error;
 mod memory;
 mod skin;
 mod solver;
 mod states;
 mod truth;
 
+pub use error::LiveError;
 pub use memory::Trust;
 pub use skin::Skin;
-pub use solver::{LiveError, LiveSolver, Published, Step, Totals};
+pub use solver::{LiveSolver, Published, Step, Totals};
 pub use truth::Truth;
 
 /// What the tool does now, as the solver sees it.

@@ -1,6 +1,6 @@
 //! The places of the skin that the tool can touch.
 
-use super::solver::LiveError;
+use super::error::LiveError;
 use crate::fem::{Body, Contact, Fingertip, Handle, Pad};
 use crate::mesh::{Surface, TetMesh};
 use crate::num::vector::distance;

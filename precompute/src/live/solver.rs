@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use palpate_core::{Jet, JetFlags};
-use thiserror::Error;
 
 use super::Hand;
 use super::choice::{Choice, LostPositions, Task};
+use super::error::LiveError;
 use super::memory::{Growth, Known, Trust};
 use super::skin::Skin;
 use super::states::States;
@@ -32,30 +32,6 @@ const NEWEST_SHARE: f64 = 0.2;
 const REACH_M: f64 = 0.05;
 /// Mean time of a solve before the first one, s.
 const FIRST_SOLVE_S: f64 = 5e-3;
-
-/// Why a scene cannot be touched live.
-#[derive(Debug, Error)]
-pub enum LiveError {
-    /// The elements depend on the contact point.
-    #[error(
-        "`order = \"tool\"` gives every contact point elements of its own, and live touch shares one body; use `order = 1` or `order = 2`"
-    )]
-    NearTool,
-    /// The skin has more vertices than a command can name.
-    #[error("the skin has {0} vertices, live touch at most 65,535; use a coarser mesh")]
-    TooManyContacts(usize),
-    /// Every triangle of the skin has a fixed corner.
-    #[error("no triangle of the skin is free of fixed nodes; fix fewer nodes")]
-    NothingToTouch,
-    /// The body, under its body force, has no rest state.
-    #[error(
-        "the body cannot be solved at rest: {0}; check its material and its fixed nodes with `palpate inspect`"
-    )]
-    Rest(#[from] SolveFailure),
-    /// The scene's mesh, materials or elements are refused.
-    #[error("{0}")]
-    Body(String),
-}
 
 /// A jet that the loop has not got yet.
 #[derive(Debug, Clone, Copy, PartialEq)]
