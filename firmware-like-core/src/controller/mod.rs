@@ -117,7 +117,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         state: &mut State,
         now_us: u64,
         sample: Option<&Sample>,
-        field: &mut impl Field,
+        field: &mut (impl Field + ?Sized),
     ) -> Command {
         let command = match state.phase {
             Phase::Active => match self.render(state, now_us, sample, field) {
@@ -143,7 +143,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         state: &mut State,
         now_us: u64,
         sample: Option<&Sample>,
-        field: &mut impl Field,
+        field: &mut (impl Field + ?Sized),
     ) -> Result<Command, Fault> {
         let limits = &self.config.limits;
         let before_us = state.now_us.unwrap_or(now_us);
@@ -229,7 +229,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         &self,
         contact: &mut Contact,
         (now_us, sample): (u64, &Sample),
-        field: &mut impl Field,
+        field: &mut (impl Field + ?Sized),
     ) -> Result<Command, Fault> {
         let (config, spaces) = (&self.config.contact, &self.organ.spaces);
         let (surface, hip_m) = (self.surface.as_ref(), sample.position_m);
@@ -280,7 +280,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
 }
 
 /// The command of a tick without contact.
-fn untouched(field: &mut impl Field, now_us: u64, hip_m: Vec3) -> Result<Command, Fault> {
+fn untouched(field: &mut (impl Field + ?Sized), now_us: u64, hip_m: Vec3) -> Result<Command, Fault> {
     field.released(now_us);
     if field.is_lost() { Err(Fault::Solver) } else { Ok(Command::zero(Phase::Active, hip_m)) }
 }

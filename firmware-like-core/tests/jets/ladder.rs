@@ -95,6 +95,10 @@ fn from_500_ms_it_fades_out_in_300() {
     {
         let found = until(&mut tool, then);
         assert!((found - share).abs() < 1e-4, "{then} ms: {found}, not {share}");
+        // The force remains the gradient of the energy that a slip uses.
+        let energy_j = tool.memory.energy_j(0, at(15.0)).expect("a jet");
+        let whole_j = spring().energy_j(at(15.0));
+        assert!((energy_j / whole_j - share).abs() < 1e-4, "{then} ms: {energy_j} J of {whole_j} J");
     }
     assert!(!tool.memory.is_lost(), "the solver is alive");
 }

@@ -50,6 +50,31 @@ fn the_nearest_jet_in_trust_radii_is_found() {
     }
 }
 
+/// A removed jet leaves no trace in the search.
+#[test]
+fn after_a_flush_the_nearest_of_the_rest_is_found() {
+    let mut random = Random(2);
+    let flags = JetFlags { flush_before: true, ..JetFlags::default() };
+    for _ in 0..200 {
+        let mut tool = Tool::<1, 16>::new(&[(0, 1.0)]);
+        // Every fifth one contradicts the last. Twelve remain, not a multiple of eight.
+        let jets: Vec<Jet> = (0..14)
+            .map(|n| flat(0, random.point(0.02), [if n % 5 == 3 { 5.0 } else { 1.0 }, 1e-3 * n as f32, 0.0]))
+            .collect();
+        let last = Jet { flags, ..flat(0, random.point(0.02), [1.0, -0.01, 0.0]) };
+        tool.learn(jets.iter().copied().chain([last]));
+        assert_eq!(tool.memory.jets(0), 12);
+        let rest: Vec<Jet> = jets.into_iter().filter(|jet| jet.force_n[0] < 2.0).chain([last]).collect();
+        for _ in 0..20 {
+            let d = random.point(0.03);
+            let distance = |jet: &&Jet| vec3::distance(jet.control_m, d);
+            let nearest = rest.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("some");
+            tool.release();
+            assert_eq!(tool.at(d).force_n, nearest.force_n);
+        }
+    }
+}
+
 #[test]
 fn a_full_table_forgets_the_jet_farthest_from_the_tool() {
     let mut tool = Tool::<1, 8>::new(&[(0, 1.0)]);
@@ -117,20 +142,20 @@ fn a_jet_out_of_range_is_refused() {
 #[test]
 fn a_flush_removes_what_contradicts_the_new_jet() {
     let flags = JetFlags { flush_before: true, ..JetFlags::default() };
-    for (new_n, kept) in [(0.5, [0.0, 1.0, 1.0, 0.0]), (5.0, [1.0, 1.0, 1.0, 1.0])] {
+    for new_n in [0.5, 5.0] {
         let mut tool = Tool::<2, 8>::new(&[(0, 1.0)]);
         let most_n = f32::max(0.1, 0.1 * new_n);
-        // Differences of -1.2, -0.98, 0.98 and 1.2 times the bound of 0.5 N, at places 10 mm apart.
-        let shares = [-1.2, -0.98, 0.98, 1.2].map(|share| if new_n > 1.0 { share / 1.25 } else { share });
-        let old = |n: usize| numbered(0, 10.0 * (n as f32 + 1.0), new_n + shares[n] * most_n);
+        let shares = [-1.1, -0.98, 0.98, 1.1];
+        // At places 10 mm apart.
+        let place = |n: usize| 10.0 * (n as f32 + 1.0);
+        let old = |n: usize| numbered(0, place(n), new_n + shares[n] * most_n);
         tool.learn((0..4).map(old));
         tool.learn([numbered(1, 0.0, 100.0)]);
         tool.learn([Jet { flags, ..numbered(0, 0.0, new_n) }]);
-        assert_eq!(tool.memory.jets(0), 1 + kept.iter().sum::<f32>() as usize);
-        assert_eq!(tool.memory.jets(1), 1, "another point");
-        for (n, kept) in kept.iter().enumerate() {
-            let place = at(10.0 * (n as f32 + 1.0));
-            assert_eq!(fresh(&mut tool, place) == old(n).force_n[0], *kept > 0.0, "jet {n} of {new_n} N");
+        assert_eq!((tool.memory.jets(0), tool.memory.jets(1)), (3, 1), "another point keeps its jets");
+        for (n, share) in shares.iter().enumerate() {
+            let is_kept = fresh(&mut tool, at(place(n))) == old(n).force_n[0];
+            assert_eq!(is_kept, share.abs() < 1.0, "jet {n} of {new_n} N");
         }
     }
     // The force at the control of the new jet counts, not that at the old one.
