@@ -79,7 +79,7 @@ fn jets(bench: &mut impl Bench, organ: &SmallOrgan<'_>, space: &Space<'_>) -> Re
     let mut now_us = 0;
     for (number, displacement_m) in (0_u32..).zip(queries(SPREAD_M)) {
         now_us += 1000;
-        if number % 10 == 0 {
+        if number.is_multiple_of(10) {
             learn(&mut memory, number, controls.next())?;
         }
         memory.solver(if number % 400 < 300 { Solver::Alive } else { Solver::Gone });
@@ -99,7 +99,7 @@ fn jets(bench: &mut impl Bench, organ: &SmallOrgan<'_>, space: &Space<'_>) -> Re
     let controller = Controller::new(organ, Config::live()).map_err(|_| Failed)?;
     touch(bench, "jets", space, |state, sample| {
         let number = (sample.t_us / 1000) as u32;
-        if number % 20 == 0 {
+        if number.is_multiple_of(20) {
             // A frame is sound, so it is never refused.
             let _ = learn(&mut memory, 3 * number, controls.next());
         }
@@ -115,7 +115,7 @@ fn learn(memory: &mut JetMemory<3, JETS>, number: u32, control_m: Option<Vec3>) 
     let jet = Jet {
         contact: (number % 3) as u16,
         sequence: number,
-        flags: JetFlags { flush_before: number % 70 == 0, ..JetFlags::default() },
+        flags: JetFlags { flush_before: number.is_multiple_of(70), ..JetFlags::default() },
         control_m,
         energy_j: 150.0 * (x * x + y * y + z * z),
         force_n: control_m.map(|x| 300.0 * x),
