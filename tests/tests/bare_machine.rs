@@ -10,14 +10,21 @@ use cargo_metadata::{MetadataCommand, Package};
 use palpate_tests::rust_files;
 
 /// Programs by the expression that names them, in any file.
-const ANYWHERE: [(&str, &str); 3] = [
+const ANYWHERE: [(&str, &str); 4] = [
     ("env!(\"CARGO_BIN_EXE_palpate\")", "built by cargo for the tests of its package"),
     ("env!(\"CARGO_BIN_EXE_palpate-hil\")", "built by cargo for the tests of its package"),
     ("std::env::current_exe()?", "the running program"),
+    ("std::env::current_exe().map_err(Failure::work)?", "the running program"),
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 12] = [
+const HERE: [(&str, &str, &str); 14] = [
+    (
+        "host/tests/live/process.rs",
+        "std::env::current_exe().expect(\"a test has a file\")",
+        "the test itself",
+    ),
+    ("host/tests/live/start.rs", "\"/nonexistent/palpate\"", "absent on purpose"),
     ("tools/build.rs", "rustc", "the compiler that cargo names in RUSTC"),
     ("host/src/sys/process.rs", "\"cat\"", "coreutils, essential"),
     ("tools/src/cmd/bench/fem.rs", "\"/usr/bin/python3\"", "the peer of `bench fem`, which no test asks for"),

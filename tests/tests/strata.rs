@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 42] = [
+const PRECOMPUTE: [&str; 51] = [
     "error",
     "files",
     "num",
@@ -122,6 +122,15 @@ const PRECOMPUTE: [&str; 42] = [
     "scene",
     "held_out",
     "pack",
+    "live::error",
+    "live::hand",
+    "live::skin",
+    "live::memory",
+    "live::states",
+    "live::choice",
+    "live::solver",
+    "live::truth",
+    "live",
     "certificate",
     "pipeline",
     "plan",
@@ -263,7 +272,7 @@ const HIL: [&str; 27] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 63] = [
+const TOOLS: [&str; 66] = [
     "memory",
     "resident",
     "timing",
@@ -285,6 +294,7 @@ const TOOLS: [&str; 63] = [
     "motors_off",
     "device_spec",
     "hardware",
+    "session",
     "documents",
     "cmd::inspect::scattered",
     "cmd::inspect::certificate",
@@ -297,6 +307,8 @@ const TOOLS: [&str; 63] = [
     "cmd::paper",
     "cmd::doctor",
     "cmd::guard",
+    "cmd::live_solver",
+    "cmd::live",
     "cmd::control",
     "cmd::plan",
     "cmd::pack",

@@ -6,9 +6,9 @@
 //! limit. Prediction farther ahead does not pay: a jet that is trusted for 10 to 24 mm covers the path of many
 //! solves, and what is known already is worth more.
 
+use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::skin::Skin;
-use super::{Hand, Touch};
 use crate::num::vector::{distance, norm};
 
 /// The prediction looks ahead by this multiple of the time of a solve,

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use palpate_core::{Jet, JetFlags};
 
-use super::Hand;
 use super::choice::{Choice, LostPositions, Task};
 use super::error::LiveError;
+use super::hand::Hand;
 use super::memory::{Growth, Known, Trust};
 use super::skin::Skin;
 use super::states::States;

@@ -6,7 +6,8 @@
 
 use std::sync::Arc;
 
-use super::{LiveSolver, Touch};
+use super::hand::Touch;
+use super::solver::LiveSolver;
 use crate::fem::{FollowOptions, Problem, Seed, SolveFailure, Solver};
 use crate::num::vector::distance;
 

@@ -54,8 +54,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let profile = session::profile(&args.session)?;
     let stop = stop_flag()?;
-    let program = std::env::current_exe().map_err(Failure::work)?;
-    let mut command = Command::new(program);
+    let mut command = Command::new(std::env::current_exe().map_err(Failure::work)?);
     command.arg("live-solver").arg(&args.scene);
     let started = host_live::start(command, &stop, |line| eprintln!("palpate: {line}"));
     let host_live::Ready { blob, for_loop, view, process } = started.map_err(|error| match error {
