@@ -10,10 +10,11 @@ use cargo_metadata::{MetadataCommand, Package};
 use palpate_tests::rust_files;
 
 /// Programs by the expression that names them, in any file.
-const ANYWHERE: [(&str, &str); 4] = [
+const ANYWHERE: [(&str, &str); 5] = [
     ("env!(\"CARGO_BIN_EXE_palpate\")", "built by cargo for the tests of its package"),
     ("env!(\"CARGO_BIN_EXE_palpate-hil\")", "built by cargo for the tests of its package"),
     ("std::env::current_exe()?", "the running program"),
+    ("std::env::current_exe().expect(\"a test has a file\")", "the running program"),
     ("std::env::current_exe().map_err(Failure::work)?", "the running program"),
 ];
 

@@ -83,7 +83,7 @@ fn the_solver_ends_with_its_session_even_while_it_is_stopped() {
     let folder = tempfile::tempdir().expect("a folder");
     for is_stopped in [false, true] {
         let file = folder.path().join(format!("pid-{is_stopped}"));
-        let mut session = std::process::Command::new(std::env::current_exe().expect("a file"))
+        let mut session = std::process::Command::new(std::env::current_exe().expect("a test has a file"))
             .args(["--ignored", "--exact", "live::start::session_to_kill"])
             .env("PALPATE_PID_FILE", &file)
             .stdout(Stdio::null())
