@@ -25,6 +25,9 @@ pub(super) fn limited(displacement_m: Vec3) -> Option<Vec3> {
     vec3::is_finite(displacement_m).then_some(within)
 }
 
+/// Distance above which its reciprocal is finite, metres.
+const SMALLEST_M: f32 = 1e-30;
+
 /// Where a displacement lies relative to a jet.
 struct Place {
     /// The displacement from the control, at most as long as the trust radius.
@@ -84,7 +87,11 @@ impl Jet {
         if distance_m <= self.trust_m {
             return Place { from_control_m, outward: vec3::ZERO, beyond_m: 0.0 };
         }
-        let outward = vec3::normalize_or_zero(from_control_m);
+        let outward = if distance_m > SMALLEST_M {
+            vec3::scale(from_control_m, 1.0 / distance_m)
+        } else {
+            vec3::normalize_or_zero(from_control_m)
+        };
         let beyond_m = distance_m - self.trust_m;
         Place { from_control_m: vec3::scale(outward, self.trust_m), outward, beyond_m }
     }
