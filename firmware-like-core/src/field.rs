@@ -30,6 +30,11 @@ pub trait Field {
     /// The tool touches nothing in this tick.
     fn released(&mut self, _now_us: u64) {}
 
+    /// Largest stiffness of what it has got so far, N/m; 0 where the controller has found it at the start.
+    fn stiffest_n_m(&self) -> f32 {
+        0.0
+    }
+
     /// Whether the source has ended and its force has faded out.
     fn is_lost(&self) -> bool {
         false

@@ -7,6 +7,7 @@
 
 mod cover;
 mod device;
+mod edit;
 mod file;
 mod grid;
 mod lookup;

@@ -4,6 +4,7 @@
 //! A connection sends one line, the name of a [`Request`], and receives one line of JSON. No request arms: arming
 //! is an act of the hand at the device. The threads of the socket only set flags that the loop reads.
 
+use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
@@ -24,7 +25,7 @@ const GROUP: &str = "palpate";
 /// Largest number of connections at a time.
 const MAX_CONNECTIONS: usize = 8;
 /// Longest line of a request, bytes, and longest wait for it.
-const MAX_LINE: u64 = 64;
+const MAX_LINE: u64 = 512;
 const LINE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Longest wait until the loop has applied a request; a slow picture delays the records.
 const APPLY_TIMEOUT: Duration = Duration::from_secs(2);
@@ -43,6 +44,8 @@ pub(crate) enum Request {
     Reset,
     /// End the session with zero force
     End,
+    /// Change a value of the scene of a live session: set KEY=VALUE
+    Set,
 }
 
 impl Request {
@@ -52,7 +55,7 @@ impl Request {
 
     fn from_line(line: &str) -> Result<Self, Value> {
         Self::from_str(line.trim(), false).map_err(|_| {
-            json!({ "error": format!("no request `{}`; give status, disarm, reset or end", line.trim()) })
+            json!({ "error": format!("no request `{}`; give status, disarm, reset or end, or set KEY=VALUE", line.trim()) })
         })
     }
 }
@@ -71,6 +74,8 @@ struct Shared {
     stop: Arc<AtomicBool>,
     newest: Mutex<Newest>,
     connections: AtomicUsize,
+    /// Settings of a live session that were requested, oldest first; `None` in other sessions.
+    settings: Mutex<Option<VecDeque<String>>>,
 }
 
 /// The socket of a session. Its file is removed when it is dropped.
@@ -99,6 +104,7 @@ impl Control {
             stop,
             newest: Mutex::default(),
             connections: AtomicUsize::new(0),
+            settings: Mutex::default(),
         });
         let of_thread = Arc::clone(&shared);
         let accepts = std::thread::Builder::new().name("palpate-control".into());
@@ -111,6 +117,12 @@ impl Control {
     /// The flags of the loop.
     pub(crate) fn controls(&self) -> Arc<Controls> {
         Arc::clone(&self.shared.controls)
+    }
+
+    /// The next setting of a live session that was requested. From the first call on they are accepted.
+    pub(crate) fn take_setting(&self) -> Option<String> {
+        let mut settings = self.shared.settings.lock().unwrap_or_else(PoisonError::into_inner);
+        settings.get_or_insert_default().pop_front()
     }
 
     /// Takes every record, outside the loop's thread.
@@ -157,7 +169,10 @@ fn serve(stream: &UnixStream, shared: &Shared) -> io::Result<()> {
     stream.set_write_timeout(Some(LINE_TIMEOUT))?;
     let mut line = String::new();
     BufReader::new(stream.take(MAX_LINE)).read_line(&mut line)?;
-    let answer = Request::from_line(&line).map_or_else(|refused| refused, |request| shared.answer(request));
+    let answer = match line.trim().strip_prefix("set ") {
+        Some(setting) => shared.set(setting.trim()),
+        None => Request::from_line(&line).map_or_else(|refused| refused, |request| shared.answer(request)),
+    };
     let mut stream = stream;
     writeln!(stream, "{answer}")
 }
@@ -167,11 +182,21 @@ impl Shared {
         *self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Passes a setting on to a live session, which prints what came of it.
+    fn set(&self, setting: &str) -> Value {
+        let mut settings = self.settings.lock().unwrap_or_else(PoisonError::into_inner);
+        match settings.as_mut() {
+            Some(settings) => settings.push_back(setting.into()),
+            None => return json!({ "error": "only a live session can change its scene" }),
+        }
+        json!({ "requested": setting })
+    }
+
     /// Performs a request and returns the state after it.
     fn answer(&self, request: Request) -> Value {
         let before = self.newest();
         match request {
-            Request::Status => {}
+            Request::Status | Request::Set => {}
             Request::Disarm => self.controls.disarm(),
             Request::Reset => self.controls.reset(),
             Request::End => self.stop.store(true, Ordering::SeqCst),
@@ -179,7 +204,7 @@ impl Shared {
         let is_applied = |newest: &Newest| match request {
             Request::Disarm => newest.disarmed > before.disarmed,
             Request::Reset => newest.reset > before.reset,
-            Request::Status | Request::End => true,
+            Request::Status | Request::End | Request::Set => true,
         };
         // Before its first tick the session is disarmed, and that tick applies the request.
         let give_up = Instant::now() + APPLY_TIMEOUT;
@@ -212,10 +237,10 @@ fn status(record: Option<&TickRecord>) -> Value {
 
 /// Sends a request to the session that listens at `path`; its answer, a line of JSON. The flag is set if the
 /// session did not do as requested.
-pub(crate) fn request(path: &Path, request: Request) -> io::Result<(String, bool)> {
+pub(crate) fn request(path: &Path, request: Request, setting: Option<&str>) -> io::Result<(String, bool)> {
     let mut stream = UnixStream::connect(path)?;
     stream.set_read_timeout(Some(ANSWER_TIMEOUT))?;
-    writeln!(stream, "{}", request.name())?;
+    writeln!(stream, "{} {}", request.name(), setting.unwrap_or_default())?;
     let mut answer = String::new();
     BufReader::new(stream).read_line(&mut answer)?;
     let parsed: Value = serde_json::from_str(&answer).map_err(|_| ErrorKind::UnexpectedEof)?;
@@ -252,7 +277,11 @@ mod tests {
         let status = raw(&path, "status\n");
         assert_eq!((&status["state"], &status["fault"]), (&"safe zero: stale".into(), &"stale".into()));
         assert!(!stop.load(Ordering::SeqCst));
-        let (_, is_refused) = request(&path, Request::End).expect("an answer");
+        assert!(raw(&path, "set a.b=1\n")["error"].as_str().is_some_and(|e| e.contains("live")));
+        assert_eq!(control.take_setting(), None);
+        assert_eq!(raw(&path, "set a.b=1\n")["requested"], "a.b=1");
+        assert_eq!(control.take_setting().as_deref(), Some("a.b=1"));
+        let (_, is_refused) = request(&path, Request::End, None).expect("an answer");
         assert!(!is_refused && stop.load(Ordering::SeqCst));
         drop(control);
         assert!(!path.exists());
@@ -273,9 +302,9 @@ mod tests {
     fn a_request_waits_for_the_loop() {
         let (_folder, path, _stop, control) = socket();
         control.take(&TickRecord { phase: Phase::Active, ..TickRecord::EMPTY });
-        let (_, is_refused) = request(&path, Request::Disarm).expect("an answer");
+        let (_, is_refused) = request(&path, Request::Disarm, None).expect("an answer");
         assert!(is_refused, "no loop runs");
-        let asks = std::thread::spawn(move || request(&path, Request::Reset).expect("an answer"));
+        let asks = std::thread::spawn(move || request(&path, Request::Reset, None).expect("an answer"));
         std::thread::sleep(Duration::from_millis(50));
         assert!(!asks.is_finished());
         let applied = Applied { reset: true, ..Applied::default() };

@@ -69,6 +69,14 @@ pub(crate) struct Show<'p> {
     pub control: Option<&'p Control>,
     /// Regions inside the body that the side view shows.
     pub regions: Option<&'p Regions>,
+    /// What the session asks in between, on the thread that draws: a line to show, if there is one.
+    pub between: Option<&'p dyn Between>,
+}
+
+/// What happens beside a session, on the thread that draws.
+pub(crate) trait Between: fmt::Debug {
+    /// Passes on what the user asks for; a line for the picture, if there is one.
+    fn poll(&self, controls: &Controls) -> Option<String>;
 }
 
 /// The end of a live solver that shows the surface, and its process.
@@ -258,6 +266,8 @@ struct Watch<'w, 's, 'o, F, const N: usize> {
     /// Whether a tick has run.
     moved: bool,
     control: Option<&'w Control>,
+    between: Option<&'w dyn Between>,
+    controls: Arc<Controls>,
     /// The button that arms; 0 after the first sample.
     unseen_button: u32,
     /// Whether the first sample shows it pressed. The loop does not arm, and the session ends.
@@ -275,7 +285,8 @@ impl<F: FnMut(&TickRecord), const N: usize> Observer for Watch<'_, '_, '_, F, N>
     }
 
     fn controls(&mut self) -> Arc<Controls> {
-        self.control.map(Control::controls).unwrap_or_default()
+        self.controls = self.control.map(Control::controls).unwrap_or_default();
+        Arc::clone(&self.controls)
     }
 
     fn record(&mut self, record: &TickRecord) {
@@ -291,6 +302,9 @@ impl<F: FnMut(&TickRecord), const N: usize> Observer for Watch<'_, '_, '_, F, N>
         }
         self.moved = true;
         self.screen.record(record);
+        if let Some(note) = self.between.and_then(|between| between.poll(&self.controls)) {
+            self.screen.set_note(note);
+        }
         (self.on_record)(record);
     }
 
@@ -340,6 +354,8 @@ pub(crate) fn run<D: Device, const N: usize>(
         granted: &granted,
         moved: false,
         control: show.control,
+        between: show.between,
+        controls: Arc::default(),
         unseen_button: options.haptic.arm_button,
         is_held: false,
         on_record,
@@ -475,6 +491,7 @@ mod tests {
             has_motors: false,
             control: None,
             regions: None,
+            between: None,
         }
     }
 

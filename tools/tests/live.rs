@@ -147,6 +147,38 @@ fn a_pause_of_the_solver_is_no_fault() {
     assert!(share < 0.5, "{figures:#}");
 }
 
+/// The material is changed at the start, and again while the hand touches, over the socket: the touch goes on.
+#[test]
+fn the_scene_changes_while_a_hand_touches() {
+    let _alone = quiet();
+    let folder = tempfile::tempdir().expect("a folder");
+    let socket = folder.path().join("control");
+    let session =
+        [SCENE, "--seconds", "5", "--json", "--control", text(&socket), "--set", "material.c10_pa=2000.0"];
+    let mut session = Session::start(&session);
+    session.wait_for("haptic thread");
+    let set = |setting: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        let mut output = output;
+        output.args(["control", text(&socket), "set", setting]).output().expect("it runs")
+    };
+    std::thread::sleep(Duration::from_millis(1_500));
+    let asked = set("material.c10_pa=3000.0");
+    assert!(asked.status.success(), "{}", String::from_utf8_lossy(&asked.stderr));
+    std::thread::sleep(Duration::from_millis(500));
+    set("material.c99_pa=1.0");
+    assert_eq!(set("nonsense").status.code(), Some(2));
+    let (code, told, said) = session.end();
+    assert_eq!(code, Some(0), "{told}{said}");
+    assert!(said.contains("material.c10_pa=3000.0 ("), "{said}");
+    assert!(said.contains("unknown key `c99_pa`"), "{said}");
+    let figures: serde_json::Value = serde_json::from_str(&told).expect("JSON");
+    let step_n = figures["session"]["touch"]["largest_step_n"].as_f64().expect("a number");
+    assert!(step_n < 0.2, "{figures:#}");
+    refused(&["live", SCENE, "--set", "material.c10_pa"], &["material.c10_pa", "KEY=VALUE"]);
+    refused(&["live", SCENE, "--set", "material.c99_pa=1"], &["unknown key `c99_pa`"]);
+}
+
 /// Ctrl-C ends a session, also while the body is built, and its solver with it.
 #[test]
 fn ctrl_c_ends_it_at_once() {

@@ -22,6 +22,8 @@ use crate::space::Space;
 use crate::touch::contact::{Contact, ContactKind, Engaged};
 use crate::touch::{NodeWeight, TouchSurface};
 
+/// Time in which a new stiffness lowers the force from all to nothing, s.
+const SCALE_S: f32 = 0.3;
 /// Largest duration of a tick that the slew limit uses: a late tick does not permit a large step.
 const MAX_SLEW_TIME_US: u64 = 2_000;
 
@@ -40,8 +42,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     ///
     /// Contact is with the planes of the active nodes until [`Controller::on_surface`] is called.
     ///
-    /// Without a method the force comes from jets ([`Controller::tick_on`]): no table is needed, the stiffness
-    /// is not known in advance, and no force is scaled.
+    /// Without a method the force comes from jets ([`Controller::tick_on`]): no table is needed, and the stiffness
+    /// that limits the force is that of the jets so far.
     ///
     /// Errors: [`ControllerError`] if a number is out of range, or if a space has no table for the method.
     pub fn new(organ: &'o Organ<'a, N>, config: Config) -> Result<Self, ControllerError> {
@@ -167,14 +169,16 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             (Freshness::Fault, _) => return Err(Fault::Stale),
         };
         self.check_motion(&mut state.speed, fresh)?;
-        let stored_j = state.contact.is_engaged().then(|| self.max_stored_j(&state.last));
+        let stored_j = state.contact.is_engaged().then(|| self.max_stored_j(state));
         let at = (fresh.t_us, fresh.position_m);
         let damping_n = state.passivity.observe(&self.config.passivity, at, stored_j);
         let damping_n = damping_n.map_err(|NotPassive| Fault::Energy)?;
 
         let model = self.reaction(&mut state.contact, (now_us, fresh), field)?;
         let ramp = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
-        let capped_n = vec3::scale(model.reaction_n, -self.hand_scale);
+        let elapsed_s = elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6;
+        let scale = self.scale(field.stiffest_n_m(), state, model.engaged.is_some(), elapsed_s);
+        let capped_n = vec3::scale(model.reaction_n, -scale);
         let (clamped_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
         let wanted_n = vec3::add(vec3::scale(clamped_n, ramp), damping_n);
         // A release, a lost grasp or another organ starts a transition from the last force for the hand.
@@ -183,7 +187,6 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             state.handed_over = false;
         }
         let smooth_n = vec3::add(wanted_n, state.fade.remaining_n(now_us, limits.fade_s));
-        let elapsed_s = elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6;
         let slewed_n = limit::slew(state.rendered_n, smooth_n, limits.max_slew_n_per_s * elapsed_s);
         let weight_n = self.weight_n(&mut state.carried, elapsed_s);
         // Damping, fade and weight can carry the force beyond the limit; this clamp enforces it.
@@ -192,6 +195,20 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         state.rendered_n = vec3::sub(hand_force_n, weight_n);
         let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
         Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp, ..model })
+    }
+
+    /// The factor of the force that keeps the stiffness within the limit. A field that learns of a greater stiffness
+    /// lowers it in time while the tool touches.
+    fn scale(&self, stiffest_n_m: f32, state: &mut State, is_engaged: bool, elapsed_s: f32) -> f32 {
+        let limit_n_m = self.config.limits.max_stiffness_n_m;
+        let wanted = if stiffest_n_m > 0.0 { (limit_n_m / stiffest_n_m).min(1.0) } else { self.hand_scale };
+        let step = elapsed_s / SCALE_S;
+        let scale = match state.scale.filter(|_| is_engaged) {
+            Some(before) => before + (wanted - before).clamp(-step, step),
+            None => wanted,
+        };
+        state.scale = Some(scale);
+        scale
     }
 
     /// The compensation of the handle's weight in this tick.
@@ -204,9 +221,9 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     /// Upper bound of the energy stored in the body, J, with the force for the hand and the path of the
     /// device: |h| |d|. It holds for any force that increases with the displacement; a linear spring stores
     /// half of it.
-    fn max_stored_j(&self, last: &Command) -> f32 {
-        let felt_n = self.hand_scale * vec3::norm(last.reaction_n);
-        felt_n * vec3::norm(last.displacement_m) / self.config.passivity.workspace_scale
+    fn max_stored_j(&self, state: &State) -> f32 {
+        let felt_n = state.scale.unwrap_or(self.hand_scale) * vec3::norm(state.last.reaction_n);
+        felt_n * vec3::norm(state.last.displacement_m) / self.config.passivity.workspace_scale
     }
 
     /// Detects positions that a hand cannot reach.

@@ -112,6 +112,8 @@ pub struct State {
     pub(super) rendered_n: Vec3,
     /// Share of the weight of the handle that is compensated.
     pub(super) carried: f32,
+    /// Factor of the force that keeps the stiffness within the limit.
+    pub(super) scale: Option<f32>,
 }
 
 impl State {

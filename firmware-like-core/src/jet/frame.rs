@@ -16,7 +16,7 @@
 //! 44      24     f32 S xx, xy, xz, yy, yz, zz, newtons per metre
 //! 68      40     f32 third derivatives of W, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz, N/m^2
 //! 108     4      f32 trust radius, metres
-//! 112     4      zero
+//! 112     4      u32 model: jets of an earlier one no longer count
 //! 116     4      u32 CRC-32 (ISO-HDLC) of all bytes before it
 //! ```
 //!
@@ -83,6 +83,8 @@ pub struct Jet {
     pub third_n_m2: [f32; 10],
     /// Distance from `control_m` up to which the expansion is used, metres.
     pub trust_m: f32,
+    /// Number of the model of the body; it rises when the session changes the model.
+    pub model: u32,
 }
 
 impl Jet {
@@ -113,6 +115,7 @@ impl Jet {
         for number in numbers.into_iter().chain([&self.third_n_m2[..], &[self.trust_m]]).flatten() {
             put(&number.to_le_bytes());
         }
+        put(&self.model.to_le_bytes());
         if let Some((body, checksum)) = frame.split_at_mut_checked(CHECKSUM_AT) {
             checksum.copy_from_slice(&CHECKSUM.checksum(body).to_le_bytes());
         }
@@ -154,9 +157,7 @@ impl Jet {
         for (number, word) in numbers.iter_mut().zip(&mut words) {
             *number = f32::from_le_bytes(*word.first_chunk().ok_or(length)?);
         }
-        if words.next() != Some(&[0; 4]) {
-            return Err(JetError::Reserved);
-        }
+        let model = *words.next().and_then(|word| word.first_chunk()).ok_or(length)?;
         let [x, y, z, energy_j, fx, fy, fz, xx, xy, xz, yy, yz, zz, third_n_m2 @ .., trust_m] = numbers;
         let jet = Self {
             contact: u16::from_le_bytes(*contact),
@@ -168,6 +169,7 @@ impl Jet {
             stiffness_n_m: [xx, xy, xz, yy, yz, zz],
             third_n_m2,
             trust_m,
+            model: u32::from_le_bytes(model),
         };
         jet.check().map(|()| jet)
     }

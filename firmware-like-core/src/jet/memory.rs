@@ -18,6 +18,8 @@ use crate::touch::NodeWeight;
 const FAST_US: f64 = 10_000.0;
 /// The same after a jump of the body, and where jets take the place of a substitute, us.
 const SLOW_US: f64 = 30_000.0;
+/// The same after a change of the body's model, us.
+const CHANGE_US: f64 = 100_000.0;
 /// Longest time between two ticks for a fade, us: the range of the exponential.
 const MAX_ELAPSED_US: u64 = 1_000_000;
 
@@ -62,6 +64,10 @@ pub struct JetMemory<const CONTACTS: usize, const JETS: usize = 256> {
     uses: u64,
     /// Number of the last insertion.
     stamp: u32,
+    /// Number of the newest model of the body.
+    model: u32,
+    /// Largest |S| of its jets, N/m.
+    stiffest_n_m: f32,
     hand_overs: u32,
     /// The present touch.
     whole: Option<Whole>,
@@ -87,17 +93,26 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
             tick: 1,
             uses: 0,
             stamp: 0,
+            model: 0,
+            stiffest_n_m: 0.0,
             hand_overs: 0,
             whole: None,
         }
     }
 
-    /// Adds a jet, before a tick. Returns false if it was refused: a number is out of range, or all tables
+    /// Adds a jet, before a tick; one of an earlier model has no effect. Returns false if it was refused: a number is out of range, or all tables
     /// are in use by the present touch.
     pub fn insert(&mut self, jet: &Jet) -> bool {
         if jet.check().is_err() {
             return false;
         }
+        if jet.model < self.model {
+            return true;
+        }
+        if jet.model > self.model {
+            (self.model, self.stiffest_n_m) = (jet.model, 0.0);
+        }
+        self.stiffest_n_m = self.stiffest_n_m.max(jet.stiffness_size_n_m());
         let Some(index) = self.index(jet.contact).or_else(|| self.make_room(jet.contact)) else {
             return false;
         };
@@ -116,9 +131,10 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         self.solver = solver;
     }
 
-    /// Number of jets of a contact point.
+    /// Number of jets of a contact point that count: of the newest model, or of the present touch.
     pub fn jets(&self, contact: u16) -> usize {
-        self.place(contact).map_or(0, |place| place.table.len())
+        let counts = |place: &&Place<JETS>| place.table.model() == self.model || place.tick == self.tick;
+        self.place(contact).filter(counts).map_or(0, |place| place.table.len())
     }
 
     /// Number of times that another jet has taken over while the tool touched.
@@ -168,6 +184,9 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         let (tick, used) = (self.tick, self.uses);
         let place = self.places.get_mut(index)?;
         let is_continued = place.tick.wrapping_add(1) == tick;
+        if place.table.model() != self.model && !is_continued {
+            return None;
+        }
         (place.tick, place.used) = (tick, used);
         let answer = place.table.force(d, decay, is_continued)?;
         self.hand_overs = self.hand_overs.wrapping_add(answer.is_handed_over.into());
@@ -242,6 +261,10 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
         self.ladder.free(now_us, self.solver);
     }
 
+    fn stiffest_n_m(&self) -> f32 {
+        self.stiffest_n_m
+    }
+
     fn is_lost(&self) -> bool {
         self.solver == Solver::Gone && self.ladder.is_faded()
     }
@@ -267,7 +290,7 @@ impl Whole {
 /// Factors of the fades for the time since the last tick.
 fn decay(elapsed_us: u64) -> Decay {
     let elapsed_us = elapsed_us as f64;
-    let q = [elapsed_us / FAST_US, elapsed_us / SLOW_US, 0.0, 0.0];
-    let [fast, slow, ..] = Baseline.to_array_f64(exp_of_minus(Baseline, Baseline.load_f64(&q)));
-    Decay { fast: fast as f32, slow: slow as f32 }
+    let q = [elapsed_us / FAST_US, elapsed_us / SLOW_US, elapsed_us / CHANGE_US, 0.0];
+    let [fast, slow, change, _] = Baseline.to_array_f64(exp_of_minus(Baseline, Baseline.load_f64(&q)));
+    Decay { fast: fast as f32, slow: slow as f32, change: change as f32 }
 }

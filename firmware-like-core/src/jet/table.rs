@@ -4,7 +4,9 @@
 //! change of it, whether it was replaced, removed or left, the difference of the forces becomes an offset that
 //! decays:
 //!
-//! o += h_old(d) - h_new(d),   o *= exp(-dt / tau),   tau = 10 ms, or 30 ms after a jump of the body
+//! o += h_old(d) - h_new(d),   o *= exp(-dt / tau)
+//!
+//! with tau = 10 ms, 30 ms after a jump of the body, and 100 ms after a change of its model.
 
 use super::frame::Jet;
 use super::trusted::limited;
@@ -33,6 +35,26 @@ pub(super) struct Decay {
     pub(super) fast: f32,
     /// 30 ms.
     pub(super) slow: f32,
+    /// 100 ms.
+    pub(super) change: f32,
+}
+
+/// How fast an offset decays, the faster first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Fade {
+    Fast,
+    Jump,
+    Change,
+}
+
+impl Decay {
+    fn of(self, fade: Fade) -> f32 {
+        match fade {
+            Fade::Fast => self.fast,
+            Fade::Jump => self.slow,
+            Fade::Change => self.change,
+        }
+    }
 }
 
 /// The jet that gave the force in the last tick. It is a copy, so that its force is known after it was
@@ -64,10 +86,12 @@ pub(super) struct Table<const JETS: usize> {
     search: Search<JETS>,
     active: Option<Active>,
     offset_n: Vec3,
-    /// The offset decays slowly.
-    is_slow: bool,
-    /// The body has jumped since the last tick.
-    has_jumped: bool,
+    /// How fast the offset decays.
+    fade: Fade,
+    /// How the next hand-over fades: the body has jumped, or its model has changed, since the last tick.
+    next: Fade,
+    /// Model of the jets.
+    model: u32,
 }
 
 /// The force of a table in one tick.
@@ -89,17 +113,29 @@ impl<const JETS: usize> Table<JETS> {
             search,
             active: None,
             offset_n: vec3::ZERO,
-            is_slow: false,
-            has_jumped: false,
+            fade: Fade::Fast,
+            next: Fade::Fast,
+            model: 0,
         }
     }
 
-    /// Forgets all jets.
+    /// Forgets all jets, for those of another contact point.
     pub(super) fn clear(&mut self) {
+        self.change(self.model);
+        self.active = None;
+    }
+
+    /// Forgets all jets, for those of another model. The force goes on from that of the last tick.
+    fn change(&mut self, model: u32) {
         while let Some(last) = self.len.checked_sub(1) {
             self.remove(last);
         }
-        self.active = None;
+        (self.model, self.next) = (model, Fade::Change);
+    }
+
+    /// Model of the jets.
+    pub(super) const fn model(&self) -> u32 {
+        self.model
     }
 
     pub(super) const fn len(&self) -> usize {
@@ -117,6 +153,9 @@ impl<const JETS: usize> Table<JETS> {
     /// A jet with the same control is replaced. In a full table the one farthest from the tool, or else from
     /// the new jet, is.
     pub(super) fn insert(&mut self, jet: &Jet, present_m: Option<Vec3>, stamp: u32) {
+        if jet.model != self.model {
+            self.change(jet.model);
+        }
         if jet.flags.flush_before {
             self.flush(jet);
         }
@@ -174,7 +213,7 @@ impl<const JETS: usize> Table<JETS> {
                 self.remove(slot);
             }
         }
-        self.has_jumped = true;
+        self.next = self.next.max(Fade::Jump);
     }
 
     fn farthest(&self, from_m: Vec3) -> usize {
@@ -193,10 +232,10 @@ impl<const JETS: usize> Table<JETS> {
     /// `is_continued`: the tool has touched the point in the last tick too. Otherwise there is no offset.
     pub(super) fn force(&mut self, d: Vec3, decay: Decay, is_continued: bool) -> Option<Answer> {
         let before = self.active.take().filter(|_| is_continued);
-        let has_jumped = core::mem::take(&mut self.has_jumped);
+        let next = core::mem::replace(&mut self.next, Fade::Fast);
         let (slot, squared) = self.nearest(d)?;
         if before.is_none() {
-            (self.offset_n, self.is_slow) = (vec3::ZERO, false);
+            (self.offset_n, self.fade) = (vec3::ZERO, Fade::Fast);
         }
         let is_kept = |active: &Active| {
             let is_known = active.slot < self.len && self.stamps.get(active.slot) == Some(&active.stamp);
@@ -208,15 +247,15 @@ impl<const JETS: usize> Table<JETS> {
             None => Active { slot, stamp: *self.stamps.get(slot)?, jet: *self.jets.get(slot)? },
         };
         let sample = active.jet.force(d);
-        self.offset_n = vec3::scale(self.offset_n, if self.is_slow { decay.slow } else { decay.fast });
+        self.offset_n = vec3::scale(self.offset_n, decay.of(self.fade));
         if vec3::max_abs(self.offset_n) < NOTHING_N {
-            (self.offset_n, self.is_slow) = (vec3::ZERO, false);
+            (self.offset_n, self.fade) = (vec3::ZERO, Fade::Fast);
         }
         let left = if kept.is_none() { before } else { None };
         if let Some(left) = &left {
             let difference_n = vec3::sub(left.jet.force(d).force_n, sample.force_n);
             self.offset_n = vec3::add(self.offset_n, difference_n);
-            self.is_slow |= has_jumped;
+            self.fade = self.fade.max(next);
         }
         self.active = Some(active);
         let force_n = vec3::add(sample.force_n, self.offset_n);

@@ -57,6 +57,13 @@ impl Jet {
         ForceSample { force_n, coverage: Coverage::Extrapolated }
     }
 
+    /// |S| at the control, the root of the sum of squares of its components, N/m: at least its largest stiffness.
+    pub(super) fn stiffness_size_n_m(&self) -> f32 {
+        let [xx, xy, xz, yy, yz, zz] = self.stiffness_n_m;
+        let [diagonal, other] = [[xx, yy, zz], [xy, xz, yz]].map(vec3::norm);
+        vec3::norm([diagonal, other, other])
+    }
+
     /// W at a displacement, joules; beyond the trust radius continued along the ray from the control.
     pub fn energy_j(&self, displacement_m: Vec3) -> f32 {
         let Some(displacement_m) = limited(displacement_m) else { return self.energy_j };

@@ -5,4 +5,5 @@ mod frame;
 mod hand_over;
 mod ladder;
 mod memory;
+mod model;
 mod tick;

@@ -143,6 +143,46 @@ fn a_lost_solver_is_a_fault_of_a_free_tool_too() {
     }
 }
 
+/// A device that renders 200 N/m feels a body of 500 N/m with two fifths of its force; a stiffer jet lowers the force
+/// further, in time.
+#[test]
+fn the_stiffness_of_the_jets_limits_the_force() {
+    let blob = organ_blob();
+    let organ = Organ::<2>::read(&blob).expect("good");
+    let stiff = |k: f32, control_m: [f32; 3]| Jet {
+        control_m,
+        force_n: vec3::scale(control_m, k),
+        // |S| = k.
+        stiffness_n_m: [0.0, 0.0, 0.0, 0.0, 0.0, k],
+        trust_m: 0.025,
+        ..Jet::default()
+    };
+    let mut limited = config();
+    limited.limits.max_stiffness_n_m = 200.0;
+    let controller = Controller::new(&organ, limited).expect("good");
+    let (mut memory, mut state) = (Box::new(JetMemory::<3, 8>::new()), State::new());
+    state.arm();
+    memory.insert(&stiff(500.0, [0.0; 3]));
+    let mut now_us = 0;
+    let mut at = |memory: &mut JetMemory<3, 8>, height_m: f32| {
+        now_us += 1_000;
+        let node = &organ.spaces[0].active;
+        let position_m = vec3::add(node.rest_position_m, [0.0, 0.0, height_m]);
+        controller.tick_on(&mut state, now_us, Some(&Sample { t_us: now_us, position_m, buttons: 0 }), memory)
+    };
+    for tick in 0..200 {
+        at(&mut memory, 2e-3 - 5e-5 * tick as f32);
+    }
+    let pressed = at(&mut memory, -8e-3);
+    assert!(pressed.engaged.is_some(), "{pressed:?}");
+    let share = |command: Command| vec3::norm(command.hand_force_n) / vec3::norm(command.reaction_n);
+    assert!((share(pressed) - 0.4).abs() < 1e-3, "{}", share(pressed));
+    memory.insert(&stiff(1_000.0, [0.0, 0.0, -8e-3]));
+    let shares: Vec<f32> = (0..300).map(|_| share(at(&mut memory, -8e-3))).collect();
+    assert!(shares.windows(2).all(|pair| pair[1] <= pair[0] + 1e-4), "it only falls");
+    assert!(shares[0] > 0.39 && (shares[299] - 0.2).abs() < 1e-3, "{} {}", shares[0], shares[299]);
+}
+
 /// Disarming ends a touch for the jets too: its point makes room for others.
 #[test]
 fn a_disarmed_controller_touches_nothing() {

@@ -7,8 +7,8 @@ use palpate_core::{Fault, State};
 
 /// Largest number of models in one session.
 pub const MAX_MODELS: usize = u8::MAX as usize - 1;
-/// No model is requested.
-const NO_MODEL: u8 = u8::MAX;
+/// No model, or no knob, is requested.
+const NONE: u8 = u8::MAX;
 
 /// Requests from other threads, applied at the next tick.
 #[derive(Debug)]
@@ -17,6 +17,8 @@ pub struct Controls {
     disarm: AtomicBool,
     reset: AtomicBool,
     model: AtomicU8,
+    /// Not read by the loop: a knob of the model of a live session.
+    knob: AtomicU8,
     /// Set by a replay only: the device was zeroed before this tick.
     zeroed: AtomicBool,
 }
@@ -24,7 +26,8 @@ pub struct Controls {
 impl Default for Controls {
     fn default() -> Self {
         let no = || AtomicBool::new(false);
-        Self { arm: no(), disarm: no(), reset: no(), model: AtomicU8::new(NO_MODEL), zeroed: no() }
+        let [model, knob] = [NONE; 2].map(AtomicU8::new);
+        Self { arm: no(), disarm: no(), reset: no(), model, knob, zeroed: no() }
     }
 }
 
@@ -51,7 +54,17 @@ impl Controls {
 
     /// Takes the model requested since the last tick, if any.
     pub(super) fn take_model(&self) -> Option<u8> {
-        Some(self.model.swap(NO_MODEL, Ordering::Relaxed)).filter(|model| *model != NO_MODEL)
+        Some(self.model.swap(NONE, Ordering::Relaxed)).filter(|model| *model != NONE)
+    }
+
+    /// Turns a knob of a live session, counted from 0.
+    pub fn turn(&self, knob: u8) {
+        self.knob.store(knob, Ordering::Relaxed);
+    }
+
+    /// Takes the knob turned since the last call. Not for the loop.
+    pub fn take_knob(&self) -> Option<u8> {
+        Some(self.knob.swap(NONE, Ordering::Relaxed)).filter(|knob| *knob != NONE)
     }
 
     /// Repeats the requests that were applied before a recorded tick.

@@ -27,6 +27,7 @@ const KEYS: &[[&str; 2]] = &[
     ["D", "disarm"],
     ["R", "reset a fault"],
     ["N", "next model, if any"],
+    ["1 .. 9", "next value, if live"],
     ["T", "shape at rest"],
     ["G", "reachable region"],
     ["V", "side view"],

@@ -46,6 +46,8 @@ pub struct Captions {
     pub models: usize,
     /// Whether the model has forces but no displacements.
     pub force_only: bool,
+    /// A line under the title.
+    pub note: String,
 }
 
 impl Captions {
@@ -132,6 +134,8 @@ impl Overlay {
             // Without this text an organ that does not deform would look like a fault.
             let style = TextStyle { colour: WAITING, ..style };
             self.text(image, FORCE_ONLY, x, y + 46.0 * scale, Align::Left, style);
+        } else {
+            self.text(image, &captions.note, x, y + 46.0 * scale, Align::Left, style);
         }
     }
 

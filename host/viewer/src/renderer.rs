@@ -136,6 +136,7 @@ impl Renderer {
                 models: 1,
                 has_fingertip: organ.fingertip.is_some(),
                 force_only: false,
+                note: String::new(),
             },
             image: Image::new(width, height),
             full_scale_m: nice_scale_m(0.0),
@@ -164,6 +165,11 @@ impl Renderer {
     /// Sets the live solver that shows the displacements of the surface; the organ then needs no table of them.
     pub fn set_solver(&mut self, solver: Option<SolverView>) {
         self.solver = solver;
+    }
+
+    /// Sets a line under the title.
+    pub fn set_note(&mut self, note: String) {
+        self.captions.note = note;
     }
 
     /// The camera.

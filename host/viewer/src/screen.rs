@@ -178,6 +178,13 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
         }
     }
 
+    /// Sets a line under the title, for example what was changed last.
+    pub fn set_note(&mut self, note: String) {
+        if let Some(renderer) = &mut self.renderer {
+            renderer.set_note(note);
+        }
+    }
+
     /// Time between two pictures; `None` if it shows nothing.
     pub fn interval(&self) -> Option<Duration> {
         self.renderer.as_ref().map(|_| self.interval)
@@ -240,6 +247,9 @@ impl<'s, 'o, const N: usize> Screen<'s, 'o, N> {
                 if requests.next_model {
                     // The index after the last one wraps round to the first.
                     controls.select(record.model + 1);
+                }
+                if let Some(knob) = requests.knob {
+                    controls.turn(knob);
                 }
                 quit = requests.quit;
             }

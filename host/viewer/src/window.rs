@@ -33,7 +33,13 @@ pub struct WindowEvents {
     pub reach: bool,
     /// V: side view on and off.
     pub side: bool,
+    /// 1 to 9: a knob of a live session, counted from 0.
+    pub knob: Option<u8>,
 }
+
+/// The keys of the knobs.
+const KNOBS: [Key; 9] =
+    [Key::Key1, Key::Key2, Key::Key3, Key::Key4, Key::Key5, Key::Key6, Key::Key7, Key::Key8, Key::Key9];
 
 /// Keys pressed since the last frame, including those released again: a tap may be shorter than a frame.
 #[derive(Debug, Clone, Default)]
@@ -90,6 +96,7 @@ impl ViewWindow {
             reach: pressed(Key::G),
             side: pressed(Key::V),
             next_model: pressed(Key::N),
+            knob: (0..).zip(KNOBS).find(|(_, key)| pressed(*key)).map(|(knob, _)| knob),
         };
         self.held = self.window.get_keys();
         Ok((events, self.pointer()))

@@ -39,6 +39,8 @@ pub(super) struct Requests {
     pub reset: bool,
     /// Change to the next model.
     pub next_model: bool,
+    /// Turn this knob of a live session.
+    pub knob: Option<u8>,
     /// End the session.
     pub quit: bool,
 }
@@ -109,11 +111,11 @@ impl WindowController {
 
     /// The requests to the session. A request to disarm or to reset also ends a countdown.
     fn requests(&mut self, events: WindowEvents, step: Duration, record: &TickRecord) -> Requests {
-        let WindowEvents { disarm, reset, next_model, quit, .. } = events;
+        let WindowEvents { disarm, reset, next_model, knob, quit, .. } = events;
         if disarm || reset {
             self.arming.cancel();
         }
         let arm = self.arming.update(events.arming_chord, step, record);
-        Requests { arm, disarm, reset, next_model, quit }
+        Requests { arm, disarm, reset, next_model, knob, quit }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! In this order: the first jet of every contact that is touched, the position of the hand, the position where it
 //! will be when the solve is done, and the first jets of the contacts it heads for. If all are known, the factor is
-//! renewed once it has become old and the hand leaves time for it; then the two positions are solved to a finer
+//! renewed once it has become old and the hand leaves time for it; then the second position is solved to a finer
 //! limit. Prediction farther ahead does not pay: a jet that is trusted for 10 to 24 mm covers the path of many
 //! solves, and what is known already is worth more.
 
@@ -49,7 +49,7 @@ impl LostPositions {
         self.0.push((task.contact, task.control_m));
     }
 
-    fn contains(&self, contact: u16, control_m: [f64; 3]) -> bool {
+    pub(super) fn contains(&self, contact: u16, control_m: [f64; 3]) -> bool {
         self.0.iter().any(|&(of, at_m)| of == contact && distance(at_m, control_m) < LOST_REACH_M)
     }
 }
@@ -104,7 +104,9 @@ impl Choice<'_> {
     /// The first jet of a contact is that at rest.
     fn first(&self, contact: u16) -> Option<Task> {
         let rest = [0.0; 3];
-        let is_new = self.known.get(usize::from(contact))?.is_empty() && !self.lost.contains(contact, rest);
+        let is_new = self.known.get(usize::from(contact))?.is_empty()
+            && self.skin.is_free(contact)
+            && !self.lost.contains(contact, rest);
         is_new.then_some(Task { contact, control_m: rest, renews: false })
     }
 
@@ -137,7 +139,9 @@ impl Choice<'_> {
     fn renewal(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
         let is_near =
             |&(of, at_m): &(u16, [f64; 3])| of == contact && distance(at_m, control_m) <= FACTOR_REACH_M;
-        let renews = !self.factor.as_ref().is_some_and(is_near) && !self.lost.contains(contact, control_m);
+        let renews = !self.factor.as_ref().is_some_and(is_near)
+            && self.skin.is_free(contact)
+            && !self.lost.contains(contact, control_m);
         renews.then_some(Task { contact, control_m, renews })
     }
 }

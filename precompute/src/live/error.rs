@@ -18,6 +18,11 @@ pub enum LiveError {
     /// Every triangle of the skin has a fixed corner.
     #[error("no triangle of the skin is free of fixed nodes; fix fewer nodes")]
     NothingToTouch,
+    /// Another mesh, order or set of pressures.
+    #[error(
+        "the changed scene has another mesh, order or kind of law, so the touch cannot go on; start it as a session of its own"
+    )]
+    OtherBody,
     /// The body, under its body force, has no rest state.
     #[error(
         "the body cannot be solved at rest: {0}; check its material and its fixed nodes with `palpate inspect`"

@@ -17,6 +17,8 @@ pub struct Skin {
     /// Contacts that share a triangle with each contact, ascending.
     neighbours: Vec<Vec<u16>>,
     tip: Option<Fingertip>,
+    /// Whether each contact is not fixed in the present model.
+    is_free: Vec<bool>,
 }
 
 impl Skin {
@@ -59,7 +61,25 @@ impl Skin {
                 normal: surface.normal(node).expect("a vertex of the skin"),
             })
             .collect();
-        Ok(Self { contacts, triangles, neighbours, tip: tool.fingertip().copied() })
+        let is_free = vec![true; nodes.len()];
+        Ok(Self { contacts, triangles, neighbours, tip: tool.fingertip().copied(), is_free })
+    }
+
+    /// From now on contacts that are fixed in this body are not solved.
+    pub(super) fn free_only(&mut self, body: &Body) {
+        for (is_free, contact) in self.is_free.iter_mut().zip(&self.contacts) {
+            *is_free = body.fixed[contact.node as usize] == [false; 3];
+        }
+    }
+
+    /// Whether a contact can be solved.
+    pub(super) fn is_free(&self, contact: u16) -> bool {
+        self.is_free.get(usize::from(contact)).is_some_and(|is_free| *is_free)
+    }
+
+    /// A contact that can be solved.
+    pub(super) fn first_free(&self) -> Option<u16> {
+        (0..).zip(&self.is_free).find(|(_, is_free)| **is_free).map(|(contact, _)| contact)
     }
 
     /// What the tool does to the body at a contact.

@@ -1,15 +1,16 @@
 //! One step of the live solver: choose, continue or land, publish.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use palpate_core::{Jet, JetFlags};
 
 use super::choice::{Choice, LostPositions, Task};
 use super::error::LiveError;
-use super::hand::Hand;
-use super::memory::{Growth, Known, Trust};
+use super::hand::{Hand, Touch};
+use super::memory::{Growth, Known, Limit, Trust};
 use super::skin::Skin;
-use super::states::States;
+use super::states::{Start, States};
 use crate::fem::{Body, Constraints, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver};
 use crate::num::SECOND_INDICES;
 use crate::num::branch::Excess;
@@ -24,6 +25,8 @@ const PROBLEMS: usize = 256;
 const NEIGHBOUR_RADII: f64 = 1.5;
 /// Sweeps of the sensitivities, which cost less than a new factor.
 const MAX_SWEEPS: u32 = 8;
+/// Jets that wait for the loop during a change of the model, usually.
+const OUTBOX: usize = 16;
 /// Times that a continuation that fails is tried over half of the way.
 const HALVINGS: u32 = 2;
 /// Weight of the last solve in the mean time of a solve.
@@ -47,6 +50,8 @@ pub struct Published {
     pub is_fresh: bool,
     /// Whether the state is unstable.
     pub is_unstable: bool,
+    /// Number of the model: jets of an earlier one no longer count.
+    pub model: u32,
 }
 
 impl Published {
@@ -69,6 +74,7 @@ impl Published {
             stiffness_n_m: SECOND_INDICES.map(|[i, j]| stiffness_n_m[(i, j)] as f32),
             third_n_m2: third_n_m2.map(|x| x as f32),
             trust_m: self.trust.radius_m as f32,
+            model: self.model,
         }
     }
 }
@@ -78,8 +84,8 @@ impl Published {
 pub enum Step {
     /// Everything near the hand is known.
     Idle,
-    /// A jet was solved.
-    Solved(Published),
+    /// A jet was solved: [`LiveSolver::published`] has it, at once or with others.
+    Solved,
     /// No equilibrium was found where the hand is.
     Lost {
         /// The contact.
@@ -121,6 +127,13 @@ pub struct LiveSolver {
     has_renewed: bool,
     totals: Totals,
     near: Vec<(f64, u16)>,
+    /// Jets that were not taken yet.
+    outbox: VecDeque<Published>,
+    /// Number of the model, and the rest state of the first one.
+    model: u32,
+    first_rest: Vec<f64>,
+    /// Whether the jets of a new model wait until the present touch is known.
+    holds_back: bool,
 }
 
 impl LiveSolver {
@@ -138,6 +151,7 @@ impl LiveSolver {
         let free = Problem::with(body.clone(), None, Constraints::Elimination);
         let solver = Solver::new(Arc::new(free.at(skin.touch(0, &body))));
         let blank = Seed::at_rest(&body);
+        let first_rest = body.rest_state.clone();
         Ok(Self {
             states: States::like(&blank),
             known: vec![Known::default(); skin.contacts.len()],
@@ -154,6 +168,10 @@ impl LiveSolver {
             solve_s: [FIRST_SOLVE_S; 2],
             has_renewed: false,
             totals: Totals::default(),
+            outbox: VecDeque::with_capacity(OUTBOX),
+            model: 0,
+            first_rest,
+            holds_back: false,
         })
     }
 
@@ -189,6 +207,39 @@ impl LiveSolver {
         self.free.unknowns()
     }
 
+    /// Goes on with another model of the same body: other materials, another body force or other fixed nodes. The
+    /// states at hand are the start of the new ones, so the touch continues; its jets are published together once
+    /// all contacts of the touch are known.
+    ///
+    /// The places that can be touched stay those of the start. A place that becomes fixed is no longer solved.
+    ///
+    /// # Errors
+    ///
+    /// [`LiveError`]; the solver is then as before.
+    pub fn change(&mut self, scene: &ResolvedScene) -> Result<(), LiveError> {
+        if scene.order == ElementOrder::NearTool {
+            return Err(LiveError::NearTool);
+        }
+        let body = Arc::new(scene.body().map_err(|error| LiveError::Body(error.to_string()))?);
+        if body.nodes_m != self.body.nodes_m || body.state_len() != self.body.state_len() {
+            return Err(LiveError::OtherBody);
+        }
+        self.free = Problem::with(body.clone(), None, Constraints::Elimination);
+        self.states.become_those_of(&self.body, &body);
+        self.body = body;
+        self.skin.free_only(&self.body);
+        self.problems.clear();
+        let first = self.skin.first_free().ok_or(LiveError::NothingToTouch)?;
+        self.solver = Solver::new(Arc::new(self.free.at(self.skin.touch(first, &self.body))));
+        (self.contact, self.factor) = (None, None);
+        self.known.fill(Known::default());
+        (self.growth, self.lost) = (Growth::default(), LostPositions::default());
+        self.outbox.clear();
+        self.model += 1;
+        self.holds_back = true;
+        Ok(())
+    }
+
     /// Work since the start.
     pub fn totals(&self) -> Totals {
         self.totals
@@ -197,12 +248,14 @@ impl LiveSolver {
     /// All jets of a contact, as if they were found anew.
     pub fn jets(&self, contact: u16) -> impl Iterator<Item = Published> {
         let jets = self.known.get(usize::from(contact)).map_or(&[][..], Known::jets);
+        let model = self.model;
         jets.iter().map(move |&trust| Published {
             contact,
             trust,
             joins: true,
             is_fresh: false,
             is_unstable: false,
+            model,
         })
     }
 
@@ -216,10 +269,26 @@ impl LiveSolver {
     pub fn step(&mut self, hand: &Hand) -> Step {
         let Self { skin, known, growth, lost, factor, solve_s, near, .. } = self;
         let choice = Choice { skin, known, growth, lost, factor: *factor, solve_s: *solve_s };
-        match choice.next(hand, near) {
+        let step = match choice.next(hand, near) {
             Some(task) => self.solve(task),
             None => Step::Idle,
-        }
+        };
+        self.holds_back &= hand.touch.as_ref().is_some_and(|touch| !self.knows(touch));
+        step
+    }
+
+    /// The next jet for the loop. After a change of the model there is none until the present touch is known.
+    pub fn published(&mut self) -> Option<Published> {
+        if self.holds_back { None } else { self.outbox.pop_front() }
+    }
+
+    /// Whether every contact of a touch is known there, or cannot be.
+    fn knows(&self, touch: &Touch) -> bool {
+        touch.contacts.iter().filter(|(_, weight)| *weight > 0.0).all(|&(contact, weight)| {
+            let known = self.known.get(usize::from(contact));
+            self.lost.contains(contact, touch.control_m)
+                || known.is_none_or(|known| self.growth.knows(known, touch.control_m, weight, Limit::Unknown))
+        })
     }
 
     fn solve(&mut self, task: Task) -> Step {
@@ -228,13 +297,14 @@ impl LiveSolver {
         let from = self.start(&task, is_first);
         let factorisations = self.totals.factorisations;
         let mut to = self.states.room();
-        let found = self.reach(&from, &task, task.renews || moves, &mut to);
+        let found = self.reach(&from.seed, &task, task.renews || moves, &mut to);
         self.has_renewed = self.totals.factorisations > factorisations;
         let step = match found {
             Ok((found, landed)) => {
-                let published = self.published(&task, &from, &to, &found, landed, is_first);
-                self.states.keep(task.contact, to);
-                Step::Solved(published)
+                let published = self.enter(&task, &from, &to, &found, landed, is_first);
+                self.outbox.push_back(published);
+                self.states.keep(task.contact, Start { seed: to, is_guess: false });
+                Step::Solved
             }
             Err(_) => {
                 self.states.give_back(to);
@@ -244,7 +314,7 @@ impl LiveSolver {
             }
         };
         if is_first {
-            self.states.give_back(from);
+            self.states.give_back(from.seed);
         } else {
             self.states.keep(task.contact, from);
         }
@@ -252,9 +322,9 @@ impl LiveSolver {
     }
 
     /// The state to start from: the nearest of the contact, or the body at rest.
-    fn start(&mut self, task: &Task, is_first: bool) -> Seed {
-        if let Some(seed) = self.states.take_nearest(task.contact, task.control_m) {
-            return seed;
+    fn start(&mut self, task: &Task, is_first: bool) -> Start {
+        if !is_first && let Some(start) = self.states.take_nearest(task.contact, task.control_m) {
+            return start;
         }
         let mut rest = self.states.room();
         rest.become_rest(&self.body);
@@ -267,7 +337,7 @@ impl LiveSolver {
             }
             self.states.give_back(to);
         }
-        rest
+        Start { seed: rest, is_guess: false }
     }
 
     /// Moves the solver to a contact; whether its factor no longer serves.
@@ -340,18 +410,19 @@ impl LiveSolver {
     }
 
     /// Enters what was found in the memory.
-    fn published(
+    fn enter(
         &mut self,
         task: &Task,
-        from: &Seed,
+        from: &Start,
         to: &Seed,
         found: &Followed,
         landed: bool,
         is_first: bool,
     ) -> Published {
         let known = &mut self.known[usize::from(task.contact)];
-        let moved = to.jet.control_m != from.jet.control_m;
-        let joins = is_first || !moved || !landed && !Excess::with_thirds(&from.jet, &to.jet).is_jump();
+        let before = &from.seed.jet;
+        let starts = is_first || from.is_guess || to.jet.control_m == before.control_m;
+        let joins = starts || !landed && !Excess::with_thirds(before, &to.jet).is_jump();
         if joins && !is_first {
             self.growth.measure(known, &to.jet);
         }
@@ -367,13 +438,19 @@ impl LiveSolver {
             joins,
             is_fresh: found.unstable_modes.is_some(),
             is_unstable: found.unstable_modes.is_some_and(|modes| modes > 0),
+            model: self.model,
         }
     }
 
-    /// Displacement of nodes in the state nearest to the hand, blended over the contacts of the touch, m. Zero
-    /// without a touch, and for contacts without a kept state.
+    /// Displacement of nodes from the rest of the first model, in the state nearest to the hand, blended over the
+    /// contacts of the touch, m. That of the body at rest without a touch, and for contacts without a kept state.
     pub fn displacements_into(&self, hand: &Hand, nodes: &[u32], out: &mut [[f32; 3]]) {
-        out.fill([0.0; 3]);
+        for (&node, out) in nodes.iter().zip(out.iter_mut()) {
+            let at = |axis: usize| 3 * node as usize + axis;
+            *out = std::array::from_fn(|axis| {
+                (self.body.rest_state[at(axis)] - self.first_rest[at(axis)]) as f32
+            });
+        }
         let Some(touch) = &hand.touch else { return };
         for &(contact, weight) in touch.contacts.iter().filter(|(_, weight)| *weight > 0.0) {
             let Some(seed) = self.states.nearest(contact, touch.control_m) else { continue };

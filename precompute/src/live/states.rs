@@ -1,7 +1,7 @@
 //! The solved states that are kept as starts of the next continuations.
 
 use super::memory::Trust;
-use crate::fem::Seed;
+use crate::fem::{Body, Seed};
 use crate::num::vector::distance;
 
 /// Number of kept states. Each has four state vectors: 0.3 MB at 10,000 equations.
@@ -14,6 +14,16 @@ struct Kept {
     seed: Seed,
     /// When it was last used; the state used longest ago is replaced.
     used: u64,
+    /// Whether it is a guess for a model that has changed.
+    is_guess: bool,
+}
+
+/// A state to start from.
+#[derive(Debug)]
+pub(super) struct Start {
+    pub(super) seed: Seed,
+    /// Whether its jet is not that of the present model.
+    pub(super) is_guess: bool,
 }
 
 /// The kept states. All memory is taken at the start.
@@ -31,11 +41,12 @@ impl States {
     }
 
     /// Takes out the state of a contact that is nearest to a control, if there is one.
-    pub(super) fn take_nearest(&mut self, contact: u16, control_m: [f64; 3]) -> Option<Seed> {
+    pub(super) fn take_nearest(&mut self, contact: u16, control_m: [f64; 3]) -> Option<Start> {
         let away = |kept: &Kept| distance(kept.seed.jet.control_m, control_m);
         let of_contact = self.kept.iter().enumerate().filter(|(_, kept)| kept.contact == contact);
         let (nearest, _) = of_contact.min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)))?;
-        Some(self.kept.swap_remove(nearest).seed)
+        let Kept { seed, is_guess, .. } = self.kept.swap_remove(nearest);
+        Some(Start { seed, is_guess })
     }
 
     /// The state of a contact that is nearest to a control.
@@ -59,9 +70,9 @@ impl States {
     }
 
     /// Keeps a state.
-    pub(super) fn keep(&mut self, contact: u16, seed: Seed) {
+    pub(super) fn keep(&mut self, contact: u16, Start { seed, is_guess }: Start) {
         self.uses += 1;
-        self.kept.push(Kept { contact, seed, used: self.uses });
+        self.kept.push(Kept { contact, seed, used: self.uses, is_guess });
     }
 
     /// Gives room back.
@@ -69,10 +80,27 @@ impl States {
         self.free.push(seed);
     }
 
+    /// The states become guesses of a body with other materials, forces or fixed nodes, relative to its rest.
+    pub(super) fn become_those_of(&mut self, old: &Body, new: &Body) {
+        for Kept { seed, is_guess, .. } in &mut self.kept {
+            *is_guess = true;
+            let rest = new.rest_state.iter().zip(&old.rest_state);
+            for (value, (new, old)) in seed.state.iter_mut().zip(rest) {
+                *value += new - old;
+            }
+            let fixed = new.fixed.as_flattened();
+            for (at, _) in fixed.iter().enumerate().filter(|(_, fixed)| **fixed) {
+                seed.state[at] = new.rest_state[at];
+                seed.sensitivity.iter_mut().for_each(|column| column[at] = 0.0);
+            }
+        }
+    }
+
     /// Removes the states that lie on another branch than a jet of their contact.
     pub(super) fn flush(&mut self, contact: u16, trust: &Trust) {
         let free = &mut self.free;
-        let differs = |kept: &mut Kept| kept.contact == contact && !trust.agrees(&kept.seed.jet);
+        let differs =
+            |kept: &mut Kept| kept.contact == contact && (kept.is_guess || !trust.agrees(&kept.seed.jet));
         free.extend(self.kept.extract_if(.., differs).map(|kept| kept.seed));
     }
 }

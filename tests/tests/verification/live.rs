@@ -9,6 +9,7 @@ use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::fem::{
     Body, Constraints, FollowOptions, Followed, Handle, Model, Pad, Problem, Seed, SolveFailure, Solver,
 };
+use palpate_precompute::live::{Hand, LiveSolver, Published, Step, Touch, Truth};
 use palpate_precompute::num::EnergyJet;
 use palpate_precompute::scene::Scene;
 
@@ -167,5 +168,63 @@ fn step(
     match solver.follow(from, d, true, &FollowOptions::default(), to) {
         Ok(_) => Ok(None),
         Err(_) => solver.relax(from, d, to).map(Some),
+    }
+}
+
+/// A stiffer material, gravity and other fixed nodes while a hand holds the organ at 8 mm: nothing is published before the touch is
+/// known in the new model, and then it has the force of a session that began with it.
+#[test]
+fn a_changed_model_is_followed_where_the_hand_is() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
+    let scene = Scene::load(&path).expect("a bundled scene");
+    let mut solver = LiveSolver::new(&scene.resolve().expect("a bundled scene")).expect("it can be touched");
+    let node = scene.resolve().expect("a bundled scene").active[0].node;
+    let contact = solver.skin().contacts.iter().position(|place| place.node == node).expect("on the skin");
+    let place = solver.skin().contacts[contact];
+    let control_m = place.normal.map(|n| -0.008 * n);
+    let hand = Hand {
+        touch: Some(Touch { contacts: [(contact as u16, 1.0), (0, 0.0), (0, 0.0)], control_m }),
+        ..Hand::default()
+    };
+    let jets = |solver: &mut LiveSolver| -> Vec<Published> {
+        let mut all = Vec::new();
+        while solver.step(&hand) != Step::Idle {
+            all.extend(std::iter::from_fn(|| solver.published()));
+        }
+        all
+    };
+    let first = jets(&mut solver);
+    assert!(first.len() >= 2 && first.iter().all(|jet| jet.model == 0));
+    for (number, (key, value)) in [
+        ("material.c10_pa", "2600.0"),
+        ("fixed.group", "F2"),
+        ("body_force.force_n_per_m3", "[0.0, 0.0, -2000.0]"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let changed = scene.with(key, value).expect("the scene has it");
+        let changed = changed.resolve().expect("it can be solved");
+        solver.change(&changed).expect("the same mesh");
+        assert!(solver.published().is_none(), "{key}: nothing is known yet");
+        let found = jets(&mut solver);
+        assert!(found.iter().all(|jet| jet.model == number as u32 + 1), "{key}");
+        let nearest = |all: &[Published]| {
+            let here = all.iter().filter(|jet| usize::from(jet.contact) == contact);
+            let away =
+                |jet: &&Published| (Vector3::from(jet.trust.jet.control_m) - Vector3::from(control_m)).norm();
+            *here.min_by(|a, b| away(a).total_cmp(&away(b))).expect("a jet at the hand")
+        };
+        let found = nearest(&found);
+        let fresh = LiveSolver::new(&changed).expect("it can be touched");
+        let index = fresh.skin().contacts.iter().position(|place| place.node == node).expect("free");
+        let touch = Touch {
+            contacts: [(index as u16, 1.0), (0, 0.0), (0, 0.0)],
+            control_m: found.trust.jet.control_m,
+        };
+        let wanted = Truth::new(&fresh).force_n(&touch).expect("it converges");
+        let (wanted, felt) = (Vector3::from(wanted), Vector3::from(found.trust.jet.force_n));
+        println!("{key} = {value}: {:.4} N, from the start {:.4} N", felt.norm(), wanted.norm());
+        assert!((felt - wanted).norm() < 2e-3 * wanted.norm(), "{key}: {felt} {wanted}");
     }
 }

@@ -323,6 +323,7 @@ fn palpate(
         has_motors: false,
         control: None,
         regions: None,
+        between: None,
     };
     let mut visits = Vec::new();
     let touched = touch::run(

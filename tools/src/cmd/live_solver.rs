@@ -6,11 +6,12 @@ use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
-use palpate_host::live::{Counters, Hand, Heart, Service, Serving, Work};
+use palpate_host::live::{Counters, Hand, Heart, Service, Serving, SessionEnded, Work};
 use palpate_host::sys::monotonic_ns;
 use palpate_precompute::live::{Hand as Seen, LiveSolver, Step, Touch};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 
+use super::live::split;
 use crate::failure::Failure;
 
 /// Pause while everything near the hand is known.
@@ -32,6 +33,9 @@ const RESEND: Duration = Duration::from_millis(200);
 pub(crate) struct Args {
     /// Scene
     scene: PathBuf,
+    /// Values that differ from the scene file
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
 }
 
 /// Runs the command.
@@ -40,30 +44,36 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         |error| Failure::input(format!("{error}: live-solver is started by `palpate live`, not by hand"));
     let service = Service::of_stdin().map_err(by_hand)?;
     let ended = |_| Failure::work("the session has ended");
-    match prepare(&args.scene) {
-        Ok((solver, blob, nodes)) => {
+    match prepare(args) {
+        Ok((scene, solver, blob, nodes)) => {
             let serving = service.ready(&blob, nodes.len()).map_err(ended)?;
-            Solving::new(solver, serving, nodes).run();
+            Solving::new(scene, solver, serving, nodes).run();
             Ok(())
         }
         Err(failure) => {
-            service.refuse(&failure.line()).map_err(ended)?;
-            Err(failure)
+            // The session prints it.
+            service.refuse(&failure.line()).map_err(ended)
         }
     }
 }
 
-/// The solver of a scene, the blob of its organ, and the nodes of the organ's surface.
-fn prepare(path: &Path) -> Result<(LiveSolver, Vec<u8>, Vec<u32>), Failure> {
-    let scene = scene(path)?;
-    let solver = solver(path, &scene)?;
-    let (blob, nodes) = solver.organ(&scene)?;
-    Ok((solver, blob, nodes))
+/// The scene, its solver, the blob of its organ, and the nodes of the organ's surface.
+fn prepare(args: &Args) -> Result<(Scene, LiveSolver, Vec<u8>, Vec<u32>), Failure> {
+    let scene = scene(&args.scene, &args.set)?;
+    let resolved = scene.resolve()?;
+    let solver = solver(&args.scene, &resolved)?;
+    let (blob, nodes) = solver.organ(&resolved)?;
+    Ok((scene, solver, blob, nodes))
 }
 
-/// The scene of a live session.
-pub(super) fn scene(path: &Path) -> Result<ResolvedScene, Failure> {
-    Ok(Scene::load(path)?.resolve()?)
+/// The scene of a live session, with values that differ from its file.
+pub(super) fn scene(path: &Path, settings: &[String]) -> Result<Scene, Failure> {
+    let mut scene = Scene::load(path)?;
+    for setting in settings {
+        let (key, value) = split(setting)?;
+        scene = scene.with(key, value)?;
+    }
+    Ok(scene)
 }
 
 /// The solver of a scene.
@@ -82,6 +92,7 @@ fn seen(hand: &Hand) -> Seen {
 
 /// A session from the solver's side.
 struct Solving {
+    scene: Scene,
     solver: LiveSolver,
     serving: Serving,
     nodes: Vec<u32>,
@@ -97,11 +108,12 @@ struct Solving {
 }
 
 impl Solving {
-    fn new(solver: LiveSolver, serving: Serving, nodes: Vec<u32>) -> Self {
+    fn new(scene: Scene, solver: LiveSolver, serving: Serving, nodes: Vec<u32>) -> Self {
         let solving_ns = Arc::new(AtomicU64::new(0));
         let (heart, watched) = (serving.end.heart(), Arc::downgrade(&solving_ns));
         std::thread::spawn(move || beat(&heart, &watched));
         Self {
+            scene,
             solver,
             serving,
             displacements_m: vec![[0.0; 3]; nodes.len()],
@@ -120,6 +132,9 @@ impl Solving {
         while !self.serving.end.has_session_ended() {
             let hand = self.serving.end.hand();
             let seen = seen(&hand);
+            if let Some(setting) = self.serving.next_line() {
+                self.change(&setting);
+            }
             self.show(&seen);
             if self.resend(&hand).is_err() {
                 return;
@@ -138,21 +153,50 @@ impl Solving {
             self.solver.took(took.as_secs_f64());
             self.counters.busy_ns += took.as_nanos() as u64;
             match step {
-                Step::Solved(published) => {
-                    self.counters.solves += 1;
-                    self.sequence += 1;
-                    if self.serving.end.send(&published.jet(self.sequence)).is_err() {
-                        return;
-                    }
-                }
+                Step::Solved => self.counters.solves += 1,
                 Step::Lost { .. } | Step::Idle => self.counters.lost += 1,
+            }
+            if self.send().is_err() {
+                return;
             }
             self.serving.end.set_counters(self.counters);
         }
     }
 
+    /// Changes a value of the scene, and reports what came of it.
+    fn change(&mut self, setting: &str) {
+        let begun = Instant::now();
+        self.solving_ns.store(monotonic_ns(), Ordering::Relaxed);
+        let changed = self.changed(setting);
+        self.solving_ns.store(0, Ordering::Relaxed);
+        let line = match changed {
+            Ok(()) => format!("{setting} ({:.2} s)", begun.elapsed().as_secs_f64()),
+            Err(failure) => failure.line(),
+        };
+        // The session may have ended.
+        let _ = self.serving.report(&line);
+        self.at_rest = false;
+    }
+
+    fn changed(&mut self, setting: &str) -> Result<(), Failure> {
+        let (key, value) = split(setting)?;
+        let scene = self.scene.with(key, value)?;
+        self.solver.change(&scene.resolve()?).map_err(Failure::input)?;
+        self.scene = scene;
+        Ok(())
+    }
+
+    /// Sends the jets that are ready.
+    fn send(&mut self) -> Result<(), SessionEnded> {
+        while let Some(published) = self.solver.published() {
+            self.sequence += 1;
+            self.serving.end.send(&published.jet(self.sequence))?;
+        }
+        Ok(())
+    }
+
     /// Sends the jets of a contact again that the loop has given up for others.
-    fn resend(&mut self, hand: &Hand) -> Result<(), palpate_host::live::SessionEnded> {
+    fn resend(&mut self, hand: &Hand) -> Result<(), SessionEnded> {
         let missing = hand.engaged.iter().zip(hand.missing).find(|(_, missing)| *missing);
         let Some((node, _)) = missing else { return Ok(()) };
         let contact = node.space;

@@ -148,6 +148,7 @@ impl SessionArgs {
             has_motors: self.device.hardware().is_some(),
             control: None,
             regions: None,
+            between: None,
         }
     }
 }

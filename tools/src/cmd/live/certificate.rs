@@ -124,7 +124,7 @@ impl Visits {
 
     /// Follows the visited way and compares at positions that are spread evenly over it.
     fn check(&self, args: &Args, stop: &AtomicBool) -> Result<Checked, Failure> {
-        let live = solver(&args.scene, &scene(&args.scene)?)?;
+        let live = solver(&args.scene, &scene(&args.scene, &args.start()?)?.resolve()?)?;
         let mut truth = Truth::new(&live);
         let mut checked = Checked::default();
         let mut progress = WorkProgress::new("check", "positions");

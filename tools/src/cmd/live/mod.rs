@@ -1,6 +1,7 @@
 //! `palpate live`: touch at once; the forces are solved beside the loop.
 
 mod certificate;
+mod knobs;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -22,6 +23,9 @@ use crate::interrupt::stop_flag;
 use crate::session::{self, Figures, Opener, Replay, SessionArgs, Watcher};
 use crate::touch::{self, LiveSource, Source};
 use certificate::Visits;
+use knobs::{Knobs, Turned};
+
+pub(in crate::cmd) use knobs::split;
 
 /// Number of contacts of a live session.
 const CONTACTS: usize = Limits::LIVE.spaces;
@@ -38,8 +42,23 @@ pub(crate) struct Args {
     /// Solve N visited positions afterwards and report the error of the force that was felt; 0 for none
     #[arg(long, value_name = "N", default_value_t = 0)]
     check: usize,
+    /// Change a value of the scene: material.c10_pa=2600, fixed.group=F2; with several values for a key, the keys 1
+    /// to 9 of the window go from one to the next
+    ///
+    /// The scene file is not changed. `palpate control SOCKET set KEY=VALUE` changes one while the session runs. The
+    /// touch goes on: the solver continues from the states at hand, and the force changes over within a fraction of
+    /// a second. Of several materials one is meant by its group: material.GROUP.c10_pa.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
     #[command(flatten)]
     session: SessionArgs,
+}
+
+impl Args {
+    /// The values at the start of the session.
+    fn start(&self) -> Result<Vec<String>, Failure> {
+        Ok(Knobs::of(&self.set)?.settings().collect())
+    }
 }
 
 /// Runs the command.
@@ -55,7 +74,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let profile = session::profile(&args.session)?;
     let stop = stop_flag()?;
     let mut command = Command::new(std::env::current_exe().map_err(Failure::work)?);
+    let mut knobs = Knobs::of(&args.set)?;
     command.arg("live-solver").arg(&args.scene);
+    knobs.settings().for_each(|setting| {
+        command.arg("--set").arg(setting);
+    });
     let started = host_live::start(command, &stop, |line| eprintln!("palpate: {line}"));
     let host_live::Ready { blob, for_loop, view, process } = started.map_err(|error| match error {
         StartError::Refused(line) => Failure::input(line),
@@ -73,10 +96,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let record = outputs.record.as_ref();
     let record =
         record.map(|file| touch::Record { file, blob_blake3: &blob_blake3, live: Some(blob.bytes()) });
+    knobs.drive(process);
+    let knobs = Turned::new(knobs, control.as_ref());
     let show = touch::Show {
         profile: profile.as_ref(),
         mouse: mouse.as_ref(),
         control: control.as_ref(),
+        between: Some(&knobs),
         ..args.session.show(record)
     };
     let mut watcher = Watcher::new(&args.session, begun);
@@ -92,7 +118,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         visits.take(record);
     })?;
     let counters = meter.counters();
-    drop(process);
+    drop(knobs);
     let certificate = visits.certificate(args, &touched.summary, counters, &stop)?;
     let mut of = Map::new();
     of.insert("scene".into(), json!(args.scene));

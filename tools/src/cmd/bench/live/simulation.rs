@@ -98,12 +98,6 @@ pub(super) fn csv(outcomes: &[Outcome]) -> Result<Vec<u8>, Failure> {
     Ok(text.into_bytes())
 }
 
-/// A jet that is known to the loop from this time on.
-struct Pending {
-    at_ms: f64,
-    step: Step,
-}
-
 /// The ticks of one hand.
 struct Ticks {
     felt_n: Vec<V>,
@@ -121,15 +115,18 @@ pub(super) fn run(
 ) -> Result<Outcome, Failure> {
     let mut memory: Box<JetMemory<8, 256>> = Box::default();
     let (mut busy_ms, mut longest_ms) = (0.0, 0.0f64);
-    let mut pending: Option<Pending> = None;
+    // When the jets of the present solve are known to the loop.
+    let mut solved_ms: Option<f64> = None;
     let mut free_ms = 0.0;
     let mut sequence = 0;
     let (mut at, mut velocity) = (hand.control_m[0], V::zeros());
     // What a tool that comes near finds solved.
     let near = Seen { touch: Some(touch(contact, &at)), ..Seen::default() };
-    while let Step::Solved(published) = solver.step(&near) {
-        memory.insert(&published.jet(sequence));
-        sequence += 1;
+    while solver.step(&near) == Step::Solved {
+        while let Some(published) = solver.published() {
+            memory.insert(&published.jet(sequence));
+            sequence += 1;
+        }
     }
     let mut ticks =
         Ticks { felt_n: Vec::new(), extrapolated: 0, first_force_ms: usize::MAX, handover_n: 0.0 };
@@ -139,13 +136,14 @@ pub(super) fn run(
         at = expected + (d - expected) * ALPHA;
         velocity += (d - expected) * (BETA / 1e-3);
         loop {
-            if pending.as_ref().is_some_and(|pending| pending.at_ms <= now_ms)
-                && let Some(Pending { step: Step::Solved(published), .. }) = pending.take()
-            {
-                memory.insert(&published.jet(sequence));
-                sequence += 1;
+            if solved_ms.is_some_and(|at_ms| at_ms <= now_ms) {
+                solved_ms = None;
+                while let Some(published) = solver.published() {
+                    memory.insert(&published.jet(sequence));
+                    sequence += 1;
+                }
             }
-            if pending.is_some() || free_ms > now_ms {
+            if solved_ms.is_some() || free_ms > now_ms {
                 break;
             }
             let seen =
@@ -161,7 +159,7 @@ pub(super) fn run(
             busy_ms += 1e3 * seconds;
             longest_ms = longest_ms.max(1e3 * seconds);
             free_ms = free_ms.max(now_ms - 1.0) + 1e3 * seconds;
-            pending = Some(Pending { at_ms: free_ms, step });
+            solved_ms = Some(free_ms);
         }
         ticks.tick(&mut memory, contact, ms, d);
     }

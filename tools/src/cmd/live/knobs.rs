@@ -1,0 +1,138 @@
+//! What a user changes while touching: values of the scene, by key, by socket or at the start.
+
+use std::cell::RefCell;
+use std::time::{Duration, Instant};
+
+use palpate_host::live::SolverProcess;
+use palpate_host::rt::Controls;
+
+use crate::control::Control;
+use crate::failure::Failure;
+use crate::touch::Between;
+
+/// Time between two looks for lines of the solver.
+const LOOK: Duration = Duration::from_millis(30);
+/// Largest number of keys of the window.
+const KEYS: usize = 9;
+
+/// A value of the scene with its alternatives.
+#[derive(Debug, Clone, PartialEq)]
+struct Knob {
+    key: String,
+    values: Vec<String>,
+    at: usize,
+}
+
+/// The knobs of a session.
+#[derive(Debug, Default)]
+pub(super) struct Knobs {
+    knobs: Vec<Knob>,
+    process: Option<SolverProcess>,
+    looked: Option<Instant>,
+}
+
+impl Knobs {
+    /// `KEY=VALUE` each; a key that occurs several times has several values.
+    pub(super) fn of(settings: &[String]) -> Result<Self, Failure> {
+        let mut knobs: Vec<Knob> = Vec::new();
+        for setting in settings {
+            let (key, value) = split(setting)?;
+            match knobs.iter_mut().find(|knob| knob.key == key) {
+                Some(knob) => knob.values.push(value.into()),
+                None => knobs.push(Knob { key: key.into(), values: vec![value.into()], at: 0 }),
+            }
+        }
+        if knobs.len() > KEYS {
+            return Err(Failure::input(format!("--set: at most {KEYS} different keys")));
+        }
+        Ok(Self { knobs, process: None, looked: None })
+    }
+
+    /// The present setting of each key.
+    pub(super) fn settings(&self) -> impl Iterator<Item = String> {
+        self.knobs.iter().map(|knob| format!("{}={}", knob.key, knob.values[knob.at]))
+    }
+
+    /// The solver that carries changes out. It ends when the knobs are dropped.
+    pub(super) fn drive(&mut self, process: SolverProcess) {
+        self.process = Some(process);
+    }
+
+    /// Passes on what the user asked for, and returns a line of the solver, if it has one.
+    fn poll(&mut self, controls: &Controls, control: Option<&Control>) -> Option<String> {
+        if let Some(knob) = controls.take_knob() {
+            self.turn(usize::from(knob));
+        }
+        if self.looked.is_some_and(|at| at.elapsed() < LOOK) {
+            return None;
+        }
+        self.looked = Some(Instant::now());
+        while let Some(setting) = control.and_then(Control::take_setting) {
+            self.tell(&setting);
+        }
+        let line = self.process.as_mut()?.next_line(Duration::ZERO).ok().flatten()?;
+        eprintln!("palpate: {line}");
+        Some(line)
+    }
+
+    /// Goes to the next value of a knob.
+    fn turn(&mut self, index: usize) {
+        let Some(knob) = self.knobs.get_mut(index).filter(|knob| knob.values.len() > 1) else { return };
+        knob.at = (knob.at + 1) % knob.values.len();
+        let setting = format!("{}={}", knob.key, knob.values[knob.at]);
+        self.tell(&setting);
+    }
+
+    fn tell(&self, setting: &str) {
+        // A solver that is gone has its fault in the loop.
+        let _ = self.process.as_ref().map(|process| process.tell(setting));
+    }
+}
+
+/// The knobs of a session with the socket that controls it.
+#[derive(Debug)]
+pub(super) struct Turned<'s> {
+    knobs: RefCell<Knobs>,
+    control: Option<&'s Control>,
+}
+
+impl<'s> Turned<'s> {
+    pub(super) fn new(knobs: Knobs, control: Option<&'s Control>) -> Self {
+        Self { knobs: RefCell::new(knobs), control }
+    }
+}
+
+impl Between for Turned<'_> {
+    fn poll(&self, controls: &Controls) -> Option<String> {
+        self.knobs.borrow_mut().poll(controls, self.control)
+    }
+}
+
+/// Key and value of `KEY=VALUE`.
+pub(in crate::cmd) fn split(setting: &str) -> Result<(&str, &str), Failure> {
+    let parts = setting.split_once('=').map(|(key, value)| (key.trim(), value.trim()));
+    parts.filter(|(key, value)| !key.is_empty() && !value.is_empty()).ok_or_else(|| {
+        Failure::input(format!("`{setting}` is not KEY=VALUE, for example material.c10_pa=2600"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_repeated_key_has_several_values_and_the_first_is_the_start() {
+        let settings = ["a.b=1", "c = [0, 1]", "a.b=2"].map(String::from);
+        let mut knobs = Knobs::of(&settings).expect("three settings");
+        assert_eq!(knobs.settings().collect::<Vec<_>>(), ["a.b=1", "c=[0, 1]"]);
+        knobs.turn(0);
+        knobs.turn(1);
+        knobs.turn(7);
+        assert_eq!(knobs.settings().collect::<Vec<_>>(), ["a.b=2", "c=[0, 1]"]);
+        knobs.turn(0);
+        assert_eq!(knobs.settings().next().as_deref(), Some("a.b=1"));
+        for wrong in ["", "a", "=1", "a="] {
+            assert!(Knobs::of(&[wrong.to_owned()]).is_err(), "{wrong}");
+        }
+    }
+}
