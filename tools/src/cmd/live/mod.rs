@@ -30,22 +30,22 @@ pub(in crate::cmd) use knobs::split;
 /// Number of contacts of a live session.
 const CONTACTS: usize = Limits::LIVE.spaces;
 
-/// Touch a scene at once: nothing is precomputed, a solver beside the loop follows the hand.
+/// Touch a scene at once: a solver beside the loop follows the hand
 ///
-/// Every free vertex of the skin can be touched. A second process solves the finite-element model where the hand
+/// Nothing is precomputed. Every free vertex of the skin can be touched. A second process solves the finite-element model where the hand
 /// is and where it goes; the loop interpolates between what is solved. Where the solver lags, the force levels off
 /// and then fades, and the window says so.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The scene, a .toml file
     scene: PathBuf,
-    /// Solve N visited positions afterwards and report the error of the force that was felt; 0 for none
+    /// Solve N visited positions afterwards and report the error of the felt force; 0 for none
     #[arg(long, value_name = "N", default_value_t = 0)]
     check: usize,
-    /// Change a value of the scene: material.c10_pa=2600, fixed.group=F2; with several values for a key, the keys 1
-    /// to 9 of the window go from one to the next
+    /// Change a value of the scene, for example material.c10_pa=2600 or fixed.group=F2
     ///
-    /// The scene file is not changed. `palpate control SOCKET set KEY=VALUE` changes one while the session runs. The
+    /// With several values for a key, the keys 1 to 9 of the window go from one to the next. The scene file is not
+    /// changed. `palpate control SOCKET set KEY=VALUE` changes one while the session runs. The
     /// touch goes on: the solver continues from the states at hand, and the force changes over within a fraction of
     /// a second. Of several materials one is meant by its group: material.GROUP.c10_pa.
     #[arg(long, value_name = "KEY=VALUE")]
