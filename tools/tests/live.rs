@@ -150,7 +150,7 @@ fn a_pause_of_the_solver_is_no_fault() {
 /// The material is changed at the start, and again while the hand touches, over the socket: the touch goes on.
 #[test]
 fn the_scene_changes_while_a_hand_touches() {
-    let _alone = quiet();
+    let alone = quiet();
     let folder = tempfile::tempdir().expect("a folder");
     let socket = folder.path().join("control");
     let session =
@@ -175,6 +175,7 @@ fn the_scene_changes_while_a_hand_touches() {
     let figures: serde_json::Value = serde_json::from_str(&told).expect("JSON");
     let step_n = figures["session"]["touch"]["largest_step_n"].as_f64().expect("a number");
     assert!(step_n < 0.2, "{figures:#}");
+    drop(alone);
     refused(&["live", SCENE, "--set", "material.c10_pa"], &["material.c10_pa", "KEY=VALUE"]);
     refused(&["live", SCENE, "--set", "material.c99_pa=1"], &["unknown key `c99_pa`"]);
 }
