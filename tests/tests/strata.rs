@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 51] = [
+const PRECOMPUTE: [&str; 52] = [
     "error",
     "files",
     "num",
@@ -126,6 +126,7 @@ const PRECOMPUTE: [&str; 51] = [
     "live::hand",
     "live::skin",
     "live::memory",
+    "live::published",
     "live::states",
     "live::choice",
     "live::solver",
@@ -272,7 +273,7 @@ const HIL: [&str; 27] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 66] = [
+const TOOLS: [&str; 67] = [
     "memory",
     "resident",
     "timing",
@@ -281,6 +282,7 @@ const TOOLS: [&str; 66] = [
     "files",
     "output",
     "points",
+    "setting",
     "interrupt",
     "progress",
     "analysis",

@@ -28,6 +28,7 @@ mod progress;
 mod regions;
 mod resident;
 mod session;
+mod setting;
 mod summary;
 mod timing;
 mod touch;

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 
-use super::live::split;
 use crate::control::{self, Request};
 use crate::failure::Failure;
 use crate::output;
+use crate::setting::split;
 
 /// Ask a session for its status, disarm, reset, change or end it.
 ///

@@ -11,8 +11,8 @@ use palpate_host::sys::monotonic_ns;
 use palpate_precompute::live::{Hand as Seen, LiveSolver, Step, Touch};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 
-use super::live::split;
 use crate::failure::Failure;
+use crate::setting::split;
 
 /// Pause while everything near the hand is known.
 const IDLE_PAUSE: Duration = Duration::from_micros(300);

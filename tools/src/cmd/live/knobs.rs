@@ -8,6 +8,7 @@ use palpate_host::rt::Controls;
 
 use crate::control::Control;
 use crate::failure::Failure;
+use crate::setting::split;
 use crate::touch::Between;
 
 /// Time between two looks for lines of the solver.
@@ -106,14 +107,6 @@ impl Between for Turned<'_> {
     fn poll(&self, controls: &Controls) -> Option<String> {
         self.knobs.borrow_mut().poll(controls, self.control)
     }
-}
-
-/// Key and value of `KEY=VALUE`.
-pub(in crate::cmd) fn split(setting: &str) -> Result<(&str, &str), Failure> {
-    let parts = setting.split_once('=').map(|(key, value)| (key.trim(), value.trim()));
-    parts.filter(|(key, value)| !key.is_empty() && !value.is_empty()).ok_or_else(|| {
-        Failure::input(format!("`{setting}` is not KEY=VALUE, for example material.c10_pa=2600"))
-    })
 }
 
 #[cfg(test)]

@@ -25,8 +25,6 @@ use crate::touch::{self, LiveSource, Source};
 use certificate::Visits;
 use knobs::{Knobs, Turned};
 
-pub(in crate::cmd) use knobs::split;
-
 /// Number of contacts of a live session.
 const CONTACTS: usize = Limits::LIVE.spaces;
 
