@@ -5,6 +5,7 @@ use palpate_core::{Jet, JetFlags};
 use super::memory::Trust;
 use crate::num::SECOND_INDICES;
 use crate::num::jet::EnergyJet;
+use crate::num::vector::distance;
 
 /// A jet that the loop has not got yet.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,6 +26,11 @@ pub struct Published {
 }
 
 impl Published {
+    /// Distance of its control from another one, m.
+    pub fn distance_m(&self, control_m: [f64; 3]) -> f64 {
+        distance(self.trust.jet.control_m, control_m)
+    }
+
     /// The jet for the loop, with its number in the session.
     pub fn jet(&self, sequence: u32) -> Jet {
         let EnergyJet { control_m, energy_j, force_n, stiffness_n_m, third_n_m2 } = self.trust.jet;

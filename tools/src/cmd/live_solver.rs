@@ -25,6 +25,8 @@ const BEAT: Duration = Duration::from_millis(20);
 const LONGEST_SOLVE: Duration = Duration::from_secs(20);
 /// Time before jets that the loop lacks are sent once more.
 const RESEND: Duration = Duration::from_millis(200);
+/// Jets of a contact that are sent once more, the nearest ones: the loop keeps four times as many.
+const RESENT: usize = 64;
 
 /// Solve where the hand of `palpate live` goes.
 ///
@@ -136,7 +138,7 @@ impl Solving {
                 self.change(&setting);
             }
             self.show(&seen);
-            if self.resend(&hand).is_err() {
+            if self.resend(&hand, |missing| missing).is_err() {
                 return;
             }
             self.solving_ns.store(monotonic_ns(), Ordering::Relaxed);
@@ -147,6 +149,11 @@ impl Solving {
             self.solving_ns.store(0, Ordering::Relaxed);
             if step == Step::Idle {
                 self.serving.end.set_work(Work::Idle);
+                // What is known here and not there was given up for other jets.
+                let lacks = hand.is_engaged && hand.is_extrapolated;
+                if lacks && self.resend(&hand, |_| true).is_err() {
+                    return;
+                }
                 std::thread::sleep(IDLE_PAUSE);
                 continue;
             }
@@ -195,16 +202,23 @@ impl Solving {
         Ok(())
     }
 
-    /// Sends the jets of a contact again that the loop has given up for others.
-    fn resend(&mut self, hand: &Hand) -> Result<(), SessionEnded> {
-        let missing = hand.engaged.iter().zip(hand.missing).find(|(_, missing)| *missing);
-        let Some((node, _)) = missing else { return Ok(()) };
+    /// Sends jets of a touched contact again that the loop has given up for others; `lacks` says by whether it has
+    /// none whether that is so.
+    fn resend(&mut self, hand: &Hand, lacks: impl Fn(bool) -> bool) -> Result<(), SessionEnded> {
+        let touched = hand.engaged.iter().zip(hand.missing).filter(|(node, _)| node.weight > 0.0);
+        let lacking = touched.filter(|(_, missing)| lacks(*missing));
+        let Some((node, _)) = lacking.max_by(|(a, _), (b, _)| a.weight.total_cmp(&b.weight)) else {
+            return Ok(());
+        };
         let contact = node.space;
         let is_recent = |&(of, at): &(u16, Instant)| of == contact && at.elapsed() < RESEND;
         if self.resent.as_ref().is_some_and(is_recent) {
             return Ok(());
         }
-        let jets: Vec<_> = self.solver.jets(contact).collect();
+        let at_m = hand.displacement_m.map(f64::from);
+        let mut jets: Vec<_> = self.solver.jets(contact).collect();
+        jets.sort_by(|a, b| a.distance_m(at_m).total_cmp(&b.distance_m(at_m)));
+        jets.truncate(RESENT);
         for published in &jets {
             self.sequence += 1;
             self.serving.end.send(&published.jet(self.sequence))?;

@@ -40,6 +40,8 @@ pub(super) struct Visits {
     first_touch_us: Option<u64>,
     touches: bool,
     kept: Vec<Visit>,
+    /// Whether the scene was changed: later positions belong to other models.
+    has_changed: bool,
 }
 
 /// What is reported. `null` where nothing was checked.
@@ -48,6 +50,8 @@ pub(super) struct Certificate {
     /// Positions that were solved for comparison, and those that could not be.
     checked: usize,
     unsolved: usize,
+    /// Whether the scene was changed: positions after that were not checked.
+    ends_at_change: bool,
     error_mn: Option<Errors>,
     not_felt_share: Option<f64>,
     /// From the command to the loop, and the wait of the first touch for its force.
@@ -70,17 +74,28 @@ struct Errors {
 
 impl Visits {
     pub(super) fn new(begun: Instant) -> Self {
-        Self { begun, ready: None, first_touch_us: None, touches: false, kept: Vec::new() }
+        Self {
+            begun,
+            ready: None,
+            first_touch_us: None,
+            touches: false,
+            kept: Vec::new(),
+            has_changed: false,
+        }
     }
 
-    /// Takes the next record.
-    pub(super) fn take(&mut self, record: &TickRecord) {
+    /// Takes the next record. Positions count until the scene is changed.
+    pub(super) fn take(&mut self, record: &TickRecord, has_changed: bool) {
         self.ready.get_or_insert_with(|| self.begun.elapsed());
         let begins = !std::mem::replace(&mut self.touches, record.engaged.is_some());
         if !self.touches {
             return;
         }
         self.first_touch_us.get_or_insert(record.t_us);
+        self.has_changed |= has_changed;
+        if self.has_changed {
+            return;
+        }
         let is_far = |last: &Visit| {
             vec3::distance(last.control_m, record.displacement_m) > WAY_M
                 || last.weights.map(|node| node.space) != record.shares.map(|node| node.space)
@@ -108,6 +123,7 @@ impl Visits {
         let waited_us = touch.first_force_us.zip(self.first_touch_us);
         let waited = waited_us.map(|(force_us, touch_us)| (force_us - touch_us) as f64 * 1e-6);
         Ok(Certificate {
+            ends_at_change: self.has_changed,
             checked: checked.errors.len(),
             unsolved: checked.unsolved,
             error_mn: checked.errors(),
@@ -203,6 +219,9 @@ impl Certificate {
                 error.max,
                 100.0 * share
             ));
+        }
+        if self.ends_at_change && self.error_mn.is_some() {
+            lines.push("             positions after the first change of the scene are not checked".into());
         }
         if self.unsolved > 0 {
             lines.push(format!("             {} positions could not be solved", self.unsolved));

@@ -1,6 +1,6 @@
 //! What a user changes while touching: values of the scene, by key, by socket or at the start.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
 use palpate_host::live::SolverProcess;
@@ -30,6 +30,8 @@ pub(super) struct Knobs {
     knobs: Vec<Knob>,
     process: Option<SolverProcess>,
     looked: Option<Instant>,
+    /// Whether the scene was changed.
+    has_changed: Cell<bool>,
 }
 
 impl Knobs {
@@ -46,7 +48,7 @@ impl Knobs {
         if knobs.len() > KEYS {
             return Err(Failure::input(format!("--set: at most {KEYS} different keys")));
         }
-        Ok(Self { knobs, process: None, looked: None })
+        Ok(Self { knobs, ..Self::default() })
     }
 
     /// The present setting of each key.
@@ -85,6 +87,7 @@ impl Knobs {
     }
 
     fn tell(&self, setting: &str) {
+        self.has_changed.set(true);
         // A solver that is gone has its fault in the loop.
         let _ = self.process.as_ref().map(|process| process.tell(setting));
     }
@@ -100,6 +103,11 @@ pub(super) struct Turned<'s> {
 impl<'s> Turned<'s> {
     pub(super) fn new(knobs: Knobs, control: Option<&'s Control>) -> Self {
         Self { knobs: RefCell::new(knobs), control }
+    }
+
+    /// Whether the scene was changed since the start.
+    pub(super) fn have_changed(&self) -> bool {
+        self.knobs.borrow().has_changed.get()
     }
 }
 

@@ -113,7 +113,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     };
     let touched = touch::run(&[&*organ], source, show, &stop, open, |record| {
         watcher.take(record);
-        visits.take(record);
+        visits.take(record, knobs.have_changed());
     })?;
     let counters = meter.counters();
     drop(knobs);
