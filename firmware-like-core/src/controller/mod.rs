@@ -23,7 +23,7 @@ use crate::touch::contact::{Contact, ContactKind, Engaged};
 use crate::touch::{NodeWeight, TouchSurface};
 
 /// Time in which a new stiffness lowers the force from all to nothing, s.
-const SCALE_S: f32 = 0.3;
+const SCALE_S: f32 = 0.05;
 /// Largest duration of a tick that the slew limit uses: a late tick does not permit a large step.
 const MAX_SLEW_TIME_US: u64 = 2_000;
 
@@ -201,9 +201,11 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     /// lowers it in time while the tool touches.
     fn scale(&self, stiffest_n_m: f32, state: &mut State, is_engaged: bool, elapsed_s: f32) -> f32 {
         let limit_n_m = self.config.limits.max_stiffness_n_m;
-        let wanted = if stiffest_n_m > 0.0 { (limit_n_m / stiffest_n_m).min(1.0) } else { self.hand_scale };
+        let wanted = (limit_n_m / stiffest_n_m.max(f32::MIN_POSITIVE)).min(1.0);
         let step = elapsed_s / SCALE_S;
         let scale = match state.scale.filter(|_| is_engaged) {
+            // The controller has found the stiffness of tables at the start.
+            _ if stiffest_n_m <= 0.0 => self.hand_scale,
             Some(before) => before + (wanted - before).clamp(-step, step),
             None => wanted,
         };

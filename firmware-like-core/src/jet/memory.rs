@@ -241,6 +241,9 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
     fn energy_j(&self, space: u16, displacement_m: Vec3) -> Option<f32> {
         let of = |space: u16| {
             let place = self.place(space)?;
+            if place.table.model() != self.model && place.tick != self.tick {
+                return None;
+            }
             place.table.energy_j(displacement_m, place.tick == self.tick)
         };
         let mean = || {

@@ -180,7 +180,7 @@ fn the_stiffness_of_the_jets_limits_the_force() {
     memory.insert(&stiff(1_000.0, [0.0, 0.0, -8e-3]));
     let shares: Vec<f32> = (0..300).map(|_| share(at(&mut memory, -8e-3))).collect();
     assert!(shares.windows(2).all(|pair| pair[1] <= pair[0] + 1e-4), "it only falls");
-    assert!(shares[0] > 0.39 && (shares[299] - 0.2).abs() < 1e-3, "{} {}", shares[0], shares[299]);
+    assert!(shares[0] > 0.35 && (shares[299] - 0.2).abs() < 1e-3, "{} {}", shares[0], shares[299]);
 }
 
 /// Disarming ends a touch for the jets too: its point makes room for others.

@@ -1,7 +1,7 @@
 //! Statistics over the records of a session or a recording.
 
 use crate::rt::TickRecord;
-use palpate_core::{Coverage, Phase, vec3};
+use palpate_core::{Coverage, Phase, Vec3, vec3};
 
 /// Largest values and counts over the records that reached the caller.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -31,10 +31,12 @@ pub struct TouchStatistics {
     pub first_force_us: Option<u64>,
     /// Changes of the active jet of a touched contact; 0 where tables give the force.
     pub hand_overs: u32,
-    /// Largest change of h between two ticks of a touch in the second of which the active jet changed, N. It
-    /// contains the motion of the hand.
+    /// Largest change of h in a tick of a touch in which the active jet changed, beyond the change in the tick
+    /// before, which the motion of the hand explains, N.
     pub largest_hand_over_n: f32,
     before: Option<TickRecord>,
+    /// Change of h in the last tick of the present touch, N.
+    before_step_n: Vec3,
 }
 
 impl TouchStatistics {
@@ -68,10 +70,12 @@ impl TouchStatistics {
     fn add_hand_over(&mut self, before: &TickRecord, record: &TickRecord) {
         let hand_overs = |record: &TickRecord| record.live.map_or(0, |live| live.hand_overs);
         self.hand_overs = hand_overs(record);
+        let step_n = vec3::sub(record.reaction_n, before.reaction_n);
         if self.hand_overs != hand_overs(before) && before.engaged.is_some() && record.engaged.is_some() {
-            let step_n = vec3::distance(before.reaction_n, record.reaction_n);
-            self.largest_hand_over_n = self.largest_hand_over_n.max(step_n);
+            let beyond_n = vec3::distance(step_n, self.before_step_n);
+            self.largest_hand_over_n = self.largest_hand_over_n.max(beyond_n);
         }
+        self.before_step_n = step_n;
     }
 
     /// Share of the ticks in contact whose force was extrapolated; 0 without contact.

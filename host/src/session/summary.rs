@@ -85,7 +85,7 @@ impl fmt::Display for SessionSummary {
         writeln!(f, "instructions {}", self.instructions)?;
         match self.live {
             None => write!(f, "stiffness    up to {:.0} N/m", self.stiffest_n_m)?,
-            Some(_) => write!(f, "stiffness    that of the jets, not limited")?,
+            Some(_) => write!(f, "stiffness    that of the jets, limited to the device's")?,
         }
         if self.force_share < 1.0 {
             let cap_n_m = self.force_share * self.stiffest_n_m;

@@ -35,22 +35,27 @@ pub(super) struct Task {
     pub(super) control_m: [f64; 3],
     /// Whether a new factor is the reason.
     pub(super) renews: bool,
+    /// Whether the hand is not there yet. A fold that lies ahead must not end the branch that the hand is on.
+    pub(super) is_ahead: bool,
 }
 
-/// Positions where no equilibrium was found, newest last.
+/// Positions where no equilibrium was found, newest last, and whether the hand was not there yet.
 #[derive(Debug, Default)]
-pub(super) struct LostPositions(Vec<(u16, [f64; 3])>);
+pub(super) struct LostPositions(Vec<(u16, [f64; 3], bool)>);
 
 impl LostPositions {
     pub(super) fn add(&mut self, task: &Task) {
         if self.0.len() == LOST {
             self.0.remove(0);
         }
-        self.0.push((task.contact, task.control_m));
+        self.0.push((task.contact, task.control_m, task.is_ahead));
     }
 
-    pub(super) fn contains(&self, contact: u16, control_m: [f64; 3]) -> bool {
-        self.0.iter().any(|&(of, at_m)| of == contact && distance(at_m, control_m) < LOST_REACH_M)
+    /// Whether a position was tried in vain; where the hand is, only tries for the hand count.
+    pub(super) fn contains(&self, contact: u16, control_m: [f64; 3], is_ahead: bool) -> bool {
+        self.0.iter().any(|&(of, at_m, was_ahead)| {
+            of == contact && (is_ahead || !was_ahead) && distance(at_m, control_m) < LOST_REACH_M
+        })
     }
 }
 
@@ -88,7 +93,11 @@ impl Choice<'_> {
             std::array::from_fn(|axis| touch.control_m[axis] + reduced * ahead[axis])
         };
         let unknown = |control_m, limit| {
-            touched().find_map(|(contact, weight)| self.position(contact, control_m, weight, limit))
+            let is_ahead = control_m != touch.control_m;
+            touched().find_map(|(contact, weight)| {
+                let task = Task { contact, control_m, renews: false, is_ahead };
+                self.position(task, weight, limit)
+            })
         };
         first
             .or_else(|| unknown(touch.control_m, Limit::Unknown))
@@ -106,16 +115,17 @@ impl Choice<'_> {
         let rest = [0.0; 3];
         let is_new = self.known.get(usize::from(contact))?.is_empty()
             && self.skin.is_free(contact)
-            && !self.lost.contains(contact, rest);
-        is_new.then_some(Task { contact, control_m: rest, renews: false })
+            && !self.lost.contains(contact, rest, false);
+        is_new.then_some(Task { contact, control_m: rest, renews: false, is_ahead: false })
     }
 
-    fn position(&self, contact: u16, control_m: [f64; 3], weight: f64, limit: Limit) -> Option<Task> {
+    fn position(&self, task: Task, weight: f64, limit: Limit) -> Option<Task> {
+        let Task { contact, control_m, is_ahead, .. } = task;
         let known = self.known.get(usize::from(contact))?;
         let needs = !known.is_empty()
             && !self.growth.knows(known, control_m, weight.max(MIN_WEIGHT), limit)
-            && !self.lost.contains(contact, control_m);
-        needs.then_some(Task { contact, control_m, renews: false })
+            && !self.lost.contains(contact, control_m, is_ahead);
+        needs.then_some(task)
     }
 
     /// The nearest contact without a jet that shares a triangle with this one.
@@ -141,7 +151,7 @@ impl Choice<'_> {
             |&(of, at_m): &(u16, [f64; 3])| of == contact && distance(at_m, control_m) <= FACTOR_REACH_M;
         let renews = !self.factor.as_ref().is_some_and(is_near)
             && self.skin.is_free(contact)
-            && !self.lost.contains(contact, control_m);
-        renews.then_some(Task { contact, control_m, renews })
+            && !self.lost.contains(contact, control_m, false);
+        renews.then_some(Task { contact, control_m, renews, is_ahead: false })
     }
 }

@@ -13,14 +13,14 @@ pub enum LiveError {
     )]
     NearTool,
     /// The skin has more vertices than a command can name.
-    #[error("the skin has {0} vertices, live touch at most 65,535; use a coarser mesh")]
+    #[error("the skin has {0} vertices, live touch at most {}; use a coarser mesh", palpate_core::Limits::LIVE.spaces)]
     TooManyContacts(usize),
     /// Every triangle of the skin has a fixed corner.
     #[error("no triangle of the skin is free of fixed nodes; fix fewer nodes")]
     NothingToTouch,
-    /// Another mesh, order or set of pressures.
+    /// Another tool, mesh, order or set of pressures.
     #[error(
-        "the changed scene has another mesh, order or kind of law, so the touch cannot go on; start it as a session of its own"
+        "the changed scene has another tool, mesh, order or kind of law, so the touch cannot go on; start it as a session of its own"
     )]
     OtherBody,
     /// The body, under its body force, has no rest state.

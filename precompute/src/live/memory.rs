@@ -10,6 +10,12 @@ use crate::spec::Tolerance;
 const MAX_TRUST_M: f64 = 0.025;
 /// Smallest one, m: near a fold W_ijk has any size.
 const MIN_TRUST_M: f64 = 1e-4;
+/// Smallest distance over which the force levels off beyond it, m.
+const MIN_LEVELLING_M: f64 = 5e-3;
+/// Step of the slope at the trust radius, as a share of it.
+const SLOPE_STEP: f64 = 1e-6;
+/// Jets of a contact that the loop keeps.
+const MAX_JETS: usize = 256;
 /// Largest stiffness of a jet, in those of the contact at rest. Near a fold S has any size too.
 const MAX_STIFFNESS: f64 = 3.0;
 /// Estimated error c r^3 of a Taylor series before one was measured, N/m^3.
@@ -47,14 +53,42 @@ impl Trust {
             jet.stiffness_n_m *= limit / size;
             jet.third_n_m2 = jet.third_n_m2.map(|third| third * (limit / size));
         }
-        let radius_m = (rest_n_m / third_norm(&jet.third_n_m2)).clamp(MIN_TRUST_M, MAX_TRUST_M);
+        let third = third_norm(&jet.third_n_m2);
+        let radius_m = (rest_n_m / third).clamp(MIN_TRUST_M, MAX_TRUST_M);
+        // At the smallest radius the third derivatives would still change the stiffness by any amount.
+        let most = rest_n_m / radius_m;
+        if third > most {
+            jet.third_n_m2 = jet.third_n_m2.map(|one| one * (most / third));
+        }
         Self { jet, radius_m }
     }
 
-    /// Whether the series of another jet has nearly the force of this one at its control.
-    pub(super) fn agrees(&self, other: &EnergyJet) -> bool {
+    /// h at a control as the loop has it, N: beyond the trust radius straight on and levelling off.
+    fn force_n(&self, control_m: [f64; 3]) -> [f64; 3] {
+        let away_m = distance(control_m, self.jet.control_m);
+        if away_m <= self.radius_m {
+            return self.jet.taylor_force_n(control_m);
+        }
+        let at = |r_m: f64| -> [f64; 3] {
+            std::array::from_fn(|k| {
+                let d = self.jet.control_m[k];
+                d + (control_m[k] - d) * (r_m / away_m)
+            })
+        };
+        let length_m = self.radius_m.max(MIN_LEVELLING_M);
+        let beyond_m = (away_m - self.radius_m).min(length_m);
+        let levelled_m = beyond_m - 0.5 * beyond_m * beyond_m / length_m;
+        let [rim_n, inside_n] =
+            [self.radius_m, (1.0 - SLOPE_STEP) * self.radius_m].map(at).map(|d| self.jet.taylor_force_n(d));
+        // The series is of second order along the ray: a one-sided difference errs by the step's share.
+        let per_m = levelled_m / (SLOPE_STEP * self.radius_m);
+        std::array::from_fn(|k| rim_n[k] + per_m * (rim_n[k] - inside_n[k]))
+    }
+
+    /// Whether another jet has nearly the force of this one at its control, by the rule of the loop.
+    pub(super) fn agrees(&self, other: &Self) -> bool {
         let limit_n = FLUSH_N.max(FLUSH_SHARE * norm(self.jet.force_n));
-        distance(other.taylor_force_n(self.jet.control_m), self.jet.force_n) <= limit_n
+        distance(other.force_n(self.jet.control_m), self.jet.force_n) <= limit_n
     }
 }
 
@@ -95,6 +129,11 @@ impl Known {
         Some((nearest, distance(nearest.jet.control_m, control_m)))
     }
 
+    /// |S| at rest, N/m.
+    pub(super) fn rest_n_m(&self) -> f64 {
+        self.rest_n_m
+    }
+
     /// The first jet is that at rest: it defines the trust of all.
     pub(super) fn trust(&mut self, jet: EnergyJet) -> Trust {
         if self.rest_n_m == 0.0 {
@@ -108,8 +147,14 @@ impl Known {
     pub(super) fn add(&mut self, trust: Trust, flush: bool) {
         self.jets.retain(|old| {
             let same = distance(old.jet.control_m, trust.jet.control_m) < SAME_M;
-            !same && (!flush || trust.agrees(&old.jet))
+            !same && (!flush || trust.agrees(old))
         });
+        if self.jets.len() == MAX_JETS {
+            let away = |old: &Trust| distance(old.jet.control_m, trust.jet.control_m);
+            let all = self.jets.iter().enumerate();
+            let farthest = all.max_by(|(_, a), (_, b)| away(a).total_cmp(&away(b))).map(|(at, _)| at);
+            self.jets.swap_remove(farthest.expect("it is full"));
+        }
         self.jets.push(trust);
     }
 }
@@ -153,10 +198,11 @@ impl Default for Growth {
 impl Growth {
     /// Compares the series of the nearest jet with what was solved. Every solve is thus a check of the model.
     pub(super) fn measure(&mut self, known: &Known, solved: &EnergyJet) {
+        self.error_n_m3 *= FORGETTING;
         let Some((nearest, r_m)) = known.nearest(solved.control_m) else { return };
         if r_m > MIN_MEASURED_M && r_m <= nearest.radius_m {
             let error_n = distance(nearest.jet.taylor_force_n(solved.control_m), solved.force_n);
-            self.error_n_m3 = (FORGETTING * self.error_n_m3).max(error_n / (r_m * r_m * r_m));
+            self.error_n_m3 = self.error_n_m3.max(error_n / (r_m * r_m * r_m));
         }
     }
 
@@ -164,8 +210,10 @@ impl Growth {
     pub(super) fn knows(&self, known: &Known, control_m: [f64; 3], weight: f64, limit: Limit) -> bool {
         known.nearest(control_m).is_some_and(|(nearest, r_m)| {
             let error_n = self.error_n_m3 * r_m * r_m * r_m;
-            weight * error_n < limit.share() * Tolerance::IMPERCEPTIBLE.at(nearest.jet.force_n)
-                && r_m < KNOWN_TRUST * nearest.radius_m
+            // Where no error can be measured nothing would be gained.
+            let is_small =
+                weight * error_n < limit.share() * Tolerance::IMPERCEPTIBLE.at(nearest.jet.force_n);
+            (is_small || r_m <= MIN_MEASURED_M) && r_m < KNOWN_TRUST * nearest.radius_m
         })
     }
 }

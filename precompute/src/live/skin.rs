@@ -1,5 +1,7 @@
 //! The places of the skin that the tool can touch.
 
+use palpate_core::Limits;
+
 use super::error::LiveError;
 use crate::fem::{Body, Contact, Fingertip, Handle, Pad};
 use crate::mesh::{Surface, TetMesh};
@@ -31,7 +33,7 @@ impl Skin {
         let surface = Surface::of(mesh).seen(mesh);
         let nodes: Vec<u32> =
             surface.nodes.iter().copied().filter(|&node| body.fixed[node as usize] == [false; 3]).collect();
-        if nodes.len() > usize::from(u16::MAX) {
+        if nodes.len() > Limits::LIVE.spaces {
             return Err(LiveError::TooManyContacts(nodes.len()));
         }
         let contact = |node: u32| nodes.binary_search(&node).ok().map(|at| at as u16);
@@ -80,6 +82,11 @@ impl Skin {
     /// A contact that can be solved.
     pub(super) fn first_free(&self) -> Option<u16> {
         (0..).zip(&self.is_free).find(|(_, is_free)| **is_free).map(|(contact, _)| contact)
+    }
+
+    /// The fingertip, if it is one.
+    pub(super) fn tip(&self) -> Option<&Fingertip> {
+        self.tip.as_ref()
     }
 
     /// What the tool does to the body at a contact.

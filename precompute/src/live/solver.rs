@@ -10,7 +10,9 @@ use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
 use super::skin::Skin;
 use super::states::{Start, States};
-use crate::fem::{Body, Constraints, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver};
+use crate::fem::{
+    Body, Constraints, FailureReason, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver,
+};
 use crate::num::branch::Excess;
 use crate::pack::{PackError, Untabled};
 use crate::scene::{ElementOrder, ResolvedScene};
@@ -24,6 +26,8 @@ const NEIGHBOUR_RADII: f64 = 1.5;
 const MAX_SWEEPS: u32 = 8;
 /// Jets that wait for the loop during a change of the model, usually.
 const OUTBOX: usize = 16;
+/// Solves after a change of the model for which its jets may wait: a hand that moves fast is never known.
+const MAX_HELD: u32 = 12;
 /// Times that a continuation that fails is tried over half of the way.
 const HALVINGS: u32 = 2;
 /// Weight of the last solve in the mean time of a solve.
@@ -57,8 +61,9 @@ pub struct LiveSolver {
     /// Number of the model, and the rest state of the first one.
     model: u32,
     first_rest: Vec<f64>,
-    /// Whether the jets of a new model wait until the present touch is known.
+    /// Whether the jets of a new model wait until the present touch is known, and the solves since the change.
     holds_back: bool,
+    held_solves: u32,
 }
 
 impl LiveSolver {
@@ -97,6 +102,7 @@ impl LiveSolver {
             model: 0,
             first_rest,
             holds_back: false,
+            held_solves: 0,
         })
     }
 
@@ -146,22 +152,26 @@ impl LiveSolver {
             return Err(LiveError::NearTool);
         }
         let body = Arc::new(scene.body().map_err(|error| LiveError::Body(error.to_string()))?);
-        if body.nodes_m != self.body.nodes_m || body.state_len() != self.body.state_len() {
+        let same_tool = self.skin.tip() == scene.tool.fingertip();
+        if !same_tool || body.nodes_m != self.body.nodes_m || body.state_len() != self.body.state_len() {
             return Err(LiveError::OtherBody);
         }
+        // From here on nothing fails.
+        let mut skin = self.skin.clone();
+        skin.free_only(&body);
+        let first = skin.first_free().ok_or(LiveError::NothingToTouch)?;
+        self.skin = skin;
         self.free = Problem::with(body.clone(), None, Constraints::Elimination);
         self.states.become_those_of(&self.body, &body);
         self.body = body;
-        self.skin.free_only(&self.body);
         self.problems.clear();
-        let first = self.skin.first_free().ok_or(LiveError::NothingToTouch)?;
         self.solver = Solver::new(Arc::new(self.free.at(self.skin.touch(first, &self.body))));
         (self.contact, self.factor) = (None, None);
         self.known.fill(Known::default());
         (self.growth, self.lost) = (Growth::default(), LostPositions::default());
         self.outbox.clear();
         self.model += 1;
-        self.holds_back = true;
+        (self.holds_back, self.held_solves) = (true, 0);
         Ok(())
     }
 
@@ -172,7 +182,8 @@ impl LiveSolver {
 
     /// All jets of a contact, as if they were found anew.
     pub fn jets(&self, contact: u16) -> impl Iterator<Item = Published> {
-        let jets = self.known.get(usize::from(contact)).map_or(&[][..], Known::jets);
+        let known = self.known.get(usize::from(contact)).filter(|_| !self.holds_back);
+        let jets = known.map_or(&[][..], Known::jets);
         let model = self.model;
         jets.iter().map(move |&trust| Published {
             contact,
@@ -198,7 +209,10 @@ impl LiveSolver {
             Some(task) => self.solve(task),
             None => Step::Idle,
         };
-        self.holds_back &= hand.touch.as_ref().is_some_and(|touch| !self.knows(touch));
+        self.held_solves += u32::from(step != Step::Idle);
+        self.holds_back &= self.held_solves < MAX_HELD
+            && step != Step::Idle
+            && hand.touch.as_ref().is_some_and(|touch| !self.knows(touch));
         step
     }
 
@@ -211,7 +225,9 @@ impl LiveSolver {
     fn knows(&self, touch: &Touch) -> bool {
         touch.contacts.iter().filter(|(_, weight)| *weight > 0.0).all(|&(contact, weight)| {
             let known = self.known.get(usize::from(contact));
-            self.lost.contains(contact, touch.control_m)
+            !self.skin.is_free(contact)
+                || self.lost.contains(contact, touch.control_m, false)
+                || self.lost.contains(contact, [0.0; 3], false)
                 || known.is_none_or(|known| self.growth.knows(known, touch.control_m, weight, Limit::Unknown))
         })
     }
@@ -223,7 +239,8 @@ impl LiveSolver {
         let factorisations = self.totals.factorisations;
         let mut to = self.states.room();
         let found = self.reach(&from.seed, &task, task.renews || moves, &mut to);
-        self.has_renewed = self.totals.factorisations > factorisations;
+        // A failure says nothing about the time of a solve with the factor at hand.
+        self.has_renewed = found.is_err() || self.totals.factorisations > factorisations;
         let step = match found {
             Ok((found, landed)) => {
                 let published = self.enter(&task, &from, &to, &found, landed, is_first);
@@ -238,7 +255,8 @@ impl LiveSolver {
                 Step::Lost { contact: task.contact, control_m: task.control_m }
             }
         };
-        if is_first {
+        // A guess that led nowhere would be tried again.
+        if is_first || from.is_guess && matches!(step, Step::Lost { .. }) {
             self.states.give_back(from.seed);
         } else {
             self.states.keep(task.contact, from);
@@ -321,6 +339,10 @@ impl LiveSolver {
             self.factor = None;
             control_m = std::array::from_fn(|axis| 0.5 * (start_m[axis] + control_m[axis]));
         }
+        if task.is_ahead {
+            let reason = FailureReason::LineSearch;
+            return Err(SolveFailure { reason, iterations: 0, residual_n: f64::NAN });
+        }
         let found = self.solver.relax(from, task.control_m, to)?;
         self.count(task.contact, task.control_m, &found);
         self.totals.landings += 1;
@@ -353,8 +375,9 @@ impl LiveSolver {
         }
         let trust = known.trust(to.jet);
         known.add(trust, !joins);
+        let rest_n_m = known.rest_n_m();
         if !joins {
-            self.states.flush(task.contact, &trust);
+            self.states.flush(task.contact, &trust, rest_n_m);
         }
         self.totals.jets += 1;
         Published {

@@ -97,10 +97,11 @@ impl States {
     }
 
     /// Removes the states that lie on another branch than a jet of their contact.
-    pub(super) fn flush(&mut self, contact: u16, trust: &Trust) {
+    pub(super) fn flush(&mut self, contact: u16, trust: &Trust, rest_n_m: f64) {
         let free = &mut self.free;
-        let differs =
-            |kept: &mut Kept| kept.contact == contact && (kept.is_guess || !trust.agrees(&kept.seed.jet));
+        let differs = |kept: &mut Kept| {
+            kept.contact == contact && (kept.is_guess || !trust.agrees(&Trust::of(kept.seed.jet, rest_n_m)))
+        };
         free.extend(self.kept.extract_if(.., differs).map(|kept| kept.seed));
     }
 }

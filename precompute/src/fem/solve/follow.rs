@@ -215,6 +215,8 @@ impl Solver {
         let (displacement_len, pressure_scale) =
             (problem.body.displacement_len(), problem.body.pressure_scale());
         self.translation_columns();
+        // The components of a held node have no part in it.
+        self.columns.fill(0.0);
         for (column, sensitivity) in self.columns.chunks_mut(n).zip(&from.sensitivity) {
             for &(equation, position) in problem.positions.iter() {
                 let unit = if position < displacement_len { 1.0 } else { pressure_scale };

@@ -1,6 +1,5 @@
 //! The certificate of a live session: how far the felt force was from full solutions, and what it cost.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
@@ -42,6 +41,8 @@ pub(super) struct Visits {
     kept: Vec<Visit>,
     /// Whether the scene was changed: later positions belong to other models.
     has_changed: bool,
+    /// Whether positions are kept.
+    keeps: bool,
 }
 
 /// What is reported. `null` where nothing was checked.
@@ -73,7 +74,8 @@ struct Errors {
 }
 
 impl Visits {
-    pub(super) fn new(begun: Instant) -> Self {
+    /// `keeps` says whether positions will be checked.
+    pub(super) fn new(begun: Instant, keeps: bool) -> Self {
         Self {
             begun,
             ready: None,
@@ -81,6 +83,7 @@ impl Visits {
             touches: false,
             kept: Vec::new(),
             has_changed: false,
+            keeps,
         }
     }
 
@@ -93,7 +96,7 @@ impl Visits {
         }
         self.first_touch_us.get_or_insert(record.t_us);
         self.has_changed |= has_changed;
-        if self.has_changed {
+        if self.has_changed || !self.keeps {
             return;
         }
         let is_far = |last: &Visit| {
@@ -116,9 +119,8 @@ impl Visits {
         args: &Args,
         summary: &SessionSummary,
         counters: Counters,
-        stop: &AtomicBool,
     ) -> Result<Certificate, Failure> {
-        let checked = if args.check > 0 { self.check(args, stop)? } else { Checked::default() };
+        let checked = if args.check > 0 { self.check(args)? } else { Checked::default() };
         let touch = &summary.touch;
         let waited_us = touch.first_force_us.zip(self.first_touch_us);
         let waited = waited_us.map(|(force_us, touch_us)| (force_us - touch_us) as f64 * 1e-6);
@@ -138,8 +140,8 @@ impl Visits {
         })
     }
 
-    /// Follows the visited way and compares at positions that are spread evenly over it.
-    fn check(&self, args: &Args, stop: &AtomicBool) -> Result<Checked, Failure> {
+    /// Solves positions that are spread evenly over the visited way, each continued from the one before.
+    fn check(&self, args: &Args) -> Result<Checked, Failure> {
         let live = solver(&args.scene, &scene(&args.scene, &args.start()?)?.resolve()?)?;
         let mut truth = Truth::new(&live);
         let mut checked = Checked::default();
@@ -147,9 +149,6 @@ impl Visits {
         let (all, wanted) = (self.kept.len(), args.check.min(self.kept.len()));
         let mut done = 0;
         for (index, visit) in self.kept.iter().enumerate() {
-            if stop.load(Ordering::Relaxed) {
-                break;
-            }
             if visit.begins {
                 truth.release();
             }

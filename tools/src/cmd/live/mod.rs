@@ -104,7 +104,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         ..args.session.show(record)
     };
     let mut watcher = Watcher::new(&args.session, begun);
-    let mut visits = Visits::new(begun);
+    let mut visits = Visits::new(begun, args.check > 0);
     let mut guard = None;
     let open = || {
         let (device, status) = device.open(&organ)?;
@@ -117,7 +117,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     })?;
     let counters = meter.counters();
     drop(knobs);
-    let certificate = visits.certificate(args, &touched.summary, counters, &stop)?;
+    let certificate = visits.certificate(args, &touched.summary, counters)?;
     let mut of = Map::new();
     of.insert("scene".into(), json!(args.scene));
     of.insert("live".into(), json!(certificate));
