@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 52] = [
+const PRECOMPUTE: [&str; 53] = [
     "error",
     "files",
     "num",
@@ -128,6 +128,7 @@ const PRECOMPUTE: [&str; 52] = [
     "live::memory",
     "live::published",
     "live::states",
+    "live::workers",
     "live::choice",
     "live::solver",
     "live::truth",

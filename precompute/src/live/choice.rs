@@ -9,6 +9,7 @@
 use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::skin::Skin;
+use super::workers::Workers;
 use crate::num::vector::{distance, norm};
 
 /// The prediction looks ahead by this multiple of the time of a solve,
@@ -22,7 +23,7 @@ const HEADING_S: f64 = 0.1;
 /// A contact with a smaller weight is solved as if it had this weight, because weights change while the tool slips.
 const MIN_WEIGHT: f64 = 0.2;
 /// A factor is renewed if the tool is farther than this from where it was made, m.
-pub(super) const FACTOR_REACH_M: f64 = 0.012;
+const FACTOR_REACH_M: f64 = 0.012;
 /// Positions nearer than this to one where nothing was found are not tried again, m.
 const LOST_REACH_M: f64 = 1e-3;
 /// Number of such positions.
@@ -66,8 +67,7 @@ pub(super) struct Choice<'s> {
     pub(super) known: &'s [Known],
     pub(super) growth: &'s Growth,
     pub(super) lost: &'s LostPositions,
-    /// Contact and control of the last factor.
-    pub(super) factor: Option<(u16, [f64; 3])>,
+    pub(super) workers: &'s Workers,
     /// Mean time of a solve with the factor at hand, and with a new one, s.
     pub(super) solve_s: [f64; 2],
 }
@@ -147,9 +147,8 @@ impl Choice<'_> {
 
     /// A new factor at the hand, if the last one is far. The solve also gives a jet.
     fn renewal(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
-        let is_near =
-            |&(of, at_m): &(u16, [f64; 3])| of == contact && distance(at_m, control_m) <= FACTOR_REACH_M;
-        let renews = !self.factor.as_ref().is_some_and(is_near)
+        let is_near = |at_m: [f64; 3]| distance(at_m, control_m) <= FACTOR_REACH_M;
+        let renews = !self.workers.factor_of(contact).is_some_and(is_near)
             && self.skin.is_free(contact)
             && !self.lost.contains(contact, control_m, false);
         renews.then_some(Task { contact, control_m, renews, is_ahead: false })

@@ -13,7 +13,7 @@ pub enum LiveError {
     )]
     NearTool,
     /// The skin has more vertices than a command can name.
-    #[error("the skin has {0} vertices, live touch at most {}; use a coarser mesh", palpate_core::Limits::LIVE.spaces)]
+    #[error("the skin has {0} vertices, live touch at most {most}; use a coarser mesh", most = palpate_core::Limits::LIVE.spaces)]
     TooManyContacts(usize),
     /// Every triangle of the skin has a fixed corner.
     #[error("no triangle of the skin is free of fixed nodes; fix fewer nodes")]

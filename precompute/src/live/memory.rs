@@ -217,3 +217,76 @@ impl Growth {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::JetMemory;
+
+    use super::*;
+    use crate::live::Published;
+    use crate::num::{SPLIT_MIX_STEP, split_mix, unit_interval};
+
+    /// Solver and loop remove the same jets, whatever was solved and flushed: the solver must not believe in a jet
+    /// that the loop has removed.
+    #[test]
+    fn the_loop_keeps_what_the_solver_keeps() {
+        let mut state = 11u64;
+        let mut random = || {
+            state = state.wrapping_add(SPLIT_MIX_STEP);
+            unit_interval(split_mix(state))
+        };
+        let (mut known, mut memory) = (Known::default(), Box::new(JetMemory::<1, 256>::new()));
+        let (mut flushes, mut removed) = (0, 0);
+        for number in 0..3_000 {
+            // The force of a body that stiffens, with another level after each jump.
+            let control_m: [f64; 3] = std::array::from_fn(|_| 0.02 * (2.0 * random() - 1.0));
+            let control_m = if number == 0 { [0.0; 3] } else { control_m };
+            let level = 1.0 + f64::from(flushes % 3) * 0.05;
+            let r2 = control_m.iter().map(|x| x * x).sum::<f64>();
+            let force_n = control_m.map(|x| level * 200.0 * x * (1.0 + 2e3 * r2));
+            let mut numbers = [0.0; 20];
+            numbers[1..4].copy_from_slice(&force_n);
+            for (at, value) in [(4, 1.0), (7, 1.0), (9, 1.0)] {
+                numbers[at] = value * level * 200.0 * (1.0 + 2e3 * r2);
+            }
+            numbers[10..].iter_mut().for_each(|third| *third = 4e4 * (2.0 * random() - 1.0));
+            let trust = known.trust(EnergyJet::from_numbers(control_m, &numbers));
+            let flush = number % 17 == 16;
+            flushes += u32::from(flush);
+            let before = known.jets().len();
+            known.add(trust, flush);
+            removed += (before + 1).saturating_sub(known.jets().len());
+            let published =
+                Published { contact: 0, trust, joins: !flush, is_fresh: false, is_unstable: false, model: 0 };
+            assert!(memory.insert(&published.jet(number)), "{number}");
+            // A force that differs by the limit to seven digits may be judged in both ways.
+            assert!(
+                memory.jets(0).abs_diff(known.jets().len()) <= 1,
+                "{number}: {} {}",
+                memory.jets(0),
+                known.jets().len()
+            );
+        }
+        assert!(known.jets().len() <= 256 && removed > 500, "{removed} removed");
+    }
+
+    #[test]
+    fn a_trusted_jet_is_bounded_and_continuous_at_its_radius() {
+        for third in [0.0, 1e3, 1e6, 1e9] {
+            let mut numbers = [0.0; 20];
+            numbers[1..4].copy_from_slice(&[0.1, -0.2, 1.0]);
+            (numbers[4], numbers[7], numbers[9], numbers[10], numbers[19]) =
+                (300.0, 200.0, 100.0, third, -third);
+            let trust = Trust::of(EnergyJet::from_numbers([0.0; 3], &numbers), 300.0);
+            let along = |r_m: f64| trust.force_n([0.6 * r_m, 0.0, 0.8 * r_m]);
+            let radius_m = trust.radius_m;
+            let step = distance(along(radius_m * (1.0 + 1e-9)), along(radius_m * (1.0 - 1e-9)));
+            assert!(step < 1e-6, "{third}: {step}");
+            let far = distance(along(0.1), along(0.0));
+            assert!(
+                far <= 2.0 * 600.0 * (radius_m + 0.5 * radius_m.max(MIN_LEVELLING_M)),
+                "{third}: {far} N"
+            );
+        }
+    }
+}

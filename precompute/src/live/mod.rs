@@ -23,6 +23,7 @@ mod skin;
 mod solver;
 mod states;
 mod truth;
+mod workers;
 
 pub use error::LiveError;
 pub use hand::{Hand, Touch};

@@ -60,7 +60,7 @@ impl Published {
 pub enum Step {
     /// Everything near the hand is known.
     Idle,
-    /// A jet was solved: [`LiveSolver::published`] has it, at once or with others.
+    /// A jet was solved; the solver publishes it at once or with others.
     Solved,
     /// No equilibrium was found where the hand is.
     Lost {

@@ -10,9 +10,8 @@ use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
 use super::skin::Skin;
 use super::states::{Start, States};
-use crate::fem::{
-    Body, Constraints, FailureReason, FollowOptions, Followed, Problem, Seed, SolveFailure, Solver,
-};
+use super::workers::Workers;
+use crate::fem::{Body, Constraints, FailureReason, FollowOptions, Followed, Problem, Seed, SolveFailure};
 use crate::num::branch::Excess;
 use crate::pack::{PackError, Untabled};
 use crate::scene::{ElementOrder, ResolvedScene};
@@ -44,13 +43,11 @@ pub struct LiveSolver {
     skin: Skin,
     free: Problem,
     problems: Vec<(u16, Arc<Problem>)>,
-    solver: Solver,
-    contact: Option<u16>,
+    workers: Workers,
     states: States,
     known: Vec<Known>,
     growth: Growth,
     lost: LostPositions,
-    factor: Option<(u16, [f64; 3])>,
     solve_s: [f64; 2],
     /// Whether the last solve made a factor.
     has_renewed: bool,
@@ -79,7 +76,7 @@ impl LiveSolver {
         let body = Arc::new(scene.body().map_err(|error| LiveError::Body(error.to_string()))?);
         let skin = Skin::new(&scene.mesh, &body, &scene.tool)?;
         let free = Problem::with(body.clone(), None, Constraints::Elimination);
-        let solver = Solver::new(Arc::new(free.at(skin.touch(0, &body))));
+        let workers = Workers::new(&Arc::new(free.at(skin.touch(0, &body))));
         let blank = Seed::at_rest(&body);
         let first_rest = body.rest_state.clone();
         Ok(Self {
@@ -90,11 +87,9 @@ impl LiveSolver {
             skin,
             free,
             problems: Vec::with_capacity(PROBLEMS),
-            solver,
-            contact: None,
+            workers,
             growth: Growth::default(),
             lost: LostPositions::default(),
-            factor: None,
             solve_s: [FIRST_SOLVE_S; 2],
             has_renewed: false,
             totals: Totals::default(),
@@ -165,8 +160,7 @@ impl LiveSolver {
         self.states.become_those_of(&self.body, &body);
         self.body = body;
         self.problems.clear();
-        self.solver = Solver::new(Arc::new(self.free.at(self.skin.touch(first, &self.body))));
-        (self.contact, self.factor) = (None, None);
+        self.workers = Workers::new(&Arc::new(self.free.at(self.skin.touch(first, &self.body))));
         self.known.fill(Known::default());
         (self.growth, self.lost) = (Growth::default(), LostPositions::default());
         self.outbox.clear();
@@ -203,8 +197,8 @@ impl LiveSolver {
 
     /// Solves at one position, if there is one that is worth it.
     pub fn step(&mut self, hand: &Hand) -> Step {
-        let Self { skin, known, growth, lost, factor, solve_s, near, .. } = self;
-        let choice = Choice { skin, known, growth, lost, factor: *factor, solve_s: *solve_s };
+        let Self { skin, known, growth, lost, workers, solve_s, near, .. } = self;
+        let choice = Choice { skin, known, growth, lost, workers, solve_s: *solve_s };
         let step = match choice.next(hand, near) {
             Some(task) => self.solve(task),
             None => Step::Idle,
@@ -274,8 +268,10 @@ impl LiveSolver {
         if !is_first {
             // Its state was given up: solved again, which also finds its sensitivities.
             let mut to = self.states.room();
-            if self.solver.follow(&rest, [0.0; 3], true, &FollowOptions::default(), &mut to).is_ok() {
-                self.factor = Some((task.contact, [0.0; 3]));
+            let worker = self.workers.present();
+            let found = worker.solver.follow(&rest, [0.0; 3], true, &FollowOptions::default(), &mut to);
+            worker.factor = found.is_ok().then_some((task.contact, [0.0; 3]));
+            if found.is_ok() {
                 std::mem::swap(&mut rest, &mut to);
             }
             self.states.give_back(to);
@@ -285,14 +281,10 @@ impl LiveSolver {
 
     /// Moves the solver to a contact; whether its factor no longer serves.
     fn go_to(&mut self, contact: u16) -> bool {
-        if self.contact != Some(contact) {
-            let problem = self.problem(contact);
-            self.solver.touch(problem);
-            self.contact = Some(contact);
-        }
-        let Some((of, _)) = self.factor else { return true };
-        let radius_m =
-            self.solver.problem().contact.as_ref().and_then(|c| c.pad()).map_or(0.0, |p| p.tip.radius_m);
+        let problem = self.problem(contact);
+        self.workers.go_to(contact, problem);
+        let Some((of, _)) = self.workers.present().factor else { return true };
+        let radius_m = self.skin.tip().map_or(0.0, |tip| tip.radius_m);
         self.skin.distance_m(of, contact) > NEIGHBOUR_RADII * radius_m
     }
 
@@ -331,19 +323,20 @@ impl LiveSolver {
         let mut control_m = task.control_m;
         let start_m = from.jet.control_m;
         for halvings in 0..=HALVINGS {
-            if let Ok(found) = self.solver.follow(from, control_m, renews || halvings > 0, &options, to) {
+            let worker = self.workers.present();
+            if let Ok(found) = worker.solver.follow(from, control_m, renews || halvings > 0, &options, to) {
                 self.count(task.contact, control_m, &found);
                 return Ok((found, false));
             }
             // What the attempt factorised is unknown.
-            self.factor = None;
+            worker.factor = None;
             control_m = std::array::from_fn(|axis| 0.5 * (start_m[axis] + control_m[axis]));
         }
         if task.is_ahead {
             let reason = FailureReason::LineSearch;
             return Err(SolveFailure { reason, iterations: 0, residual_n: f64::NAN });
         }
-        let found = self.solver.relax(from, task.control_m, to)?;
+        let found = self.workers.present().solver.relax(from, task.control_m, to)?;
         self.count(task.contact, task.control_m, &found);
         self.totals.landings += 1;
         Ok((found, true))
@@ -352,7 +345,7 @@ impl LiveSolver {
     fn count(&mut self, contact: u16, control_m: [f64; 3], found: &Followed) {
         self.totals.factorisations += u64::from(found.count.factorisations);
         if found.count.factorisations > 0 {
-            self.factor = Some((contact, control_m));
+            self.workers.present().factor = Some((contact, control_m));
         }
     }
 

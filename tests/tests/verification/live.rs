@@ -227,4 +227,18 @@ fn a_changed_model_is_followed_where_the_hand_is() {
         println!("{key} = {value}: {:.4} N, from the start {:.4} N", felt.norm(), wanted.norm());
         assert!((felt - wanted).norm() < 2e-3 * wanted.norm(), "{key}: {felt} {wanted}");
     }
+    // A place that becomes fixed is not solved; what waits for it is let go.
+    let held = scene.with("fixed.nodes", &format!("[{node}, 0, 1, 2]")).and_then(|scene| scene.resolve());
+    if let Ok(held) = held {
+        solver.change(&held).expect("the same mesh");
+        assert!(jets(&mut solver).iter().all(|jet| usize::from(jet.contact) != contact));
+        assert_eq!(solver.step(&hand), Step::Idle);
+    }
+    // Nothing is left to touch: refused, and the solver goes on as it was.
+    let all = (0..solver.skin().contacts.len()).map(|at| solver.skin().contacts[at].node.to_string());
+    let all = format!("[{}]", all.collect::<Vec<_>>().join(", "));
+    if let Ok(rigid) = scene.with("fixed.nodes", &all).and_then(|scene| scene.resolve()) {
+        solver.change(&rigid).expect_err("nothing to touch");
+    }
+    assert_eq!(solver.step(&hand), Step::Idle);
 }
