@@ -87,6 +87,7 @@ fn attempts(bencher: Bencher<'_, '_>, unknowns: usize) {
         max_force_n: f64::INFINITY,
         sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
         normals: Vec::new(),
+        visited_m: Vec::new(),
         contacts: None,
         visual: false,
         displacement_bound: DisplacementBound::default(),

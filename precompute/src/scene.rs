@@ -38,6 +38,7 @@ pub use crate::spec::{ActiveNode, Tool};
 use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, Scattered, Tolerance};
 pub use cover::Cover;
 pub(crate) use cover::choose as choose_contact_points;
+pub use edit::{VisitedContact, VisitedPlace};
 use file::SceneFile;
 pub use file::SolverOptions;
 use place::Place;
@@ -312,6 +313,9 @@ impl ResolvedScene {
             if let Some(at) = active.contact {
                 digest.indices(&at.triangle);
                 digest.numbers(&at.weights);
+            }
+            if !active.visited_m.is_empty() {
+                digest.numbers(active.visited_m.as_flattened());
             }
         }
         match self.grid {

@@ -28,6 +28,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, methods: &[Method]) -
         max_force_n: scene.max_force_n,
         sampling,
         normals: Vec::new(),
+        visited_m: Vec::new(),
         contacts: scene.contacts(),
         visual: false,
         displacement_bound: scene.displacement_bound,

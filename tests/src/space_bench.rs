@@ -44,6 +44,7 @@ impl SpaceBench {
             max_force_n,
             sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
             normals: vec![Surface::of(&mesh).normal(active).expect("the active node is on the surface")],
+            visited_m: Vec::new(),
             contacts: None,
             visual: true,
             displacement_bound: DisplacementBound::default(),

@@ -35,10 +35,8 @@ fn fingertip_blob() -> BlobFile {
     let nodes: Vec<u32> =
         surface.nodes.iter().copied().filter(|node| distance(place_m(*node), centre_m) < PATCH_M).collect();
     let point = |node: &u32| ActiveNode {
-        name: format!("P{node}"),
-        node: *node,
-        patch: Vec::new(),
         contact: surface.nearest(mesh, place_m(*node)),
+        ..ActiveNode::node(format!("P{node}"), *node)
     };
     let active = nodes.iter().map(point).collect();
     let index = |node: u32| Some(nodes.iter().position(|of| *of == node)? as u32);

@@ -70,9 +70,8 @@ fn strokes_over_the_liver_have_no_force_jumps() {
         let apart = (0..3).map(|i| (scene.mesh.nodes_m[**node as usize][i] - centre[i]).powi(2)).sum::<f64>();
         apart.sqrt() < PATCH_M
     };
-    scene.active = (surface.nodes.iter().filter(near))
-        .map(|&node| ActiveNode { name: format!("P{node}"), node, patch: Vec::new(), contact: None })
-        .collect();
+    scene.active =
+        (surface.nodes.iter().filter(near)).map(|&node| ActiveNode::node(format!("P{node}"), node)).collect();
     let file = coarse_blob(&scene, SpaceGrid::new(0.01, 0.02).expect("valid"), &[Method::Energy]);
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
     let mut memory = vec![0; TouchSurface::words(&organ)];

@@ -9,7 +9,7 @@ use palpate_precompute::scene::{ResolvedScene, Scene};
 use palpate_precompute::space::Store;
 
 use crate::failure::Failure;
-use crate::files::Output;
+use crate::files::{FileKind, Output};
 use crate::progress::WorkProgress;
 
 /// Loads a scene, prints its warnings, builds its body and chooses its contact points.
@@ -17,8 +17,22 @@ pub(crate) fn load(path: &Path) -> Result<Analysis, Failure> {
     of_scene(path, Scene::load(path)?.resolve()?)
 }
 
-/// [`load`] for a scene whose `.space` file may exist and then has the contact points.
+/// Whether a file is a `.space` file.
+pub(crate) fn is_space(path: &Path) -> bool {
+    path.is_file() && FileKind::of(path).is_ok_and(|kind| kind == FileKind::Space)
+}
+
+/// The scene and the body of a `.space` file.
+pub(crate) fn of_space(path: &Path) -> Result<Analysis, Failure> {
+    Ok(Analysis::of_store(&existing_space(path)?)?)
+}
+
+/// [`load`] for a scene whose `.space` file may exist and then has the contact points. `path` may be the space
+/// itself, which holds its scene.
 pub(crate) fn load_for(path: &Path, space: &Path) -> Result<Analysis, Failure> {
+    if is_space(path) {
+        return of_space(path);
+    }
     let scene = Scene::load(path)?.resolve()?;
     built(scene, |scene| Analysis::resuming(path, scene, space))
 }

@@ -1,7 +1,7 @@
 //! Ctrl-C and SIGTERM: a flag for commands that keep their results, and process exit for the others.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::failure::Failure;
@@ -12,6 +12,8 @@ const SECOND_SIGNAL_DELAY: Duration = Duration::from_secs(2);
 
 /// One flag for the process, because a handler can be set only once.
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+/// When the first signal came.
+static FIRST: Mutex<Option<Instant>> = Mutex::new(None);
 
 /// A flag that Ctrl-C and SIGTERM set. A later second signal ends the process.
 pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
@@ -20,15 +22,21 @@ pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     }
     let stop = STOP.get_or_init(Arc::default).clone();
     let raised = stop.clone();
-    let mut first: Option<Instant> = None;
     on_signal(move || {
         raised.store(true, Ordering::SeqCst);
+        let mut first = FIRST.lock().unwrap_or_else(PoisonError::into_inner);
         if first.get_or_insert_with(Instant::now).elapsed() > SECOND_SIGNAL_DELAY {
             eprintln!("palpate: ended at once");
             std::process::exit(130);
         }
     })?;
     Ok(stop)
+}
+
+/// Lowers the flag for the next part of a command, which the next signal ends.
+pub(crate) fn restart(stop: &AtomicBool) {
+    *FIRST.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    stop.store(false, Ordering::SeqCst);
 }
 
 /// Ends the process at the first Ctrl-C or SIGTERM, for a command that keeps no results.

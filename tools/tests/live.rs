@@ -58,6 +58,44 @@ fn a_scene_is_touched_at_once_certified_recorded_and_replayed() {
     refused(&[&["live", demo, "--device", &replay][..], &UNSEEN].concat(), &["is of the scene"]);
 }
 
+/// What a session touched becomes a space, a certified blob, and what the next session knows from its start.
+#[test]
+fn what_was_touched_is_kept_and_known_the_next_time() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [space, blob] = ["a.space", "a.blob"].map(|name| folder.path().join(name));
+    let live = |more: &[&str]| {
+        let _alone = quiet();
+        let session = ["live", SCENE, "--seconds", "4", "--json", "--check", "20"];
+        let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        let output = command.args(session).args(more).args(UNSEEN).output().expect("it runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        (figures(&output), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (first, _) = live(&["--keep", text(&space)]);
+    let kept = &first["kept"];
+    let number = |value: &serde_json::Value| value.as_u64().unwrap_or_else(|| panic!("{first:#}"));
+    assert!(number(&kept["contacts"]) >= 1 && kept["is_cut"] == false, "{first:#}");
+    let (visited, all) = (number(&kept["visited"]), number(&kept["configurations"]));
+    assert!(visited >= 5 && all > visited, "{first:#}");
+    refused(&["live", SCENE, "--keep", text(&space)], &["a.space", "already exists", "palpate precompute"]);
+    // The space holds its scene, and its solves do not depend on the session: they are those of the scene alone.
+    let output = palpate(&["precompute", text(&space), "--json"]);
+    assert_eq!((figures(&output)["solved_now"].as_u64(), output.status.code()), (Some(0), Some(0)));
+    refused(&["precompute", text(&space), "--out", "b.space"], &["continued where it is"]);
+
+    let output = palpate(&["pack", text(&space), "--out", text(&blob), "--uniform", "60"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let (again, said) = live(&["--blob", text(&blob)]);
+    assert!(said.contains("contacts are known"), "{said}");
+    assert!(again["live"]["not_felt_share"].as_f64().expect("a share") > 0.95, "{again:#}");
+
+    let other = ["live", SCENE, "--blob", text(&blob), "--set"];
+    let with = |setting| [&other[..], &[setting]].concat();
+    refused(&with("material.c10_pa=2600.0"), &["a.blob", "another stiffness"]);
+    let demo = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/demo.toml");
+    refused(&["live", demo, "--blob", text(&blob)], &["a.blob", "another"]);
+}
+
 /// A session in its own process, its log, and its solver's process.
 struct Session {
     child: Child,

@@ -170,6 +170,7 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
         max_force_n: f64::INFINITY,
         sampling: Sampling::Lattice(Lattice { grid: *grid, complete_cells, increments: None }),
         normals: Vec::new(),
+        visited_m: Vec::new(),
         contacts: None,
         visual: false,
         displacement_bound: DisplacementBound::default(),

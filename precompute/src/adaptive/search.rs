@@ -19,6 +19,9 @@
 //!
 //! The leave-one-out errors also choose the kernel length.
 //!
+//! Positions that are given are solved before those that the search chooses. They add to the fit. Neither their
+//! predictions nor their leave-one-out errors count: a hand stays in one part of the reachable set.
+//!
 //! The linear model is tested at the same positions without further solves. If it passes at least ten tests
 //! and agrees with the fit within tolerance, it is stored instead: the cheapest accurate model is used.
 
@@ -66,6 +69,8 @@ pub struct Target {
     pub parent: usize,
     /// Force predicted by the fit, N.
     pub predicted_n: [f64; 3],
+    /// Whether the search chose it, so that the prediction is a test.
+    pub is_test: bool,
 }
 
 /// Result of a target.
@@ -106,6 +111,10 @@ pub struct Search {
     /// Replacements for positions that failed or exceed the limit: points between parent and target, with
     /// their parents.
     replacements: Vec<([f64; 3], usize)>,
+    /// Given positions that are not solved yet, farthest from rest first.
+    given_m: Vec<[f64; 3]>,
+    /// Whether each configuration of the fit was given: rest, and the given positions.
+    is_given: Vec<bool>,
     /// The batch whose results are missing.
     batch: Vec<Target>,
     round: u32,
@@ -115,7 +124,7 @@ pub struct Search {
 #[derive(Debug, Clone)]
 struct CandidateFit {
     system: KernelSystem,
-    /// Leave-one-out errors of all configurations except rest, as shares of the tolerance.
+    /// Leave-one-out errors of the configurations that the search chose, as shares of the tolerance.
     leave_one_out: Vec<f64>,
 }
 
@@ -168,9 +177,19 @@ impl Search {
             metric,
             linear: Linear::new(stiffness),
             replacements: Vec::new(),
+            given_m: Vec::new(),
+            is_given: vec![true],
             batch: Vec::new(),
             round: 0,
         }
+    }
+
+    /// The search with positions, m, to solve before those that it chooses, those near rest first.
+    #[must_use]
+    pub fn after(mut self, given_m: &[[f64; 3]]) -> Self {
+        self.given_m = given_m.to_vec();
+        self.given_m.sort_by(|a, b| norm(*b).total_cmp(&norm(*a)));
+        self
     }
 
     /// Number of predictions that would end the search if all were within tolerance.
@@ -230,6 +249,16 @@ impl Search {
         if self.fitted.displacement_in_softest_direction_m() < MIN_RADIUS_M {
             return Some(Verdict::TooStiff);
         }
+        let is_full = self.fitted.jets.len() + self.excluded.len() >= self.fitted.wanted.max_configurations;
+        while !is_full && self.batch.is_empty() && !self.given_m.is_empty() {
+            let first = self.given_m.len().saturating_sub(BATCH);
+            for at in self.given_m.split_off(first).into_iter().rev() {
+                self.aim(at, self.fitted.nearest(at), false);
+            }
+        }
+        if !self.batch.is_empty() {
+            return None;
+        }
         if self.linear.tests_missing() == Some(0) && self.linear_agrees() {
             return Some(Verdict::Linear);
         }
@@ -239,7 +268,7 @@ impl Search {
         if is_stagnant(&self.fitted.tests) {
             return Some(Verdict::Stagnated);
         }
-        if self.fitted.jets.len() + self.excluded.len() >= self.fitted.wanted.max_configurations {
+        if is_full {
             return Some(Verdict::NotReached);
         }
         self.choose();
@@ -261,7 +290,7 @@ impl Search {
     /// farthest candidate positions.
     fn choose(&mut self) {
         for (at, parent) in std::mem::take(&mut self.replacements) {
-            self.aim(at, parent);
+            self.aim(at, parent, true);
         }
         let candidates = self.fitted.candidates(self.round);
         self.round += 1;
@@ -280,17 +309,17 @@ impl Search {
             for (gap, &other) in gaps.iter_mut().zip(&candidates) {
                 *gap = gap.min(squared(at, other));
             }
-            self.aim(at, self.fitted.nearest(at));
+            self.aim(at, self.fitted.nearest(at), true);
         }
     }
 
     /// Adds a target to the batch, unless its position is already solved or in the batch.
-    fn aim(&mut self, at: [f64; 3], parent: usize) {
+    fn aim(&mut self, at: [f64; 3], parent: usize, is_test: bool) {
         let index = nearest_index(at);
         let at = displacement_m(index);
         if self.taken().all(|other| other != at) {
             let predicted_n = self.fitted.fit.force_n(at);
-            self.batch.push(Target { index, displacement_m: at, parent, predicted_n });
+            self.batch.push(Target { index, displacement_m: at, parent, predicted_n, is_test });
         }
     }
 
@@ -308,7 +337,7 @@ impl Search {
     pub(crate) fn take(&mut self, found: &[SolveResult]) {
         let batch = std::mem::take(&mut self.batch);
         assert_eq!(batch.len(), found.len(), "one outcome for each target");
-        let mut learned = Vec::new();
+        let (mut learned, mut is_given) = (Vec::new(), Vec::new());
         for (target, found) in batch.iter().zip(found) {
             let at = target.displacement_m;
             match found {
@@ -316,6 +345,7 @@ impl Search {
                     self.score(target, jet);
                     if norm(jet.force_n) <= MAX_FORCE_FACTOR * self.fitted.wanted.max_force_n {
                         learned.push(*jet);
+                        is_given.push(!target.is_test);
                     } else {
                         self.excluded.push(at);
                         self.add_replacement(target, norm(jet.force_n));
@@ -339,15 +369,17 @@ impl Search {
             let mut grown = grown.into_iter();
             self.fits.retain(|_| grown.next().unwrap_or(false));
             self.fitted.jets.extend(learned);
+            self.is_given.extend(is_given);
         } else {
             // No kernel length makes the matrix regular, so the fits do not change.
             self.excluded.extend(learned.iter().map(|jet| jet.control_m));
         }
         let tolerance = self.fitted.wanted.tolerance;
         for candidate in &mut self.fits {
-            let missed = candidate.system.leave_one_out_n().zip(&self.fitted.jets).skip(1);
+            let missed = candidate.system.leave_one_out_n().zip(&self.fitted.jets).zip(&self.is_given);
+            let missed = missed.filter(|(_, is_given)| !**is_given);
             candidate.leave_one_out =
-                missed.map(|(missed, jet)| norm(missed) / tolerance.at(jet.force_n)).collect();
+                missed.map(|((missed, jet), _)| norm(missed) / tolerance.at(jet.force_n)).collect();
         }
         let best = (0..self.fits.len())
             .min_by(|&a, &b| self.fits[a].mean_left_out().total_cmp(&self.fits[b].mean_left_out()));
@@ -361,6 +393,9 @@ impl Search {
     }
 
     fn score(&mut self, target: &Target, jet: &EnergyJet) {
+        if !target.is_test {
+            return;
+        }
         let tolerance_n = self.fitted.wanted.tolerance.at(jet.force_n);
         let counts = norm(jet.force_n) <= MAX_FORCE_FACTOR * self.fitted.wanted.max_force_n;
         let error_n = distance(target.predicted_n, jet.force_n);

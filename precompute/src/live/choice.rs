@@ -3,12 +3,14 @@
 //! In this order: the first jet of every contact that is touched, the position of the hand, the position where it
 //! will be when the solve is done, and the first jets of the contacts it heads for. If all are known, the factor is
 //! renewed once it has become old and the hand leaves time for it; then the second position is solved to a finer
-//! limit. Prediction farther ahead does not pay: a jet that is trusted for 10 to 24 mm covers the path of many
+//! limit, and last the state near the hand if none is kept there: the picture shows it, and the next positions are
+//! continued from it. Prediction farther ahead does not pay: a jet that is trusted for 10 to 24 mm covers the path of many
 //! solves, and what is known already is worth more.
 
 use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::skin::Skin;
+use super::states::States;
 use super::workers::Workers;
 use crate::num::vector::{distance, norm};
 
@@ -17,13 +19,15 @@ const AHEAD: f64 = 1.5;
 /// but by at most this distance, m.
 const MAX_AHEAD_M: f64 = 0.02;
 /// The first jets of contacts within this distance of a free tool are solved, m,
-const HEADING_M: f64 = 0.03;
+pub(super) const HEADING_M: f64 = 0.03;
 /// round the place where it will be after this time, s.
 const HEADING_S: f64 = 0.1;
 /// A contact with a smaller weight is solved as if it had this weight, because weights change while the tool slips.
 const MIN_WEIGHT: f64 = 0.2;
 /// A factor is renewed if the tool is farther than this from where it was made, m.
 const FACTOR_REACH_M: f64 = 0.012;
+/// A state serves the picture up to this distance, m: that of a position that is known by it.
+const STATE_REACH_M: f64 = 0.0125;
 /// Positions nearer than this to one where nothing was found are not tried again, m.
 const LOST_REACH_M: f64 = 1e-3;
 /// Number of such positions.
@@ -68,6 +72,7 @@ pub(super) struct Choice<'s> {
     pub(super) growth: &'s Growth,
     pub(super) lost: &'s LostPositions,
     pub(super) workers: &'s Workers,
+    pub(super) states: &'s States,
     /// Mean time of a solve with the factor at hand, and with a new one, s.
     pub(super) solve_s: [f64; 2],
 }
@@ -108,6 +113,7 @@ impl Choice<'_> {
                 has_time.then(|| self.renewal(contacts[0].0, touch.control_m))?
             })
             .or_else(|| unknown(after(frozen_s), Limit::Rough))
+            .or_else(|| self.state(contacts[0].0, touch.control_m))
     }
 
     /// The first jet of a contact is that at rest.
@@ -143,6 +149,14 @@ impl Choice<'_> {
         let there_m = std::array::from_fn(|axis| hand.hip_m[axis] + reduced * travel[axis]);
         self.skin.near(there_m, HEADING_M, found);
         found.iter().find_map(|&(_, contact)| self.first(contact))
+    }
+
+    /// The state at the hand, if none is kept near it. Its jet is known, so no branch ends with it.
+    fn state(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
+        let nearest = self.states.nearest(contact, control_m);
+        let is_near = nearest.is_some_and(|seed| distance(seed.jet.control_m, control_m) <= STATE_REACH_M);
+        let needs = !is_near && self.skin.is_free(contact) && !self.lost.contains(contact, control_m, true);
+        needs.then_some(Task { contact, control_m, renews: false, is_ahead: true })
     }
 
     /// A new factor at the hand, if the last one is far. The solve also gives a jet.

@@ -23,6 +23,9 @@ pub enum LiveError {
         "the changed scene has another tool, mesh, order or kind of law, so the touch cannot go on; start it as a session of its own"
     )]
     OtherBody,
+    /// A blob of another model.
+    #[error("the blob has {0}, so its forces are not those of this scene; give the blob that was made of it")]
+    OtherBlob(&'static str),
     /// The body, under its body force, has no rest state.
     #[error(
         "the body cannot be solved at rest: {0}; check its material and its fixed nodes with `palpate inspect`"

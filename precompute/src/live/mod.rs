@@ -22,6 +22,7 @@ mod published;
 mod skin;
 mod solver;
 mod states;
+mod tabled;
 mod truth;
 mod workers;
 

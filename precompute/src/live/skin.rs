@@ -6,8 +6,12 @@ use super::error::LiveError;
 use crate::fem::{Body, Contact, Fingertip, Handle, Pad};
 use crate::mesh::{Surface, TetMesh};
 use crate::num::vector::distance;
-use crate::pack::Place;
-use crate::spec::Tool;
+use crate::pack::{PackError, Place, Untabled};
+use crate::scene::ResolvedScene;
+use crate::spec::{Sampling, Tool};
+
+/// How far a tool is expected to press in a scene without a grid, m.
+const REACH_M: f64 = 0.05;
 
 /// The contacts of a body and the triangles between them.
 #[derive(Debug, Clone)]
@@ -65,6 +69,23 @@ impl Skin {
             .collect();
         let is_free = vec![true; nodes.len()];
         Ok(Self { contacts, triangles, neighbours, tip: tool.fingertip().copied(), is_free })
+    }
+
+    /// The organ of a session as a blob without tables, and the mesh nodes of the vertices of its surface.
+    pub(super) fn organ(&self, scene: &ResolvedScene, body: &Body) -> Result<(Vec<u8>, Vec<u32>), PackError> {
+        let organ = Untabled {
+            scene: &scene.name,
+            law: &body.law_names(),
+            max_force_n: scene.max_force_n,
+            mesh: &scene.mesh,
+            rest_m: body.rest_state.as_chunks::<3>().0,
+            fixed: &scene.fixed,
+            tool: &scene.tool,
+            places: &self.contacts,
+            triangles: &self.triangles,
+            reach_m: scene.grid.as_ref().map_or(REACH_M, Sampling::radius_m),
+        };
+        organ.pack()
     }
 
     /// From now on contacts that are fixed in this body are not solved.

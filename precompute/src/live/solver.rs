@@ -3,19 +3,21 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::choice::{Choice, LostPositions, Task};
+use super::choice::{Choice, HEADING_M, LostPositions, Task};
 use super::error::LiveError;
 use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
 use super::skin::Skin;
 use super::states::{Start, States};
+use super::tabled;
 use super::workers::Workers;
+use palpate_core::Organ;
+
 use crate::fem::{Body, Constraints, FailureReason, FollowOptions, Followed, Problem, Seed, SolveFailure};
 use crate::num::branch::Excess;
-use crate::pack::{PackError, Untabled};
+use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
-use crate::spec::Sampling;
 
 /// Number of contacts whose problem is kept.
 const PROBLEMS: usize = 256;
@@ -31,8 +33,6 @@ const MAX_HELD: u32 = 12;
 const HALVINGS: u32 = 2;
 /// Weight of the last solve in the mean time of a solve.
 const NEWEST_SHARE: f64 = 0.2;
-/// How far a tool is expected to press in a scene without a grid, m.
-const REACH_M: f64 = 0.05;
 /// Mean time of a solve before the first one, s.
 const FIRST_SOLVE_S: f64 = 5e-3;
 
@@ -55,6 +55,8 @@ pub struct LiveSolver {
     near: Vec<(f64, u16)>,
     /// Jets that were not taken yet.
     outbox: VecDeque<Published>,
+    /// Contacts with jets of a blob that the loop has not got.
+    unsent: Vec<u16>,
     /// Number of the model, and the rest state of the first one.
     model: u32,
     first_rest: Vec<f64>,
@@ -94,6 +96,7 @@ impl LiveSolver {
             has_renewed: false,
             totals: Totals::default(),
             outbox: VecDeque::with_capacity(OUTBOX),
+            unsent: Vec::new(),
             model: 0,
             first_rest,
             holds_back: false,
@@ -113,19 +116,45 @@ impl LiveSolver {
     ///
     /// [`PackError`].
     pub fn organ(&self, scene: &ResolvedScene) -> Result<(Vec<u8>, Vec<u32>), PackError> {
-        let organ = Untabled {
-            scene: &scene.name,
-            law: &self.body.law_names(),
-            max_force_n: scene.max_force_n,
-            mesh: &scene.mesh,
-            rest_m: self.body.rest_state.as_chunks::<3>().0,
-            fixed: &scene.fixed,
-            tool: &scene.tool,
-            places: &self.skin.contacts,
-            triangles: &self.skin.triangles,
-            reach_m: scene.grid.as_ref().map_or(REACH_M, Sampling::radius_m),
-        };
-        organ.pack()
+        self.skin.organ(scene, &self.body)
+    }
+
+    /// Takes the tables of a blob of the same model as known. The loop gets their jets when the tool comes near.
+    /// Returns the numbers of contacts and of jets; contacts of the blob that are no vertices of the skin are left
+    /// out.
+    ///
+    /// # Errors
+    ///
+    /// [`LiveError::OtherBlob`], by mesh, tool, law, and the stiffness of one contact at rest, which is solved.
+    pub fn begin_with(
+        &mut self,
+        organ: &Organ<'_>,
+        scene: &ResolvedScene,
+    ) -> Result<(usize, usize), LiveError> {
+        let method = tabled::check(organ, scene, &self.body.law_names())?;
+        let (mut contacts, mut count) = (0, 0);
+        for space in &organ.spaces {
+            let Some(contact) = tabled::contact_of(&self.skin, space) else { continue };
+            let jets = tabled::jets(space, method, scene.max_force_n);
+            let Some(rest) = jets.first() else { continue };
+            if contacts == 0 {
+                self.solve(Task { contact, control_m: [0.0; 3], renews: true, is_ahead: false });
+                let solved = self.known[usize::from(contact)].jets().first();
+                if solved.is_some_and(|solved| !tabled::is_of_model(rest, solved)) {
+                    return Err(LiveError::OtherBlob("another stiffness"));
+                }
+            }
+            let known = &mut self.known[usize::from(contact)];
+            for jet in &jets {
+                let trust = known.trust(*jet);
+                known.add(trust, false);
+            }
+            contacts += 1;
+            count += jets.len();
+            self.unsent.push(contact);
+        }
+        self.outbox.reserve(count);
+        Ok((contacts, count))
     }
 
     /// Number of equations.
@@ -164,6 +193,7 @@ impl LiveSolver {
         self.known.fill(Known::default());
         (self.growth, self.lost) = (Growth::default(), LostPositions::default());
         self.outbox.clear();
+        self.unsent.clear();
         self.model += 1;
         (self.holds_back, self.held_solves) = (true, 0);
         Ok(())
@@ -177,16 +207,7 @@ impl LiveSolver {
     /// All jets of a contact, as if they were found anew.
     pub fn jets(&self, contact: u16) -> impl Iterator<Item = Published> {
         let known = self.known.get(usize::from(contact)).filter(|_| !self.holds_back);
-        let jets = known.map_or(&[][..], Known::jets);
-        let model = self.model;
-        jets.iter().map(move |&trust| Published {
-            contact,
-            trust,
-            joins: true,
-            is_fresh: false,
-            is_unstable: false,
-            model,
-        })
+        known.into_iter().flat_map(move |known| as_new(known, contact, self.model))
     }
 
     /// States how long the last step took, s.
@@ -195,10 +216,30 @@ impl LiveSolver {
         *mean_s += NEWEST_SHARE * (seconds - *mean_s);
     }
 
+    /// Publishes the jets of a blob's contacts that the tool touches or comes near.
+    fn send_known(&mut self, hand: &Hand) {
+        if self.unsent.is_empty() {
+            return;
+        }
+        let Self { skin, known, near, unsent, outbox, model, .. } = self;
+        skin.near(hand.hip_m, HEADING_M, near);
+        let touched = hand.touch.iter().flat_map(|touch| touch.contacts.map(|(contact, _)| contact));
+        let control_m = hand.touch.as_ref().map_or([0.0; 3], |touch| touch.control_m);
+        for contact in touched.chain(near.iter().map(|&(_, contact)| contact)) {
+            let Some(at) = unsent.iter().position(|of| *of == contact) else { continue };
+            unsent.swap_remove(at);
+            let first = outbox.len();
+            outbox.extend(as_new(&known[usize::from(contact)], contact, *model));
+            let jets = &mut outbox.make_contiguous()[first..];
+            jets.sort_unstable_by(|a, b| a.distance_m(control_m).total_cmp(&b.distance_m(control_m)));
+        }
+    }
+
     /// Solves at one position, if there is one that is worth it.
     pub fn step(&mut self, hand: &Hand) -> Step {
-        let Self { skin, known, growth, lost, workers, solve_s, near, .. } = self;
-        let choice = Choice { skin, known, growth, lost, workers, solve_s: *solve_s };
+        self.send_known(hand);
+        let Self { skin, known, growth, lost, workers, states, solve_s, near, .. } = self;
+        let choice = Choice { skin, known, growth, lost, workers, states, solve_s: *solve_s };
         let step = match choice.next(hand, near) {
             Some(task) => self.solve(task),
             None => Step::Idle,
@@ -208,6 +249,11 @@ impl LiveSolver {
             && step != Step::Idle
             && hand.touch.as_ref().is_some_and(|touch| !self.knows(touch));
         step
+    }
+
+    /// Whether the loop gets jets of the present model: not before the touch is known after a change.
+    pub fn is_ready(&self) -> bool {
+        !self.holds_back
     }
 
     /// The next jet for the loop. After a change of the model there is none until the present touch is known.
@@ -386,23 +432,18 @@ impl LiveSolver {
     /// Displacement of nodes from the rest of the first model, in the state nearest to the hand, blended over the
     /// contacts of the touch, m. That of the body at rest without a touch, and for contacts without a kept state.
     pub fn displacements_into(&self, hand: &Hand, nodes: &[u32], out: &mut [[f32; 3]]) {
-        for (&node, out) in nodes.iter().zip(out.iter_mut()) {
-            let at = |axis: usize| 3 * node as usize + axis;
-            *out = std::array::from_fn(|axis| {
-                (self.body.rest_state[at(axis)] - self.first_rest[at(axis)]) as f32
-            });
-        }
-        let Some(touch) = &hand.touch else { return };
-        for &(contact, weight) in touch.contacts.iter().filter(|(_, weight)| *weight > 0.0) {
-            let Some(seed) = self.states.nearest(contact, touch.control_m) else { continue };
-            let d: [f64; 3] = std::array::from_fn(|axis| touch.control_m[axis] - seed.jet.control_m[axis]);
-            for (&node, out) in nodes.iter().zip(out.iter_mut()) {
-                for (axis, value) in out.iter_mut().enumerate() {
-                    let at = 3 * node as usize + axis;
-                    let slope: f64 = (0..3).map(|k| d[k] * seed.sensitivity[k][at]).sum();
-                    *value += (weight * (seed.state[at] - self.body.rest_state[at] + slope)) as f32;
-                }
-            }
-        }
+        self.states.displacements_into(hand, (&self.body, &self.first_rest), nodes, out);
     }
+}
+
+/// The jets of a contact, as if they were found anew.
+fn as_new(known: &Known, contact: u16, model: u32) -> impl Iterator<Item = Published> {
+    known.jets().iter().map(move |&trust| Published {
+        contact,
+        trust,
+        joins: true,
+        is_fresh: false,
+        is_unstable: false,
+        model,
+    })
 }

@@ -1,5 +1,6 @@
 //! The solved states that are kept as starts of the next continuations.
 
+use super::hand::Hand;
 use super::memory::Trust;
 use crate::fem::{Body, Seed};
 use crate::num::vector::distance;
@@ -103,5 +104,32 @@ impl States {
             kept.contact == contact && (kept.is_guess || !trust.agrees(&Trust::of(kept.seed.jet, rest_n_m)))
         };
         free.extend(self.kept.extract_if(.., differs).map(|kept| kept.seed));
+    }
+
+    /// Displacement of nodes from the rest of the first model, in the state nearest to the hand, blended over the
+    /// contacts of the touch, m. That of the body at rest without a touch, and for contacts without a kept state.
+    pub(super) fn displacements_into(
+        &self,
+        hand: &Hand,
+        (body, first_rest): (&Body, &[f64]),
+        nodes: &[u32],
+        out: &mut [[f32; 3]],
+    ) {
+        for (&node, out) in nodes.iter().zip(out.iter_mut()) {
+            let at = |axis: usize| 3 * node as usize + axis;
+            *out = std::array::from_fn(|axis| (body.rest_state[at(axis)] - first_rest[at(axis)]) as f32);
+        }
+        let Some(touch) = &hand.touch else { return };
+        for &(contact, weight) in touch.contacts.iter().filter(|(_, weight)| *weight > 0.0) {
+            let Some(seed) = self.nearest(contact, touch.control_m) else { continue };
+            let d: [f64; 3] = std::array::from_fn(|axis| touch.control_m[axis] - seed.jet.control_m[axis]);
+            for (&node, out) in nodes.iter().zip(out.iter_mut()) {
+                for (axis, value) in out.iter_mut().enumerate() {
+                    let at = 3 * node as usize + axis;
+                    let slope: f64 = (0..3).map(|k| d[k] * seed.sensitivity[k][at]).sum();
+                    *value += (weight * (seed.state[at] - body.rest_state[at] + slope)) as f32;
+                }
+            }
+        }
     }
 }

@@ -183,7 +183,7 @@ fn surface(
 }
 
 /// A fingertip as the blob states it.
-fn fingertip(tip: &crate::fem::Fingertip) -> Fingertip {
+pub(crate) fn fingertip(tip: &crate::fem::Fingertip) -> Fingertip {
     Fingertip { radius_m: tip.radius_m as f32, stiffness_n_m: tip.stiffness_on_a_plane_n_m() as f32 }
 }
 

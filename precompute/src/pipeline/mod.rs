@@ -67,7 +67,7 @@ fn with_contacts(
 ) -> Result<ResolvedScene, PipelineError> {
     if let (Some(_), Some(contacts)) = (scene.cover.take(), contacts) {
         let chosen = store.active()?.into_iter().zip(contacts.points).skip(scene.active.len());
-        let point = |((name, node), at)| ActiveNode { name, node, patch: Vec::new(), contact: Some(at) };
+        let point = |((name, _), at)| ActiveNode::at(name, at);
         scene.active.extend(chosen.map(point));
         scene.contact_triangles = contacts.triangles;
     }
@@ -132,8 +132,8 @@ impl Analysis {
         Self::of_scene(path, scene)
     }
 
-    /// Restores scene and body from a `.space` file alone.
-    pub(crate) fn of_store(store: &Store) -> Result<Self, PipelineError> {
+    /// Restores scene and body from the `.space` file alone.
+    pub fn of_store(store: &Store) -> Result<Self, PipelineError> {
         let (mesh, fixed) = store.body()?;
         let identity = store.identity()?;
         let scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;
@@ -207,6 +207,7 @@ impl Analysis {
             max_force_n: self.scene.max_force_n,
             sampling: self.sampling()?,
             normals: self.normals(),
+            visited_m: self.scene.active.iter().map(|active| active.visited_m.clone()).collect(),
             contacts: self.scene.contacts(),
             visual: self.scene.visual,
             displacement_bound: self.scene.displacement_bound,

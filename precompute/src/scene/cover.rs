@@ -81,7 +81,7 @@ pub(crate) fn choose(
     let triangles = faces.iter().map(|corners| corners.map(number)).collect();
     let problems = solved_scene.problems(body);
     let solve = |&at: &SkinPoint| -> Result<Candidate, SolveFailure> {
-        let active = ActiveNode::at(at);
+        let active = ActiveNode::at(String::new(), at);
         let normal = active.normal(&skin).unwrap_or_default();
         let rest = Solver::new(problems.of(&active)).rest()?;
         let jet = rest.jet().as_rest();
@@ -120,9 +120,8 @@ pub(crate) fn choose(
     let kept: Vec<usize> = (0..net.candidates.len()).filter(|&c| !net.around[c].is_empty()).collect();
     let place = |candidate: &usize| kept.binary_search(candidate).expect("the corner of a triangle") as u32;
     let triangles = net.triangles.values().map(|corners| corners.each_ref().map(place)).collect();
-    let active = (1..).zip(&kept).map(|(number, &candidate)| ActiveNode {
-        name: format!("{}-{number}", cover.name),
-        ..ActiveNode::at(net.candidates[candidate].at)
+    let active = (1..).zip(&kept).map(|(number, &candidate)| {
+        ActiveNode::at(format!("{}-{number}", cover.name), net.candidates[candidate].at)
     });
     Ok((active.collect(), triangles))
 }

@@ -1,9 +1,31 @@
-//! A scene with one value changed, for a session that changes its model while a hand touches it.
+//! Scenes made from a scene: with one value changed, for a session that changes its model while a hand touches
+//! it; and with the contacts that a hand has visited, to solve them to the end.
 
 use toml::{Table, Value};
 
 use super::Scene;
 use crate::error::InputError;
+use crate::num::vector::norm;
+
+/// A contact that a hand has visited.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VisitedContact {
+    /// Name of its space.
+    pub name: String,
+    /// The mesh node of a point tool, or the position on the undeformed skin of a tool with a size, m.
+    pub place: VisitedPlace,
+    /// Displacements of the tool, m.
+    pub visited_m: Vec<[f64; 3]>,
+}
+
+/// Where a visited contact is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum VisitedPlace {
+    /// A node.
+    Node(u32),
+    /// A point of the skin.
+    Point([f64; 3]),
+}
 
 impl Scene {
     /// The scene with one value changed, as if it stood in the file.
@@ -25,6 +47,46 @@ impl Scene {
         here.insert(last.to_owned(), parsed.unwrap_or_else(|| Value::String(value.to_owned())));
         let text = toml::to_string(&table)
             .map_err(|error| refused(format!("`{key} = {value}`: {error}"), "use a plain value".into()))?;
+        Self::parse(&self.place.path, text)
+    }
+
+    /// The scene with these contacts as its active nodes. Adaptive sampling solves the visited displacements first;
+    /// a lattice becomes a sampling of what cannot be felt. The radius of the sampling contains them, and is
+    /// `radius_m` in a scene without a grid.
+    ///
+    /// # Errors
+    ///
+    /// [`InputError`] if the scene refuses them, for example without the force limit of a device.
+    pub fn with_visits(&self, contacts: &[VisitedContact], radius_m: f64) -> Result<Self, InputError> {
+        let numbers = |at_m: &[f64; 3]| Value::Array(at_m.iter().map(|&x| Value::Float(x)).collect());
+        let active = contacts.iter().map(|contact| {
+            let place = match &contact.place {
+                VisitedPlace::Node(node) => ("node", Value::Integer(i64::from(*node))),
+                VisitedPlace::Point(at_m) => ("point", numbers(at_m)),
+            };
+            let visited = Value::Array(contact.visited_m.iter().map(numbers).collect());
+            let keys = [("name", Value::String(contact.name.clone())), place, ("visited_m", visited)];
+            Value::Table(keys.into_iter().map(|(key, value)| (key.to_owned(), value)).collect())
+        });
+        let mut table: Table = self.place.text.parse().expect("the text was parsed before");
+        table.insert("active".to_owned(), Value::Array(active.collect()));
+        let grid = table.entry("grid").or_insert_with(|| Value::Table(Table::new()));
+        let grid = grid.as_table_mut().expect("the scene was parsed before");
+        for lattice in ["spacing_m", "points", "increments", "complete_cells"] {
+            grid.remove(lattice);
+        }
+        if !["tolerance_n", "tolerance_relative", "cannot_be_felt"].iter().any(|key| grid.contains_key(*key))
+        {
+            grid.insert("cannot_be_felt".to_owned(), Value::Boolean(true));
+        }
+        let farthest_m = contacts
+            .iter()
+            .flat_map(|contact| &contact.visited_m)
+            .map(|at_m| norm(*at_m))
+            .fold(0.0, f64::max);
+        let own_m = grid.get("radius_m").and_then(|value| value.as_float()).unwrap_or(radius_m);
+        grid.insert("radius_m".to_owned(), Value::Float(own_m.max(farthest_m)));
+        let text = toml::to_string(&table).expect("a table of plain values");
         Self::parse(&self.place.path, text)
     }
 }
@@ -81,6 +143,31 @@ mod tests {
         assert!(
             heavy.clone().is_ok_and(|t| t.contains("-9.81")) || heavy.is_err_and(|e| e.contains("density"))
         );
+    }
+
+    #[test]
+    fn visited_contacts_become_the_active_nodes() {
+        let scene =
+            Scene::parse(Path::new("two.toml"), format!("{SCENE}[grid]\nradius_m = 0.02\npoints = 514\n"));
+        let contact = |name: &str, place, x: f64| VisitedContact {
+            name: name.into(),
+            place,
+            visited_m: vec![[x, 0.0, -1e-3]],
+        };
+        let visited = [
+            contact("A1", VisitedPlace::Node(3), 0.01),
+            contact("P", VisitedPlace::Point([0.1, 0.2, 0.3]), 0.03),
+        ];
+        let text = scene.expect("a scene").with_visits(&visited, 0.05).expect("accepted").place.text;
+        for words in [
+            "node = 3",
+            "point = [0.1, 0.2, 0.3]",
+            "visited_m = [[0.01, 0.0, -0.001]]",
+            "cannot_be_felt = true",
+        ] {
+            assert!(text.contains(words), "{words}: {text}");
+        }
+        assert!(!text.contains("514") && text.contains("radius_m = 0.030"), "{text}");
     }
 
     #[test]

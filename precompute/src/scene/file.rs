@@ -87,6 +87,8 @@ pub(super) struct ActiveTable {
     pub(super) patch: Option<Spanned<Vec<Spanned<i64>>>>,
     /// Distance within which all surface nodes belong to the patch.
     pub(super) patch_radius_m: Option<Spanned<f64>>,
+    /// Displacements that adaptive sampling solves first.
+    pub(super) visited_m: Option<Spanned<Vec<[f64; 3]>>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

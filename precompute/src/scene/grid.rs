@@ -3,10 +3,11 @@
 use toml::Spanned;
 
 use super::GRID_POINTS;
-use super::file::GridTable;
+use super::file::{ActiveTable, GridTable, OneOrMany, tables};
 use super::lookup::Lookup;
 use super::place::positive;
 use crate::error::InputError;
+use crate::num::vector::norm;
 use crate::spec::{
     Lattice, MAX_RADIUS_M, MIN_RADIUS_M, Sampling, Scattered, SpaceGrid, Tolerance, Workspace,
 };
@@ -62,6 +63,31 @@ impl Lookup<'_> {
             )
         })?;
         Ok(Sampling::Lattice(Lattice { grid: space_grid, complete_cells, increments }))
+    }
+
+    /// Displacements to solve first are for adaptive sampling, and lie within its radius.
+    pub(super) fn check_visited(
+        &self,
+        active: &Spanned<OneOrMany<ActiveTable>>,
+        grid: Option<&Sampling>,
+    ) -> Result<(), InputError> {
+        for table in tables(active) {
+            let Some(visited) = &table.table.visited_m else { continue };
+            let error = |what: String, fix: &str| Err(self.place.error(visited.span(), what, fix));
+            let Some(Sampling::Scattered(scattered)) = grid else {
+                let what = "`visited_m` is for adaptive sampling";
+                return error(
+                    what.into(),
+                    "give [grid] `cannot_be_felt = true` or a tolerance, or remove it",
+                );
+            };
+            let far = visited.get_ref().iter().find(|at_m| norm(**at_m) > scattered.radius_m);
+            if let Some(far) = far {
+                let what = format!("`visited_m` {far:?} lies beyond `radius_m` = {}", scattered.radius_m);
+                return error(what, "give a larger `radius_m`, or remove it");
+            }
+        }
+        Ok(())
     }
 
     /// Adaptive sampling needs a force limit above its tolerance.

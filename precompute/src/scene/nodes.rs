@@ -266,6 +266,30 @@ impl Lookup<'_> {
         name: &str,
         fixed: &[u32],
     ) -> Result<Vec<ActiveNode>, InputError> {
+        let mut found = self.placed(at, name, fixed)?;
+        if let Some(visited) = &at.table.visited_m {
+            if at.table.group.is_some() {
+                let what = "`visited_m` belongs to one node, not to a `group`";
+                return Err(self.place.error(visited.span(), what, "give the node by `node` or `point`"));
+            }
+            for at_m in visited.get_ref() {
+                if !at_m.iter().all(|x| x.is_finite()) {
+                    let what = format!("`visited_m` holds {at_m:?}");
+                    return Err(self.place.error(visited.span(), what, "give displacements in metres"));
+                }
+            }
+            found.iter_mut().for_each(|node| node.visited_m.clone_from(visited.get_ref()));
+        }
+        Ok(found)
+    }
+
+    /// Like [`Self::active`], without displacements.
+    fn placed(
+        &self,
+        at: &Located<'_, ActiveTable>,
+        name: &str,
+        fixed: &[u32],
+    ) -> Result<Vec<ActiveNode>, InputError> {
         if let (Some(group), true) =
             (&at.table.group, at.table.patch.is_some() || at.table.patch_radius_m.is_some())
         {
@@ -278,8 +302,7 @@ impl Lookup<'_> {
             (None, Some(point), None, None) => (point.span(), self.nearest(point)?),
             (None, None, Some(point), None) => {
                 let contact = self.contact_point(name, point)?;
-                let (node, patch) = (contact.nearest_node(), Vec::new());
-                return Ok(vec![ActiveNode { name: name.into(), node, patch, contact: Some(contact) }]);
+                return Ok(vec![ActiveNode::at(name.into(), contact)]);
             }
             (None, None, None, Some(group)) => return self.of_group(group, name, fixed),
             (None, None, None, None) => {
@@ -311,8 +334,7 @@ impl Lookup<'_> {
             _ => self.group(groups, "nodes", group)?,
         };
         let is_free = |node: &u32| self.skin.contains(*node) && fixed.binary_search(node).is_err();
-        let active =
-            |node| ActiveNode { name: format!("{name}-{node}"), node, patch: Vec::new(), contact: None };
+        let active = |node| ActiveNode::node(format!("{name}-{node}"), node);
         let active: Vec<ActiveNode> = members.iter().copied().filter(is_free).map(active).collect();
         if active.is_empty() {
             let what = format!("group \"{}\" has no free surface node", group.get_ref());
@@ -332,7 +354,7 @@ impl Lookup<'_> {
     ) -> Result<ActiveNode, InputError> {
         let (span, mut patch) = match (&table.patch, &table.patch_radius_m) {
             (None, None) => {
-                return Ok(ActiveNode { name: name.into(), node, patch: Vec::new(), contact: None });
+                return Ok(ActiveNode::node(name.into(), node));
             }
             (Some(patch), Some(_)) => {
                 let what = "both `patch` and `patch_radius_m` are given";
@@ -355,7 +377,7 @@ impl Lookup<'_> {
         for &member in &patch {
             self.touchable(span.clone(), member, name, fixed)?;
         }
-        Ok(ActiveNode { name: name.into(), node, patch, contact: None })
+        Ok(ActiveNode { patch, ..ActiveNode::node(name.into(), node) })
     }
 
     /// The surface node nearest to a point in metres; of equally near nodes, the one with the lowest index.

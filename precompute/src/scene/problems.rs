@@ -99,6 +99,6 @@ impl Problems {
 
     /// The problem of the fingertip at a place of the skin.
     pub fn at(&self, place: SkinPoint) -> Arc<Problem> {
-        self.of(&ActiveNode::at(place))
+        self.of(&ActiveNode::at(String::new(), place))
     }
 }

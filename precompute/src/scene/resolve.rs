@@ -54,6 +54,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let only_push = file.needs.contact == Contact::Push;
     let grid =
         file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n, workspace)).transpose()?;
+    lookup.check_visited(&file.active, grid.as_ref())?;
     if let (Some(_), Some(force), Some(table)) = (workspace, &file.body_force, grid_table) {
         let what = "a workspace refers to the undeformed mesh and cannot be combined with [body_force]";
         let span = table.workspace_min_m.as_ref().map_or(force.span(), Spanned::span);

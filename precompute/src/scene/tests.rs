@@ -136,7 +136,7 @@ fn a_scene_resolves_to_indices_and_metres() {
     let material = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
     assert_eq!(scene.materials, [MaterialRegion { material, bulk_modulus_pa: None, tets: None }]);
     assert_eq!(scene.fixed, (0..16).collect::<Vec<u32>>());
-    let active = |name: &str, node| ActiveNode { name: name.into(), node, patch: vec![], contact: None };
+    let active = |name: &str, node| ActiveNode::node(name.into(), node);
     assert_eq!(scene.active, [active("A1", 63), active("A2", 48 + 4 + 1)]);
     assert_eq!(
         scene.grid,

@@ -20,8 +20,8 @@ pub(crate) enum Plans {
         domain: Arc<Domain>,
         grid: SpaceGrid,
     },
-    /// By active node.
-    Scattered(Vec<Requirements>),
+    /// By active node, with the displacements to solve first.
+    Scattered(Vec<(Requirements, Vec<[f64; 3]>)>),
 }
 
 impl Plans {
@@ -41,7 +41,8 @@ impl Plans {
         }
         let wanted = |(at, ((_, node), normal)): (usize, ((String, u32), &[f64; 3]))| {
             let place_m = identity.at_active(at, node, |node| mesh.nodes_m[node as usize]);
-            scattered.wanted(identity.max_force_n, place_m, *normal)
+            let visited_m = identity.visited_m.get(at).cloned().unwrap_or_default();
+            (scattered.wanted(identity.max_force_n, place_m, *normal), visited_m)
         };
         Ok(Self::Scattered(active.into_iter().zip(&identity.normals).enumerate().map(wanted).collect()))
     }
@@ -63,7 +64,10 @@ impl Plans {
     pub(crate) fn plan(&self, active: usize) -> Box<dyn SpacePlan> {
         match self {
             Self::Lattice { domain, grid } => Box::new(Plan::new(domain.clone(), *grid)),
-            Self::Scattered(wanted) => Box::new(ScatteredPlan::new(wanted[active])),
+            Self::Scattered(all) => {
+                let (wanted, visited_m) = &all[active];
+                Box::new(ScatteredPlan::new(*wanted, visited_m.clone()))
+            }
         }
     }
 }

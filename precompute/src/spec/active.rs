@@ -38,6 +38,9 @@ pub struct ActiveNode {
     /// The contact point of a tool with a size; `None` for a point tool, which holds the node.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact: Option<SkinPoint>,
+    /// Displacements that adaptive sampling solves before those that it chooses, m.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub visited_m: Vec<[f64; 3]>,
 }
 
 /// The contact points of a tool with a size, and the triangles between them.
@@ -53,9 +56,14 @@ pub struct ContactSurface {
 }
 
 impl ActiveNode {
-    /// A contact point without a name.
-    pub(crate) fn at(place: SkinPoint) -> Self {
-        Self { name: String::new(), node: place.nearest_node(), patch: Vec::new(), contact: Some(place) }
+    /// A single node.
+    pub fn node(name: String, node: u32) -> Self {
+        Self { name, node, patch: Vec::new(), contact: None, visited_m: Vec::new() }
+    }
+
+    /// A contact point.
+    pub(crate) fn at(name: String, place: SkinPoint) -> Self {
+        Self { contact: Some(place), ..Self::node(name, place.nearest_node()) }
     }
 
     /// Contact of the tool on this body.

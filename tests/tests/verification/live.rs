@@ -5,13 +5,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
+use palpate_core::{AlignedBytes, Field, JetMemory, Method, NodeWeight, Organ};
 use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::fem::{
     Body, Constraints, FollowOptions, Followed, Handle, Model, Pad, Problem, Seed, SolveFailure, Solver,
 };
 use palpate_precompute::live::{Hand, LiveSolver, Published, Step, Touch, Truth};
 use palpate_precompute::num::EnergyJet;
-use palpate_precompute::scene::Scene;
+use palpate_precompute::pipeline::{Analysis, Run, certified_blob};
+use palpate_precompute::scene::{Scene, VisitedContact, VisitedPlace};
+use palpate_precompute::spec::Tolerance;
 
 use super::condensed::{Case, cases, solver};
 
@@ -245,4 +248,76 @@ fn a_changed_model_is_followed_where_the_hand_is() {
     solver.change(&with_fixed(&all)).expect_err("nothing to touch");
     while solver.step(&heading) != Step::Idle {}
     assert_eq!(solver.step(&hand), Step::Idle);
+}
+
+/// A contact whose visited positions became a blob: its force is known before anything is solved there.
+#[test]
+fn what_a_blob_holds_is_not_solved_again() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
+    let scene = Scene::load(&path).expect("a bundled scene");
+    let resolved = scene.resolve().expect("a bundled scene");
+    let node = resolved.active[0].node;
+    let visited_m = vec![[0.004, -0.002, -0.008], [0.0, 0.003, -0.016], [-0.004, -0.002, -0.020]];
+    let contact = VisitedContact { name: "A1".into(), place: VisitedPlace::Node(node), visited_m };
+    let touched = scene.with_visits(&[contact], 0.03).expect("accepted").resolve().expect("accepted");
+    let folder = tempfile::tempdir().expect("a folder");
+    let (space, run) = (folder.path().join("a.space"), Run::run_to_end());
+    Analysis::of_scene(&path, touched).expect("a body").solve_all(&space, run).expect("solved");
+    let bytes = certified_blob(&space, &[Method::Energy], Some(2), run).expect("a blob");
+    let bytes = AlignedBytes::from(&bytes[..]);
+    let organ = Organ::read(&bytes).expect("a valid blob");
+
+    let mut solver = LiveSolver::new(&resolved).expect("it can be touched");
+    assert_eq!(solver.begin_with(&organ, &resolved).map(|(contacts, _)| contacts).expect("its blob"), 1);
+    let at = solver.skin().contacts.iter().position(|place| place.node == node).expect("on the skin");
+    let (index, place) = (at as u16, solver.skin().contacts[at]);
+    let touch = |depth_m: f64| Touch {
+        contacts: [(index, 1.0), (0, 0.0), (0, 0.0)],
+        control_m: place.normal.map(|n| -depth_m * n),
+    };
+    // One step after the tool comes near the loop has them all.
+    let heading = Hand { hip_m: place.rest_m, ..Hand::default() };
+    solver.step(&heading);
+    let mut memory = Box::new(JetMemory::<1, 256>::new());
+    let own = std::iter::from_fn(|| solver.published()).filter(|jet| jet.contact == index);
+    let taken = own.zip(0..).filter(|(jet, sequence)| {
+        let jet = palpate_core::Jet { contact: 0, ..jet.jet(*sequence) };
+        memory.insert(&jet)
+    });
+    assert!((40..256).contains(&taken.count()), "{} jets", memory.jets(0));
+    let fresh = LiveSolver::new(&resolved).expect("it can be touched");
+    let mut truth = Truth::new(&fresh);
+    for depth_mm in [0.5, 3.0, 7.0, 11.0, 16.0, 21.0] {
+        let touch = touch(1e-3 * depth_mm);
+        let wanted = Vector3::from(truth.force_n(&touch).expect("it converges"));
+        let displacement_m = touch.control_m.map(|x| x as f32);
+        let weights = [NodeWeight { space: 0, weight: 1.0 }, NodeWeight::default(), NodeWeight::default()];
+        let asked = palpate_core::Touch { now_us: 1_000_000, weights, displacement_m, hip_m: displacement_m };
+        // After the fade of the hand-over.
+        let felt = (0..200).filter_map(|_| memory.force(&asked)).last().expect("an answer");
+        let felt = felt.force_n.map(f64::from);
+        let error_n = (Vector3::from(felt) - wanted).norm();
+        println!("{depth_mm} mm: {:.3} N, off by {:.1} mN", wanted.norm(), 1e3 * error_n);
+        assert!(error_n < Tolerance::IMPERCEPTIBLE.of_size(wanted.norm()), "{depth_mm} mm: {error_n}");
+    }
+    // A hand that rests there has nothing solved but its neighbours at rest, and the state of its picture.
+    let hand = Hand { touch: Some(touch(0.012)), ..Hand::default() };
+    let mut solved = Vec::new();
+    while solver.step(&hand) != Step::Idle {
+        solved.extend(std::iter::from_fn(|| solver.published()));
+    }
+    let own = solved.iter().filter(|jet| jet.contact == index).count();
+    println!("{own} of {} jets at the contact", solved.len());
+    assert!(own <= 3, "{own}");
+    // Another model is refused: by its mesh, and else by what is solved.
+    for (key, value, what) in [
+        ("mesh.order", "2", "another stiffness"),
+        ("fixed.group", "F2", "another stiffness"),
+        ("material.c10_pa", "2600.0", "another stiffness"),
+    ] {
+        let changed = scene.with(key, value).expect("the scene has it").resolve().expect("it can be solved");
+        let mut solver = LiveSolver::new(&changed).expect("it can be touched");
+        let error = solver.begin_with(&organ, &changed).expect_err(key).to_string();
+        assert!(error.contains(what), "{key}: {error}");
+    }
 }

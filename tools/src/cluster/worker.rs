@@ -11,12 +11,13 @@ use palpate_precompute::space::{Executor, ExecutorError, Threads, with_threads};
 
 use super::messages::{Order, RankConfig, Report, decode, encode};
 use super::ranks::PAUSE;
+use crate::analysis::{is_space, of_space};
 use crate::failure::Failure;
 
 /// Works for rank 0 until it releases this rank. Errors are sent to rank 0, which reports them.
 pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, threads: usize) {
     let line = || Line { world, released: false };
-    let loaded = Analysis::load(scene).map_err(Failure::from);
+    let loaded = if is_space(scene) { of_space(scene) } else { Analysis::load(scene).map_err(Failure::from) };
     let ready = loaded.and_then(|bench| Ok((RankConfig::of(&bench), bench.context()?)));
     let host = mpi::environment::processor_name().unwrap_or_default();
     let hello = |basis| Report::Hello { host: host.clone(), threads: threads as u32, basis };

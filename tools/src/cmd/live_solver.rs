@@ -11,6 +11,7 @@ use palpate_host::sys::monotonic_ns;
 use palpate_precompute::live::{Hand as Seen, LiveSolver, Step, Touch};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 
+use crate::blob;
 use crate::failure::Failure;
 use crate::setting::split;
 
@@ -38,6 +39,9 @@ pub(crate) struct Args {
     /// Values that differ from the scene file
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Blob of the same model, whose tables are known from the start
+    #[arg(long, value_name = "FILE.blob")]
+    blob: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -46,7 +50,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         |error| Failure::input(format!("{error}: live-solver is started by `palpate live`, not by hand"));
     let service = Service::of_stdin().map_err(by_hand)?;
     let ended = |_| Failure::work("the session has ended");
-    match prepare(args) {
+    match prepare(args, &service) {
         Ok((scene, solver, blob, nodes)) => {
             let serving = service.ready(&blob, nodes.len()).map_err(ended)?;
             Solving::new(scene, solver, serving, nodes).run();
@@ -60,10 +64,20 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// The scene, its solver, the blob of its organ, and the nodes of the organ's surface.
-fn prepare(args: &Args) -> Result<(Scene, LiveSolver, Vec<u8>, Vec<u32>), Failure> {
+fn prepare(args: &Args, service: &Service) -> Result<(Scene, LiveSolver, Vec<u8>, Vec<u32>), Failure> {
     let scene = scene(&args.scene, &args.set)?;
     let resolved = scene.resolve()?;
-    let solver = solver(&args.scene, &resolved)?;
+    let mut solver = solver(&args.scene, &resolved)?;
+    if let Some(path) = &args.blob {
+        let file = blob::load(path)?;
+        let organ = blob::organ(path, &file)?;
+        let named = |error| Failure::input(format!("{}: {error}", path.display()));
+        let (contacts, jets) = solver.begin_with(&organ, &resolved).map_err(named)?;
+        let all = organ.spaces.len();
+        let line = format!("{}: {contacts} of {all} contacts are known, by {jets} jets", path.display());
+        // The session may have ended.
+        let _ = service.report(&line);
+    }
     let (blob, nodes) = solver.organ(&resolved)?;
     Ok((scene, solver, blob, nodes))
 }
@@ -105,6 +119,8 @@ struct Solving {
     sequence: u32,
     resent: Option<(u16, Instant)>,
     counters: Counters,
+    /// A change of the scene whose touch is not known yet, and when it began.
+    changing: Option<(String, Instant)>,
     /// When the present solve began, CLOCK_MONOTONIC, ns; 0 between two.
     solving_ns: Arc<AtomicU64>,
 }
@@ -125,6 +141,7 @@ impl Solving {
             sequence: 0,
             resent: None,
             counters: Counters::default(),
+            changing: None,
             solving_ns,
         }
     }
@@ -134,8 +151,11 @@ impl Solving {
         while !self.serving.end.has_session_ended() {
             let hand = self.serving.end.hand();
             let seen = seen(&hand);
+            if self.solver.is_ready() {
+                self.report_change();
+            }
             if let Some(setting) = self.serving.next_line() {
-                self.change(&setting);
+                self.change(setting);
             }
             self.show(&seen);
             if self.resend(&hand, |missing| missing).is_err() {
@@ -170,19 +190,27 @@ impl Solving {
         }
     }
 
-    /// Changes a value of the scene, and reports what came of it.
-    fn change(&mut self, setting: &str) {
+    /// Changes a value of the scene. What came of it is reported once the touch is known.
+    fn change(&mut self, setting: String) {
         let begun = Instant::now();
+        self.report_change();
         self.solving_ns.store(monotonic_ns(), Ordering::Relaxed);
-        let changed = self.changed(setting);
+        let changed = self.changed(&setting);
         self.solving_ns.store(0, Ordering::Relaxed);
-        let line = match changed {
-            Ok(()) => format!("{setting} ({:.2} s)", begun.elapsed().as_secs_f64()),
-            Err(failure) => failure.line(),
-        };
-        // The session may have ended.
-        let _ = self.serving.report(&line);
+        match changed {
+            Ok(()) => self.changing = Some((setting, begun)),
+            // The session may have ended.
+            Err(failure) => drop(self.serving.report(&failure.line())),
+        }
         self.at_rest = false;
+    }
+
+    /// Reports the last change.
+    fn report_change(&mut self) {
+        if let Some((setting, begun)) = self.changing.take() {
+            // The session may have ended.
+            let _ = self.serving.report(&format!("{setting} ({:.2} s)", begun.elapsed().as_secs_f64()));
+        }
     }
 
     fn changed(&mut self, setting: &str) -> Result<(), Failure> {

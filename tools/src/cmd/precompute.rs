@@ -36,11 +36,11 @@ use crate::{memory, output};
 /// into it are solved too.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Scene file (TOML)
+    /// Scene file (TOML), or a .space file to continue, which holds its scene
     pub scene: PathBuf,
     /// The .space file to write or to continue
     #[arg(long, value_name = "FILE.space")]
-    out: PathBuf,
+    out: Option<PathBuf>,
     /// Only this active node; all if not given
     #[arg(long, value_name = "NAME")]
     active: Option<String>,
@@ -93,8 +93,18 @@ impl Args {
     /// The output file, which must not be an input of the scene.
     pub(crate) fn space(&self) -> Result<Output, Failure> {
         let mut files = Files::new(Replace::default());
-        files.read_scene(&self.scene)?;
-        files.write("--out", &self.out, FileKind::Space)
+        let shown = self.scene.display();
+        match (&self.out, analysis::is_space(&self.scene)) {
+            (None, true) => Ok(files.update_space(&self.scene)),
+            (Some(_), true) => {
+                Err(Failure::input(format!("{shown}: is continued where it is; leave out --out")))
+            }
+            (None, false) => Err(Failure::input(format!("{shown}: give --out FILE.space"))),
+            (Some(out), false) => {
+                files.read_scene(&self.scene)?;
+                files.write("--out", out, FileKind::Space)
+            }
+        }
     }
 }
 
@@ -176,13 +186,13 @@ fn solve(
                         "failed": c.failed, "unknown": c.unknown })
             })
             .collect();
-        let figures = json!({ "space": args.out, "spaces": spaces, "solved_now": solved_now, "seconds": seconds,
+        let figures = json!({ "space": store.path(), "spaces": spaces, "solved_now": solved_now, "seconds": seconds,
                               "unreachable": bench.scene.unreachable, "threads": team.workers, "peak_bytes": peak_bytes });
         return output::json(&figures);
     }
     let peak = peak_bytes.map_or(String::new(), |bytes| format!(", at most {} MB", bytes / 1_000_000));
     let all: usize = counts.iter().map(TagCounts::solved).sum();
-    let out = args.out.display();
+    let out = store.path().display();
     output::line(format!(
         "{out}: {all} configurations, {solved_now} solved now in {seconds:.1} s {}{peak}",
         team.words

@@ -43,6 +43,11 @@ impl Watcher {
         Self { begun, ready: None, unsent, resident: Resident::start() }
     }
 
+    /// From the command to the first tick.
+    pub(crate) fn ready(&self) -> Option<Duration> {
+        self.ready
+    }
+
     /// Takes the next record.
     pub(crate) fn take(&mut self, record: &TickRecord) {
         self.ready.get_or_insert_with(|| self.begun.elapsed());

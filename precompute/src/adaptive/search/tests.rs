@@ -93,6 +93,33 @@ fn it_ends_after_ten_in_a_row_or_four_where_the_others_say_every_configuration()
     assert_eq!(search.predictions_missing(), BATCH);
 }
 
+/// Positions that a hand has visited, crowded in one part of the reachable set.
+#[test]
+fn given_positions_are_solved_first_and_prove_nothing() {
+    let given: Vec<[f64; 3]> =
+        (0..14).map(|n| [1e-3 * f64::from(n % 7), 0.0, -0.004 - 1e-3 * f64::from(n / 7)]).collect();
+    let mut search = Search::new(WANTED, &jet([0.0; 3])).after(&given);
+    let mut order = Vec::new();
+    let verdict = search.run(|search, target| {
+        order.push((target.displacement_m, target.is_test));
+        // Of the configurations at hand only those that the search chose have errors that count.
+        let chosen = search.fitted.jets.len() - search.is_given.iter().filter(|given| **given).count();
+        assert_eq!(search.fitted.leave_one_out.len(), chosen);
+        solved(target.displacement_m)
+    });
+    assert_eq!(verdict, Verdict::Passed);
+    let (first, later) = order.split_at(given.len());
+    assert!(first.iter().all(|(_, is_test)| !is_test) && later.iter().all(|(_, is_test)| *is_test));
+    assert!(first.is_sorted_by(|(a, _), (b, _)| norm(*a) <= norm(*b)), "{first:?}");
+    assert_eq!(search.fitted.tests.len(), later.len());
+    assert!(later.len() > BATCH && felt(&search, &WANTED) <= 0.01, "{}", felt(&search, &WANTED));
+    // No more than is allowed, also of given ones.
+    let few = Requirements { max_configurations: 9, ..WANTED };
+    let mut search = Search::new(few, &jet([0.0; 3])).after(&given);
+    assert_eq!(search.run(|_, target| solved(target.displacement_m)), Verdict::NotReached);
+    assert!(search.fitted.jets.len() <= 9 + BATCH);
+}
+
 /// The deviation is computed only if the criterion depends on it; it is the fit's own at the worst position.
 #[test]
 fn the_deviation_is_asked_where_it_decides() {

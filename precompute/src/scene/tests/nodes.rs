@@ -82,7 +82,7 @@ fn active_nodes_in_every_way() {
     let bench = Bench::new();
     let scene = bench.with("node = 63", "group = \"right\"").expect("sound");
     assert_eq!(scene.active.len(), 16 + 1);
-    assert_eq!(scene.active[0], ActiveNode { name: "A1-48".into(), node: 48, patch: vec![], contact: None });
+    assert_eq!(scene.active[0], ActiveNode::node("A1-48".into(), 48));
     // Every mesh has a surface, even without a group of that name.
     let surface = bench.with("node = 63", "group = \"surface\"").expect("sound");
     let all = bench.with("node = 63", "group = \"all\"").expect("sound");

@@ -17,6 +17,8 @@ const REST: GridIndex = [0; 3];
 #[derive(Debug)]
 pub(crate) struct ScatteredPlan {
     wanted: Requirements,
+    /// Displacements to solve first, m.
+    visited_m: Vec<[f64; 3]>,
     /// `None` before rest is solved.
     search: Option<Search>,
     /// The points of the search in its order. Parents are indices into this list.
@@ -36,9 +38,10 @@ pub(crate) struct ScatteredPlan {
 
 impl ScatteredPlan {
     /// Plan with nothing solved.
-    pub(crate) fn new(wanted: Requirements) -> Self {
+    pub(crate) fn new(wanted: Requirements, visited_m: Vec<[f64; 3]>) -> Self {
         Self {
             wanted,
+            visited_m,
             search: None,
             learned: Vec::new(),
             batch: Vec::new(),
@@ -95,7 +98,7 @@ impl SpacePlan for ScatteredPlan {
         let jet = record.jet_for_fit(displacement_m(record.index));
         let Some(search) = &mut self.search else {
             if let Some(jet) = jet {
-                self.search = Some(Search::new(self.wanted, &jet));
+                self.search = Some(Search::new(self.wanted, &jet).after(&self.visited_m));
                 self.learned.push(REST);
                 self.rest = Some(record.clone());
             } else {
@@ -183,7 +186,7 @@ mod tests {
 
     /// Solves to the end with `width` tasks in flight. Returns the solved records in the order of the points.
     fn solved(wanted: Requirements, jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
-        let (mut plan, mut records) = (ScatteredPlan::new(wanted), Vec::new());
+        let (mut plan, mut records) = (ScatteredPlan::new(wanted, Vec::new()), Vec::new());
         while !plan.is_done() {
             let tasks: Vec<Task> = std::iter::from_fn(|| plan.next_task()).take(width).collect();
             for task in tasks.iter().rev() {

@@ -1,6 +1,7 @@
 //! The inputs of a store in its table `meta`, and their comparison with those of a run.
 
 use rusqlite::{OptionalExtension, params};
+use serde::de::DeserializeOwned;
 
 use super::error::StoreFault;
 use super::{Store, StoreError};
@@ -31,6 +32,8 @@ pub struct StoreIdentity {
     pub sampling: Sampling,
     /// Unit outward normal of each active node at rest.
     pub normals: Vec<[f64; 3]>,
+    /// Displacements of each active node that adaptive sampling solves first, m.
+    pub visited_m: Vec<Vec<[f64; 3]>>,
     /// Contact points of a tool with a size; `None` for a point tool.
     pub contacts: Option<ContactSurface>,
     /// Whether the scene requests displacements for rendering.
@@ -48,6 +51,8 @@ impl StoreIdentity {
         let sampling = &self.sampling;
         let scattered = sampling.scattered().map(|scattered| serde_json::json!(scattered).to_string());
         let contacts = self.contacts.as_ref().map(|contacts| serde_json::json!(contacts).to_string());
+        let is_visited = self.visited_m.iter().any(|visited| !visited.is_empty());
+        let visited = is_visited.then(|| serde_json::json!(self.visited_m).to_string());
         let normals: Vec<String> = self.normals.as_flattened().iter().map(|x| format!("{x:?}")).collect();
         vec![
             ("layout", LAYOUT.to_string()),
@@ -68,6 +73,7 @@ impl StoreIdentity {
             ("scattered", scattered.unwrap_or_default()),
             ("normals", normals.join(" ")),
             ("contacts", contacts.unwrap_or_default()),
+            ("visited", visited.unwrap_or_default()),
         ]
     }
 
@@ -163,7 +169,8 @@ impl Store {
             max_force_n: self.parsed("max_force_n")?,
             sampling: self.sampling()?,
             normals: self.normals()?,
-            contacts: self.contacts()?,
+            visited_m: self.json("visited")?.unwrap_or_default(),
+            contacts: self.json("contacts")?,
             visual: self.parsed("visual")?,
             displacement_bound: DisplacementBound {
                 rms_m: self.parsed("displacement_rms_m")?,
@@ -180,11 +187,11 @@ impl Store {
         Ok(numbers.as_chunks().0.to_vec())
     }
 
-    /// Contact points of a tool with a size. Spaces of earlier versions have only point tools.
-    fn contacts(&self) -> Result<Option<ContactSurface>, StoreError> {
-        let text = self.optional("contacts")?.filter(|text| !text.is_empty());
+    /// A value that is kept as JSON; `None` if it is empty. Spaces of earlier versions lack some of them.
+    fn json<T: DeserializeOwned>(&self, key: &'static str) -> Result<Option<T>, StoreError> {
+        let text = self.optional(key)?.filter(|text| !text.is_empty());
         let read = |text: String| serde_json::from_str(&text);
-        text.map(read).transpose().map_err(|_| self.corrupt("its contact points cannot be read"))
+        text.map(read).transpose().map_err(|_| self.corrupt(format!("its {key} cannot be read")))
     }
 
     /// Definition of the positions.

@@ -115,6 +115,7 @@ impl SyntheticExecutor {
             max_force_n: f64::INFINITY,
             sampling: Sampling::Lattice(Lattice { grid: self.grid, complete_cells: false, increments: None }),
             normals: Vec::new(),
+            visited_m: Vec::new(),
             contacts: None,
             visual: false,
             displacement_bound: DisplacementBound::default(),

@@ -1,6 +1,7 @@
 //! What a user changes while touching: values of the scene, by key, by socket or at the start.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use palpate_host::live::SolverProcess;
@@ -13,6 +14,8 @@ use crate::touch::Between;
 
 /// Time between two looks for lines of the solver.
 const LOOK: Duration = Duration::from_millis(30);
+/// Time after a change in which the loop fades over to it.
+const FADE: Duration = Duration::from_millis(200);
 /// Largest number of keys of the window.
 const KEYS: usize = 9;
 
@@ -30,8 +33,11 @@ pub(super) struct Knobs {
     knobs: Vec<Knob>,
     process: Option<SolverProcess>,
     looked: Option<Instant>,
-    /// Whether the scene was changed.
-    has_changed: Cell<bool>,
+    /// Changes that the solver was asked for and has not reported.
+    asked: VecDeque<String>,
+    /// Changes that it has made, and when the last one was.
+    made: Vec<String>,
+    last: Option<Instant>,
 }
 
 impl Knobs {
@@ -75,7 +81,24 @@ impl Knobs {
         }
         let line = self.process.as_mut()?.next_line(Duration::ZERO).ok().flatten()?;
         eprintln!("palpate: {line}");
+        self.note(&line);
         Some(line)
+    }
+
+    /// Notes what came of the oldest change that was asked for.
+    fn note(&mut self, line: &str) {
+        let Some(setting) = self.asked.pop_front() else { return };
+        // A refusal is the line of its error.
+        if line.strip_prefix(&setting).is_some_and(|rest| rest.starts_with(" (")) {
+            self.made.push(setting);
+            self.last = Some(Instant::now());
+        }
+    }
+
+    /// Number of changes that the force shows; `None` during a change.
+    fn changes(&self) -> Option<usize> {
+        let is_settled = self.asked.is_empty() && self.last.is_none_or(|at| at.elapsed() > FADE);
+        is_settled.then_some(self.made.len())
     }
 
     /// Goes to the next value of a knob.
@@ -86,10 +109,11 @@ impl Knobs {
         self.tell(&setting);
     }
 
-    fn tell(&self, setting: &str) {
-        self.has_changed.set(true);
-        // A solver that is gone has its fault in the loop.
-        let _ = self.process.as_ref().map(|process| process.tell(setting));
+    fn tell(&mut self, setting: &str) {
+        // A solver that is gone has its fault in the loop, and one that is busy for long does not listen.
+        if self.process.as_ref().is_some_and(|process| process.tell(setting).unwrap_or(false)) {
+            self.asked.push_back(setting.into());
+        }
     }
 }
 
@@ -105,9 +129,14 @@ impl<'s> Turned<'s> {
         Self { knobs: RefCell::new(knobs), control }
     }
 
-    /// Whether the scene was changed since the start.
-    pub(super) fn have_changed(&self) -> bool {
-        self.knobs.borrow().has_changed.get()
+    /// Number of changes of the scene that the force shows; `None` during a change.
+    pub(super) fn changes(&self) -> Option<usize> {
+        self.knobs.borrow().changes()
+    }
+
+    /// Ends the solver; the changes in their order.
+    pub(super) fn end(self) -> Vec<String> {
+        self.knobs.into_inner().made
     }
 }
 
@@ -135,5 +164,18 @@ mod tests {
         for wrong in ["", "a", "=1", "a="] {
             assert!(Knobs::of(&[wrong.to_owned()]).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn a_change_counts_when_the_solver_has_made_it() {
+        let mut knobs = Knobs::default();
+        assert_eq!(knobs.changes(), Some(0));
+        knobs.asked.extend(["a.b=1", "a.c=2"].map(String::from));
+        knobs.note("a.b=1 (0.10 s)");
+        assert_eq!(knobs.changes(), None);
+        knobs.note("scene.toml:3: unknown key `c`");
+        assert_eq!(knobs.changes(), None, "the loop fades over");
+        knobs.last = knobs.last.and_then(|at| at.checked_sub(2 * FADE));
+        assert_eq!((knobs.changes(), knobs.made.as_slice()), (Some(1), &["a.b=1".to_owned()][..]));
     }
 }

@@ -1,7 +1,10 @@
 //! `palpate live`: touch at once; the forces are solved beside the loop.
 
 mod certificate;
+mod check;
+mod keep;
 mod knobs;
+mod visits;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -15,15 +18,19 @@ use palpate_host::live::{self as host_live, LiveField, StartError};
 use palpate_precompute::scene::Scene;
 use serde_json::{Map, json};
 
+use super::live_solver::scene;
 use crate::control::Control;
 use crate::device_spec::DeviceSpec;
 use crate::failure::Failure;
 use crate::files::Files;
-use crate::interrupt::stop_flag;
+use crate::interrupt::{restart, stop_flag};
 use crate::session::{self, Figures, Opener, Replay, SessionArgs, Watcher};
 use crate::touch::{self, LiveSource, Source};
-use certificate::Visits;
+use certificate::Certificate;
+use check::Checked;
+use keep::Kept;
 use knobs::{Knobs, Turned};
+use visits::Visits;
 
 /// Number of contacts of a live session.
 const CONTACTS: usize = Limits::LIVE.spaces;
@@ -40,6 +47,15 @@ pub(crate) struct Args {
     /// Solve N visited positions afterwards and report the error of the felt force; 0 for none
     #[arg(long, value_name = "N", default_value_t = 0)]
     check: usize,
+    /// Afterwards solve the visited contacts to the full tolerance into this file, which must not exist
+    ///
+    /// Adaptive sampling solves the visited positions first, then those that it needs. Ctrl-C ends it; `palpate
+    /// precompute FILE.space` continues. `palpate pack` makes a blob of it.
+    #[arg(long, value_name = "FILE.space")]
+    keep: Option<PathBuf>,
+    /// Begin with the tables of this blob of the same model: what it holds is not solved again
+    #[arg(long, value_name = "FILE.blob")]
+    blob: Option<PathBuf>,
     /// Change a value of the scene, for example material.c10_pa=2600 or fixed.group=F2
     ///
     /// With several values for a key, the keys 1 to 9 of the window go from one to the next. The scene file is not
@@ -52,10 +68,18 @@ pub(crate) struct Args {
     session: SessionArgs,
 }
 
-impl Args {
-    /// The values at the start of the session.
-    fn start(&self) -> Result<Vec<String>, Failure> {
-        Ok(Knobs::of(&self.set)?.settings().collect())
+/// The models of a session: the scene, its values at the start, and its changes in their order.
+#[derive(Debug)]
+struct Model<'a> {
+    scene: &'a Path,
+    start: Vec<String>,
+    changes: Vec<String>,
+}
+
+impl Model<'_> {
+    /// The settings after a number of changes.
+    fn settings(&self, changes: usize) -> Vec<String> {
+        self.start.iter().chain(&self.changes[..changes]).cloned().collect()
     }
 }
 
@@ -65,6 +89,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     args.session.check()?;
     let mut files = Files::new(args.session.replace);
     files.read(&args.scene);
+    args.blob.iter().for_each(|blob| files.read(blob));
+    let mut knobs = Knobs::of(&args.set)?;
+    let start: Vec<String> = knobs.settings().collect();
+    let keep = args.keep.as_ref().map(|path| {
+        let scene = scene(&args.scene, &start)?;
+        scene.files().iter().for_each(|file| files.read(file));
+        keep::output(&mut files, path, &scene)
+    });
+    let keep = keep.transpose()?;
     let outputs = args.session.outputs(files)?;
     if let DeviceSpec::Replay { file } = &args.session.device {
         return replay(args, file);
@@ -72,8 +105,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let profile = session::profile(&args.session)?;
     let stop = stop_flag()?;
     let mut command = Command::new(std::env::current_exe().map_err(Failure::work)?);
-    let mut knobs = Knobs::of(&args.set)?;
     command.arg("live-solver").arg(&args.scene);
+    args.blob.iter().for_each(|blob| {
+        command.arg("--blob").arg(blob);
+    });
     knobs.settings().for_each(|setting| {
         command.arg("--set").arg(setting);
     });
@@ -104,7 +139,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         ..args.session.show(record)
     };
     let mut watcher = Watcher::new(&args.session, begun);
-    let mut visits = Visits::new(begun, args.check > 0);
+    let mut visits = Visits::new(args.check > 0 || keep.is_some());
     let mut guard = None;
     let open = || {
         let (device, status) = device.open(&organ)?;
@@ -113,21 +148,35 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     };
     let touched = touch::run(&[&*organ], source, show, &stop, open, |record| {
         watcher.take(record);
-        visits.take(record, knobs.have_changed());
+        visits.take(record, knobs.changes());
     })?;
     let counters = meter.counters();
-    drop(knobs);
-    let certificate = visits.certificate(args, &touched.summary, counters)?;
+    let model = Model { scene: &args.scene, start, changes: knobs.end() };
+    restart(&stop);
+    let visited = &visits.kept;
+    let checked = match args.check {
+        0 => Checked::default(),
+        wanted => Checked::of(&model, visited, wanted, &stop)?,
+    };
+    let certificate = Certificate::new(&visits, &checked, &touched.summary, counters, watcher.ready());
+    restart(&stop);
+    let kept =
+        keep.as_ref().map(|file| Kept::of(&model, &organ, visited, file, &stop)).transpose()?.flatten();
+    let mut lines = certificate.lines();
+    if let (Some(kept), Some(file)) = (&kept, &args.keep) {
+        lines.extend(kept.lines(file));
+    }
     let mut of = Map::new();
     of.insert("scene".into(), json!(args.scene));
     of.insert("live".into(), json!(certificate));
+    of.insert("kept".into(), json!(kept));
     let figures = Figures {
         of,
         method: "jets",
         bytes: blob.bytes().len(),
         guard: guard.as_ref().map(ToString::to_string),
         profile: profile.as_ref(),
-        lines: certificate.lines(),
+        lines,
     };
     figures.print(&args.session, &outputs, &touched, watcher)?;
     touch::judge(&touched.summary)
