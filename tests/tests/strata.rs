@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 53] = [
+const PRECOMPUTE: [&str; 54] = [
     "error",
     "files",
     "num",
@@ -127,6 +127,7 @@ const PRECOMPUTE: [&str; 53] = [
     "live::skin",
     "live::memory",
     "live::published",
+    "live::tabled",
     "live::states",
     "live::workers",
     "live::choice",

@@ -422,7 +422,7 @@ fn mistakes_are_refused_in_one_line() {
         (&["pack", dir, "--out", out], &["is a folder"]),
         (&["pack", "nowhere.space", "--out", out], &["nowhere.space", "No such file", "check the name"]),
         (&["pack", scene, "--out", out], &["beam.toml", "not a .space file"]),
-        (&["precompute", scene], &["--out <FILE.space>", "palpate precompute --help"]),
+        (&["precompute", scene], &["beam.toml", "give --out FILE.space"]),
         (&["path", scene, "--steps", "1", "--direction", "0,0"], &["0,0", "three numbers"]),
         (&["plan", "nowhere.toml"], &["nowhere.toml", "check the path"]),
         (&["demo", "--out", scene], &["is a file; give a folder"]),

@@ -69,6 +69,8 @@ pub struct JetMemory<const CONTACTS: usize, const JETS: usize = 256> {
     /// Largest |S| of its jets, N/m.
     stiffest_n_m: f32,
     hand_overs: u32,
+    /// What the fades took from the force in the last tick, N.
+    faded_n: Vec3,
     /// The present touch.
     whole: Option<Whole>,
 }
@@ -96,6 +98,7 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
             model: 0,
             stiffest_n_m: 0.0,
             hand_overs: 0,
+            faded_n: vec3::ZERO,
             whole: None,
         }
     }
@@ -142,6 +145,11 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         self.hand_overs
     }
 
+    /// Size of the step that the fades made in the force of the last tick, N: what a hand-over adds to the motion.
+    pub fn fade_step_n(&self) -> f32 {
+        vec3::norm(self.faded_n)
+    }
+
     fn index(&self, contact: u16) -> Option<usize> {
         self.owners.iter().position(|owner| *owner == Some(contact))
     }
@@ -165,7 +173,7 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         let (mut sum_n, mut weight, mut is_covered) = (vec3::ZERO, 0.0, true);
         for (node, has_jets) in touch.weights.iter().zip(has_jets) {
             if node.weight > 0.0 {
-                let answer = self.one(node.space, d, decay);
+                let answer = self.one(*node, d, decay);
                 is_covered &= answer.as_ref().is_some_and(|found| found.coverage != Coverage::Extrapolated);
                 *has_jets = answer.is_some();
                 if let Some(found) = answer {
@@ -178,7 +186,12 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
     }
 
     /// The force of one point, which is then one of the present touch.
-    fn one(&mut self, space: u16, d: Vec3, decay: Decay) -> Option<ForceSample> {
+    fn one(
+        &mut self,
+        NodeWeight { space, weight }: NodeWeight,
+        d: Vec3,
+        decay: Decay,
+    ) -> Option<ForceSample> {
         let index = self.index(space)?;
         self.uses += 1;
         let (tick, used) = (self.tick, self.uses);
@@ -190,6 +203,7 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         (place.tick, place.used) = (tick, used);
         let answer = place.table.force(d, decay, is_continued)?;
         self.hand_overs = self.hand_overs.wrapping_add(answer.is_handed_over.into());
+        self.faded_n = vec3::add(self.faded_n, vec3::scale(answer.faded_n, weight));
         Some(answer.sample)
     }
 }
@@ -206,6 +220,7 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
         let elapsed_us = before.map_or(0, |before| touch.now_us.saturating_sub(before.now_us));
         let decay = decay(elapsed_us.min(MAX_ELAPSED_US));
         self.tick += 1;
+        self.faded_n = vec3::ZERO;
         let mut has_jets = [false; 3];
         let (sum_n, weight, is_covered) = self.sum(touch, d, decay, &mut has_jets);
         // The mean takes the place of the points without jets.
@@ -222,6 +237,7 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
             offset_n: vec3::ZERO,
         };
         if let Some(before) = before {
+            self.faded_n = vec3::add(self.faded_n, vec3::scale(before.offset_n, 1.0 - decay.slow));
             now.offset_n = vec3::scale(before.offset_n, decay.slow);
             if now.is_substituted_otherwise(&before) {
                 now.offset_n = vec3::sub(before.force_n, own_n);
@@ -261,6 +277,7 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
     fn released(&mut self, now_us: u64) {
         self.whole = None;
         self.tick += 1;
+        self.faded_n = vec3::ZERO;
         self.ladder.free(now_us, self.solver);
     }
 

@@ -99,6 +99,8 @@ pub(super) struct Answer {
     pub(super) sample: ForceSample,
     /// The active jet has changed while the tool touched.
     pub(super) is_handed_over: bool,
+    /// What the fades of earlier changes took from the force since the last tick, N.
+    pub(super) faded_n: Vec3,
 }
 
 impl<const JETS: usize> Table<JETS> {
@@ -247,6 +249,7 @@ impl<const JETS: usize> Table<JETS> {
             None => Active { slot, stamp: *self.stamps.get(slot)?, jet: *self.jets.get(slot)? },
         };
         let sample = active.jet.force(d);
+        let faded_n = vec3::scale(self.offset_n, 1.0 - decay.of(self.fade));
         self.offset_n = vec3::scale(self.offset_n, decay.of(self.fade));
         if vec3::max_abs(self.offset_n) < NOTHING_N {
             (self.offset_n, self.fade) = (vec3::ZERO, Fade::Fast);
@@ -260,7 +263,7 @@ impl<const JETS: usize> Table<JETS> {
         self.active = Some(active);
         let force_n = vec3::add(sample.force_n, self.offset_n);
         let is_handed_over = left.is_some();
-        Some(Answer { sample: ForceSample { force_n, ..sample }, is_handed_over })
+        Some(Answer { sample: ForceSample { force_n, ..sample }, is_handed_over, faded_n })
     }
 
     /// W of the active jet if the point is touched, otherwise of the nearest one; `None` without jets.

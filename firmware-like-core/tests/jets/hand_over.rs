@@ -18,8 +18,12 @@ fn a_step_between_two_jets_takes_ten_milliseconds() {
     let mut tool = OnePoint::new(&[(0, 1.0)]);
     tool.learn([flat(0, [0.0; 3], [1.0, 0.0, 0.0]), flat(0, [0.01, 0.0, 0.0], [2.0, 0.0, 0.0])]);
     assert_eq!(forces(&mut tool, 0.002, 3), [1.0; 3]);
+    assert_eq!(tool.memory.fade_step_n(), 0.0);
     let after = forces(&mut tool, 0.008, 60);
     assert_eq!(after[0], 1.0, "the force of the change itself");
+    // The last of 60 ticks: what the fade takes of the remaining e^(-5.8) N.
+    let last_n = (-5.8_f32).exp() * (1.0 - (-0.1_f32).exp());
+    assert!((tool.memory.fade_step_n() / last_n - 1.0).abs() < 1e-3, "{}", tool.memory.fade_step_n());
     for (tick, force_n) in after.iter().enumerate() {
         let exact_n = 2.0 - (-0.1 * tick as f32).exp();
         assert!((force_n - exact_n).abs() < 1e-5, "tick {tick}: {force_n} {exact_n}");

@@ -55,7 +55,13 @@ pub(super) mod tests {
             device_ns: Some(8_000),
             lateness_ns: 401,
             skipped_periods: 3,
-            live: Some(LiveTick { jets: 41, sequence: 40, hand_overs: 9, solver: Solver::Silent }),
+            live: Some(LiveTick {
+                jets: 41,
+                sequence: 40,
+                hand_overs: 9,
+                fade_step_n: 0.5,
+                solver: Solver::Silent,
+            }),
         }
     }
 
@@ -83,7 +89,7 @@ pub(super) mod tests {
         r#","hand_force_n":{"x":-0.33333334,"y":-2.0,"z":7.0},"coverage":"supercell""#,
         r#","phase":"safe-zero","fault":"overspeed","ramp":0.3,"clamped":true"#,
         r#","hand_work_j":-0.33333334,"damped":true,"compute_ns":9001,"device_ns":8000"#,
-        r#","lateness_ns":401,"skipped_periods":3,"live":{"jets":41,"sequence":40,"hand_overs":9"#,
+        r#","lateness_ns":401,"skipped_periods":3,"live":{"jets":41,"sequence":40,"hand_overs":9,"fade_step_n":0.5"#,
         r#","solver":"silent"}}"#,
     );
     const EMPTY: &str = concat!(

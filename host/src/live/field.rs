@@ -46,7 +46,7 @@ impl JetSource for LoopEnd {
 }
 
 /// What a tick got from the solver; with the frames it is all that a replay needs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LiveTick {
     /// Frames taken so far, that of this tick included.
@@ -55,6 +55,9 @@ pub struct LiveTick {
     pub sequence: u32,
     /// Changes of the active jet of a touched contact so far.
     pub hand_overs: u32,
+    /// Size of the step that their fades made in the force, N.
+    #[serde(default)]
+    pub fade_step_n: f32,
     /// State of the solver.
     #[serde(with = "solver_name")]
     pub solver: Solver,
@@ -164,8 +167,8 @@ impl LiveField {
             refused,
             sequence: self.sequence,
         });
-        let hand_overs = self.memory.hand_overs();
-        (command, LiveTick { jets: taken, sequence: self.sequence, hand_overs, solver })
+        let (hand_overs, fade_step_n) = (self.memory.hand_overs(), self.memory.fade_step_n());
+        (command, LiveTick { jets: taken, sequence: self.sequence, hand_overs, fade_step_n, solver })
     }
 
     /// Takes the next frame, checks it, and keeps its jet.

@@ -1,7 +1,7 @@
 //! Statistics over the records of a session or a recording.
 
 use crate::rt::TickRecord;
-use palpate_core::{Coverage, Phase, Vec3, vec3};
+use palpate_core::{Coverage, Phase, vec3};
 
 /// Largest values and counts over the records that reached the caller.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -31,12 +31,9 @@ pub struct TouchStatistics {
     pub first_force_us: Option<u64>,
     /// Changes of the active jet of a touched contact; 0 where tables give the force.
     pub hand_overs: u32,
-    /// Largest change of h in a tick of a touch in which the active jet changed, beyond the change in the tick
-    /// before, which the motion of the hand explains, N.
+    /// Largest step of h in a tick by the fades of these changes, N.
     pub largest_hand_over_n: f32,
     before: Option<TickRecord>,
-    /// Change of h in the last tick of the present touch, N.
-    before_step_n: Vec3,
 }
 
 impl TouchStatistics {
@@ -50,10 +47,13 @@ impl TouchStatistics {
         if record.phase == Phase::Active && record.tick == before.tick + 1 {
             let step_n = vec3::distance(before.hand_force_n, record.hand_force_n);
             self.largest_step_n = self.largest_step_n.max(step_n);
-            self.add_hand_over(&before, record);
         }
         if engaged && record.reaction_n != vec3::ZERO {
             self.first_force_us.get_or_insert(record.t_us);
+        }
+        if let Some(live) = &record.live {
+            self.hand_overs = live.hand_overs;
+            self.largest_hand_over_n = self.largest_hand_over_n.max(live.fade_step_n);
         }
         self.before = Some(*record);
         self.largest_work_j = self.largest_work_j.max(record.hand_work_j);
@@ -64,18 +64,6 @@ impl TouchStatistics {
         for (_, ticks) in kinds.filter(|(kind, _)| record.coverage == Some(**kind)) {
             *ticks += 1;
         }
-    }
-
-    /// Counts the changes of the active jet between two consecutive ticks.
-    fn add_hand_over(&mut self, before: &TickRecord, record: &TickRecord) {
-        let hand_overs = |record: &TickRecord| record.live.map_or(0, |live| live.hand_overs);
-        self.hand_overs = hand_overs(record);
-        let step_n = vec3::sub(record.reaction_n, before.reaction_n);
-        if self.hand_overs != hand_overs(before) && before.engaged.is_some() && record.engaged.is_some() {
-            let beyond_n = vec3::distance(step_n, self.before_step_n);
-            self.largest_hand_over_n = self.largest_hand_over_n.max(beyond_n);
-        }
-        self.before_step_n = step_n;
     }
 
     /// Share of the ticks in contact whose force was extrapolated; 0 without contact.

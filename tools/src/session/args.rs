@@ -1,8 +1,8 @@
 //! The arguments that `run` and `live` share: device, length, pictures, recording, timing.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::Args as ClapArgs;
+use clap::{Args as ClapArgs, Parser};
 use palpate_host::guard::{DEFAULT_LIMIT_MS, GuardOptions};
 
 use crate::device_spec::DeviceSpec;
@@ -97,7 +97,20 @@ fn frame_rate(text: &str) -> Result<f32, String> {
     if (0.0..=1000.0).contains(&rate_hz) { Ok(rate_hz) } else { Err("not within 0 and 1000".into()) }
 }
 
+/// A command line with the arguments of a session alone.
+#[derive(Debug, Parser)]
+struct Alone {
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
 impl SessionArgs {
+    /// A session of a simulated hand, with everything else as it is if it is not given.
+    pub(crate) fn of_simulated_hand(seconds: f64, pictures: &Path, headless: bool) -> Self {
+        let Alone { session } = Alone::parse_from(["session"]);
+        Self { seconds: Some(seconds), pictures: pictures.into(), headless, ..session }
+    }
+
     /// How the guard of a device with motors is started.
     pub(super) fn guard(&self) -> GuardOptions {
         let request = self.timing.request();

@@ -11,7 +11,7 @@ use super::visits::{Loops, Visits};
 
 /// What is reported. `null` where nothing was checked.
 #[derive(Debug, Serialize)]
-pub(super) struct Certificate {
+pub(crate) struct Certificate {
     /// Positions that were solved for comparison, and those that could not be.
     checked: usize,
     unsolved: usize,
@@ -54,7 +54,7 @@ impl Certificate {
         let errors = |[mean, p99, max]: [f64; 3]| Errors { mean: 1e3 * mean, p99: 1e3 * p99, max: 1e3 * max };
         let Loops { count, pumped_j, exchanged_j } = visits.loops;
         Self {
-            checked: checked.errors.len(),
+            checked: checked.compared.len(),
             unsolved: checked.unsolved,
             is_cut: checked.is_cut,
             error_mn: checked.summary_n().map(errors),
@@ -71,8 +71,22 @@ impl Certificate {
         }
     }
 
+    /// What the check says, in a sentence.
+    pub(crate) fn verdict(&self) -> String {
+        match (&self.error_mn, self.not_felt_share) {
+            (Some(error), Some(share)) => format!(
+                "the felt force is within {:.1} mN of {} full finite-element solutions; {:.1} % of the errors are below what can \
+                 be felt",
+                error.max,
+                self.checked,
+                100.0 * share
+            ),
+            _ => "the felt force was compared with no full solution".into(),
+        }
+    }
+
     /// The lines of the report.
-    pub(super) fn lines(&self) -> Vec<String> {
+    pub(crate) fn lines(&self) -> Vec<String> {
         let mut lines = vec![format!(
             "solver       {} jets, busy {:.1} % of the time, {} positions without an equilibrium",
             self.jets,
@@ -98,8 +112,8 @@ impl Certificate {
         }
         if self.loops > 0 {
             lines.push(format!(
-                "energy       at most {:+.2} mJ to the hand round a touch, of {:.1} mJ exchanged in it; {} touches",
-                self.loop_pumped_mj, self.loop_exchanged_mj, self.loops
+                "energy       at most {:+.2} mJ to the hand round a touch, of {:.1} mJ exchanged in it",
+                self.loop_pumped_mj, self.loop_exchanged_mj
             ));
         }
         if let Some(first_s) = self.first_force_s {

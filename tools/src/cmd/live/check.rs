@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-use nalgebra::Vector3;
 use palpate_precompute::live::{Touch, Truth};
+use palpate_precompute::num::{distance, norm};
 use palpate_precompute::spec::Tolerance;
 
 use super::super::live_solver::{scene, solver};
@@ -17,10 +17,25 @@ use crate::progress::WorkProgress;
 /// How often the wait for a solution looks at the stop flag.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Errors of the felt force with the size of the true one, N, ascending.
+/// A visited position with its full solution.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Compared {
+    pub(crate) visit: Visit,
+    /// h of the full solution, N.
+    pub(crate) true_n: [f64; 3],
+}
+
+impl Compared {
+    /// Size of the error of the felt force, N.
+    fn error_n(&self) -> f64 {
+        distance(self.visit.felt_n.map(f64::from), self.true_n)
+    }
+}
+
+/// The felt force against full solutions, in the order of the visits.
 #[derive(Debug, Default)]
-pub(super) struct Checked {
-    pub(super) errors: Vec<(f64, f64)>,
+pub(crate) struct Checked {
+    pub(crate) compared: Vec<Compared>,
     pub(super) unsolved: usize,
     /// Whether the user ended it.
     pub(super) is_cut: bool,
@@ -45,6 +60,9 @@ impl Checked {
         stop: &AtomicBool,
     ) -> Result<Self, Failure> {
         let (all, wanted) = (visits.len(), wanted.min(visits.len()));
+        if wanted == 0 {
+            return Ok(Self::default());
+        }
         let (mut done, mut changes) = (0, None);
         let mut places = Vec::new();
         for (index, visit) in visits.iter().enumerate() {
@@ -71,7 +89,7 @@ impl Checked {
         let mut progress = WorkProgress::new("check", "positions");
         loop {
             match results.recv_timeout(LOOK) {
-                Ok(Ok(Some(error))) => checked.errors.push(error),
+                Ok(Ok(Some(compared))) => checked.compared.push(compared),
                 Ok(Ok(None)) => checked.unsolved += 1,
                 Ok(Err(failure)) => return Err(failure),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -81,32 +99,32 @@ impl Checked {
                 checked.is_cut = true;
                 break;
             }
-            progress.steps("full solutions", checked.errors.len() + checked.unsolved, wanted);
+            progress.steps("full solutions", checked.compared.len() + checked.unsolved, wanted);
         }
         progress.finish();
-        checked.errors.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(checked)
     }
 
     /// Mean, 99 % quantile and maximum of the error, N.
     pub(super) fn summary_n(&self) -> Option<[f64; 3]> {
-        let largest = self.errors.last()?.0;
-        let count = self.errors.len();
-        let p99 = self.errors[((count - 1) as f64 * 0.99) as usize].0;
-        let mean = self.errors.iter().map(|(error, _)| error).sum::<f64>() / count as f64;
-        Some([mean, p99, largest])
+        let mut errors: Vec<f64> = self.compared.iter().map(Compared::error_n).collect();
+        errors.sort_by(f64::total_cmp);
+        let largest = *errors.last()?;
+        let p99 = errors[((errors.len() - 1) as f64 * 0.99) as usize];
+        Some([errors.iter().sum::<f64>() / errors.len() as f64, p99, largest])
     }
 
     /// Share of the positions whose error cannot be felt.
     pub(super) fn not_felt_share(&self) -> Option<f64> {
-        let unfelt =
-            self.errors.iter().filter(|(error, size)| *error <= Tolerance::IMPERCEPTIBLE.of_size(*size));
-        (!self.errors.is_empty()).then(|| unfelt.count() as f64 / self.errors.len() as f64)
+        let cannot_be_felt =
+            |at: &&Compared| at.error_n() <= Tolerance::IMPERCEPTIBLE.of_size(norm(at.true_n));
+        let unfelt = self.compared.iter().filter(cannot_be_felt).count();
+        (!self.compared.is_empty()).then(|| unfelt as f64 / self.compared.len() as f64)
     }
 }
 
-/// An error with the size of the true force, N; `None` where there is no equilibrium.
-type Found = Result<Option<(f64, f64)>, Failure>;
+/// `None` where there is no equilibrium.
+type Found = Result<Option<Compared>, Failure>;
 
 /// Solves the places of each model in their order.
 fn solve(
@@ -133,11 +151,7 @@ fn solve(
                 contacts: visit.weights.map(|node| (node.space, f64::from(node.weight))),
                 control_m: visit.control_m.map(f64::from),
             };
-            let found = truth.force_n(&touch).ok().map(|true_n| {
-                let true_n = Vector3::from(true_n);
-                let felt_n = Vector3::from(visit.felt_n.map(f64::from));
-                ((felt_n - true_n).norm(), true_n.norm())
-            });
+            let found = truth.force_n(&touch).ok().map(|true_n| Compared { visit, true_n });
             if sender.send(Ok(found)).is_err() {
                 return Ok(());
             }

@@ -6,15 +6,18 @@ mod keep;
 mod knobs;
 mod visits;
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_core::{BlobError, Limits, Organ};
 use palpate_host::BlobFile;
-use palpate_host::live::{self as host_live, LiveField, StartError};
+use palpate_host::device::profile::Profile;
+use palpate_host::live::{self as host_live, LiveField, Ready, StartError};
 use palpate_precompute::scene::Scene;
 use serde_json::{Map, json};
 
@@ -22,12 +25,13 @@ use super::live_solver::scene;
 use crate::control::Control;
 use crate::device_spec::DeviceSpec;
 use crate::failure::Failure;
-use crate::files::Files;
+use crate::files::{Files, Output};
 use crate::interrupt::{restart, stop_flag};
-use crate::session::{self, Figures, Opener, Replay, SessionArgs, Watcher};
-use crate::touch::{self, LiveSource, Source};
+use crate::session::{self, Figures, Opener, Outputs, Replay, SessionArgs, Watcher};
+use crate::touch::{self, LiveSource, Source, Touched};
 use certificate::Certificate;
 use check::Checked;
+pub(crate) use check::Compared;
 use keep::Kept;
 use knobs::{Knobs, Turned};
 use visits::Visits;
@@ -85,38 +89,92 @@ impl Model<'_> {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let begun = Instant::now();
-    args.session.check()?;
-    let mut files = Files::new(args.session.replace);
-    files.read(&args.scene);
-    args.blob.iter().for_each(|blob| files.read(blob));
-    let mut knobs = Knobs::of(&args.set)?;
-    let start: Vec<String> = knobs.settings().collect();
-    let keep = args.keep.as_ref().map(|path| {
-        let scene = scene(&args.scene, &start)?;
-        scene.files().iter().for_each(|file| files.read(file));
-        keep::output(&mut files, path, &scene)
-    });
-    let keep = keep.transpose()?;
-    let outputs = args.session.outputs(files)?;
     if let DeviceSpec::Replay { file } = &args.session.device {
         return replay(args, file);
     }
+    let mut ended = session(args)?;
+    let mut of = Map::new();
+    of.insert("scene".into(), json!(args.scene));
+    of.insert("live".into(), json!(ended.certificate));
+    of.insert("kept".into(), json!(ended.kept));
+    let mut lines = ended.certificate.lines();
+    if let (Some(kept), Some(file)) = (&ended.kept, &args.keep) {
+        lines.extend(kept.lines(file));
+    }
+    let figures = Figures {
+        of,
+        method: "jets",
+        bytes: ended.organ_bytes,
+        guard: ended.guard.take(),
+        profile: ended.profile.as_ref(),
+        lines,
+    };
+    figures.print(&args.session, &ended.outputs, &ended.touched, ended.watcher)?;
+    touch::judge(&ended.touched.summary)
+}
+
+/// A session that has ended, with what was found out about it.
+#[derive(Debug)]
+pub(crate) struct Ended {
+    pub(crate) touched: Touched,
+    pub(crate) certificate: Certificate,
+    pub(crate) checked: Checked,
+    kept: Option<Kept>,
+    organ_bytes: usize,
+    guard: Option<String>,
+    profile: Option<Profile>,
+    outputs: Outputs,
+    watcher: Watcher,
+}
+
+impl Args {
+    /// A session of a simulated hand with a check of `check` positions.
+    pub(crate) fn checked(scene: &Path, seconds: f64, pictures: &Path, headless: bool, check: usize) -> Self {
+        let session = SessionArgs::of_simulated_hand(seconds, pictures, headless);
+        Self { scene: scene.into(), check, keep: None, blob: None, set: Vec::new(), session }
+    }
+
+    /// The files that the session writes. The first model has these values.
+    fn outputs(&self, start: &[String]) -> Result<(Outputs, Option<Output>), Failure> {
+        self.session.check()?;
+        let mut files = Files::new(self.session.replace);
+        files.read(&self.scene);
+        self.blob.iter().for_each(|blob| files.read(blob));
+        let keep = self.keep.as_ref().map(|path| {
+            let scene = scene(&self.scene, start)?;
+            scene.files().iter().for_each(|file| files.read(file));
+            keep::output(&mut files, path, &scene)
+        });
+        Ok((self.session.outputs(files)?, keep.transpose()?))
+    }
+
+    /// Starts the solver, and waits until the body is at rest.
+    fn start(&self, settings: &[String], stop: &AtomicBool) -> Result<Ready, Failure> {
+        let mut command = Command::new(std::env::current_exe().map_err(Failure::work)?);
+        command.arg("live-solver").arg(&self.scene);
+        for (option, value) in settings
+            .iter()
+            .map(|setting| ("--set", OsStr::new(setting)))
+            .chain(self.blob.iter().map(|blob| ("--blob", blob.as_os_str())))
+        {
+            command.arg(option).arg(value);
+        }
+        host_live::start(command, stop, |line| eprintln!("palpate: {line}")).map_err(|error| match error {
+            StartError::Refused(line) => Failure::input(line),
+            other => Failure::work(other),
+        })
+    }
+}
+
+/// Touches the scene, then solves what is asked for about the touch.
+pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
+    let begun = Instant::now();
+    let mut knobs = Knobs::of(&args.set)?;
+    let start: Vec<String> = knobs.settings().collect();
+    let (outputs, keep) = args.outputs(&start)?;
     let profile = session::profile(&args.session)?;
     let stop = stop_flag()?;
-    let mut command = Command::new(std::env::current_exe().map_err(Failure::work)?);
-    command.arg("live-solver").arg(&args.scene);
-    args.blob.iter().for_each(|blob| {
-        command.arg("--blob").arg(blob);
-    });
-    knobs.settings().for_each(|setting| {
-        command.arg("--set").arg(setting);
-    });
-    let started = host_live::start(command, &stop, |line| eprintln!("palpate: {line}"));
-    let host_live::Ready { blob, for_loop, view, process } = started.map_err(|error| match error {
-        StartError::Refused(line) => Failure::input(line),
-        other => Failure::work(other),
-    })?;
+    let Ready { blob, for_loop, view, process } = args.start(&start, &stop)?;
     let organ = organ(&blob).map_err(|error| Failure::work(format!("{}: {error}", args.scene.display())))?;
     let control = &args.session.control;
     let control = control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
@@ -153,37 +211,26 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let counters = meter.counters();
     let model = Model { scene: &args.scene, start, changes: knobs.end() };
     restart(&stop);
-    let visited = &visits.kept;
-    let checked = match args.check {
-        0 => Checked::default(),
-        wanted => Checked::of(&model, visited, wanted, &stop)?,
-    };
+    let checked = Checked::of(&model, &visits.kept, args.check, &stop)?;
     let certificate = Certificate::new(&visits, &checked, &touched.summary, counters, watcher.ready());
     restart(&stop);
-    let kept =
-        keep.as_ref().map(|file| Kept::of(&model, &organ, visited, file, &stop)).transpose()?.flatten();
-    let mut lines = certificate.lines();
-    if let (Some(kept), Some(file)) = (&kept, &args.keep) {
-        lines.extend(kept.lines(file));
-    }
-    let mut of = Map::new();
-    of.insert("scene".into(), json!(args.scene));
-    of.insert("live".into(), json!(certificate));
-    of.insert("kept".into(), json!(kept));
-    let figures = Figures {
-        of,
-        method: "jets",
-        bytes: blob.bytes().len(),
+    let kept = keep.map(|file| Kept::of(&model, &organ, &visits.kept, &file, &stop)).transpose()?.flatten();
+    Ok(Ended {
+        touched,
+        certificate,
+        checked,
+        kept,
+        organ_bytes: blob.bytes().len(),
         guard: guard.as_ref().map(ToString::to_string),
-        profile: profile.as_ref(),
-        lines,
-    };
-    figures.print(&args.session, &outputs, &touched, watcher)?;
-    touch::judge(&touched.summary)
+        profile,
+        outputs,
+        watcher,
+    })
 }
 
 /// Replays a live recording on the organ that it holds.
 fn replay(args: &Args, path: &Path) -> Result<(), Failure> {
+    args.outputs(&args.set)?;
     let replay = Replay::open(&args.session, path)?;
     let named = |what: &str| Failure::input(format!("{}: {what}", path.display()));
     let blob = replay.organ().ok_or_else(|| {

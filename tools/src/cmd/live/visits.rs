@@ -8,10 +8,10 @@ const WAY_M: f32 = 2e-3;
 
 /// A position of the tool in touch.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Visit {
-    pub(super) weights: [NodeWeight; 3],
-    pub(super) control_m: [f32; 3],
-    pub(super) felt_n: [f32; 3],
+pub(crate) struct Visit {
+    pub(crate) weights: [NodeWeight; 3],
+    pub(crate) control_m: [f32; 3],
+    pub(crate) felt_n: [f32; 3],
     /// Whether a new touch begins here.
     pub(super) begins: bool,
     /// Number of changes of the scene before it.

@@ -31,7 +31,7 @@ pub(super) struct Outcome {
     error_p99_mn: f64,
     error_max_mn: f64,
     not_felt_share: f64,
-    /// Largest step of the force in a tick beyond that of the motion.
+    /// Largest step of the force in a tick by a hand-over.
     handover_max_mn: f64,
     /// Largest energy given to the hand round a loop, and the energy exchanged in it.
     pumped_mj: f64,
@@ -204,7 +204,6 @@ impl Ticks {
         weights[0] = NodeWeight { space: contact, weight: 1.0 };
         let touch =
             palpate_core::Touch { now_us: 1000 * ms as u64, weights, displacement_m: d32, hip_m: d32 };
-        let before = memory.hand_overs();
         let answer = memory.force(&touch).expect("a jet memory always answers");
         let felt = V::from(answer.force_n.map(f64::from));
         let is_covered = answer.coverage != Coverage::Extrapolated;
@@ -212,11 +211,7 @@ impl Ticks {
         if is_covered && self.first_force_ms == usize::MAX {
             self.first_force_ms = ms;
         }
-        if let (Some(last), true) = (self.felt_n.last(), memory.hand_overs() != before) {
-            // Beyond the step that the motion explains: that of the tick before.
-            let steady = self.felt_n.len().checked_sub(2).map_or(V::zeros(), |at| last - self.felt_n[at]);
-            self.handover_n = self.handover_n.max((felt - last - steady).norm());
-        }
+        self.handover_n = self.handover_n.max(f64::from(memory.fade_step_n()));
         self.felt_n.push(felt);
     }
 }

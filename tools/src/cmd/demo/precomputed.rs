@@ -1,11 +1,10 @@
-//! `palpate demo`: all steps on the bundled organ, without hardware or display.
+//! `palpate demo --precomputed`: solve, pack, touch and check, all steps on the bundled organ.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
@@ -17,11 +16,12 @@ use palpate_precompute::pipeline::{Analysis, DISCRETISATION_POSITIONS, Run, cert
 use palpate_precompute::space::{Store, TagCounts};
 use serde_json::json;
 
-use super::inspect::certificate::as_text;
-use super::inspect::overview;
+use super::super::inspect::certificate::as_text;
+use super::super::inspect::overview;
+use super::Args;
 use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
-use crate::files::{FileKind, Files, Output, Replace};
+use crate::files::{FileKind, Files, Output};
 use crate::interrupt::stop_flag;
 use crate::output::{Csv, Table};
 use crate::progress::WorkProgress;
@@ -30,38 +30,6 @@ use crate::touch::Source;
 use crate::truth::{self, Checked, MethodError, Visit};
 use crate::{blob, output, summary, touch};
 
-/// Solve, pack, palpate and check the bundled organ in one command.
-///
-/// Solves the configuration spaces of a fingertip at two places of a liver-like phantom (incompressible
-/// Mooney-Rivlin, quadratic elements), packs them, lets a simulated hand palpate at 1 kHz, and compares the
-/// rendered force with new finite-element solves at 100 visited positions. All files stay in the output folder.
-/// A second run uses the solved spaces there; --again solves them again.
-#[derive(Debug, ClapArgs)]
-pub(crate) struct Args {
-    /// Seconds of palpation
-    #[arg(long, value_name = "S", default_value_t = 10.0, allow_negative_numbers = true)]
-    seconds: f64,
-    /// PNG frames instead of a window, even with a display
-    #[arg(long)]
-    headless: bool,
-    /// Output folder
-    #[arg(long, value_name = "DIR", default_value = "palpate-demo")]
-    out: PathBuf,
-    /// Solve the spaces again even if the folder holds them
-    #[arg(long)]
-    again: bool,
-    /// Interpolation method of the loop
-    #[arg(long, value_name = "M", default_value = "energy", value_parser = super::pack::method)]
-    method: Method,
-    /// Print the figures as JSON (they are always in summary.json)
-    #[arg(long)]
-    json: bool,
-    #[command(flatten)]
-    replace: Replace,
-}
-
-const SCENE: &str = include_str!("../../../assets/demo.toml");
-const MESH: &str = include_str!("../../../assets/liver-small.msh");
 /// Number of positions at which the force is checked.
 const CHECKS: usize = 100;
 
@@ -82,8 +50,6 @@ impl Solved {
 
 /// Files of the demo other than its numbered pictures.
 struct Outputs {
-    scene: Output,
-    mesh: Output,
     space: Output,
     blob: Output,
     certificate: Output,
@@ -92,14 +58,9 @@ struct Outputs {
 }
 
 impl Outputs {
-    fn of(args: &Args) -> Result<Self, Failure> {
-        let mut files = Files::new(args.replace);
-        let folder = files.folder("--out", &args.out, |_| None)?;
-        Files::not_a_file("--out", &args.out.join("frames"))?;
-        let mut at = |name: &str, kind| files.write("--out", &folder.path().join(name), kind);
+    fn of(args: &Args, files: &mut Files) -> Result<Self, Failure> {
+        let mut at = |name: &str, kind| files.write("--out", &args.out.join(name), kind);
         Ok(Self {
-            scene: at("demo.toml", FileKind::Toml)?,
-            mesh: at("liver-small.msh", FileKind::Mesh)?,
             space: at("demo.space", FileKind::Space)?,
             blob: at("demo.blob", FileKind::Blob)?,
             certificate: at("certificate.txt", FileKind::Text)?,
@@ -109,16 +70,11 @@ impl Outputs {
     }
 }
 
-/// Runs the command.
-pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    if !(args.seconds > 0.0 && args.seconds.is_finite()) {
-        return Err(Failure::input(format!("--seconds {}: give a positive number", args.seconds)));
-    }
+/// Runs the command in its folder, which holds the scene.
+pub(super) fn run(args: &Args, files: &mut Files, bundled: &super::Organ) -> Result<(), Failure> {
     let stop = stop_flag()?;
-    let outputs = Outputs::of(args)?;
-    outputs.mesh.put(MESH.as_bytes())?;
-    outputs.scene.put(SCENE.as_bytes())?;
-    let bench = analysis::load(outputs.scene.path())?;
+    let outputs = Outputs::of(args, files)?;
+    let bench = analysis::load(bundled.put()?)?;
     if args.again {
         outputs.space.remove_database()?;
     }
