@@ -2,6 +2,11 @@
 //! and modules of the benches.
 
 mod bundled_organ;
+mod no_allocation;
 mod own_law;
 mod sampling;
 mod scheduler;
+
+/// Ends the process at an allocation inside `assert_no_alloc`, and only there.
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;

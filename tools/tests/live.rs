@@ -191,8 +191,18 @@ fn the_scene_changes_while_a_hand_touches() {
     let alone = quiet();
     let folder = tempfile::tempdir().expect("a folder");
     let socket = folder.path().join("control");
-    let session =
-        [SCENE, "--seconds", "5", "--json", "--control", text(&socket), "--set", "material.c10_pa=2000.0"];
+    let session = [
+        SCENE,
+        "--seconds",
+        "5",
+        "--json",
+        "--control",
+        text(&socket),
+        "--set",
+        "material.c10_pa=2000.0",
+        "--check",
+        "30",
+    ];
     let mut session = Session::start(&session);
     session.wait_for("haptic thread");
     let set = |setting: &str| {
@@ -211,6 +221,13 @@ fn the_scene_changes_while_a_hand_touches() {
     assert!(said.contains("material.c10_pa=3000.0 ("), "{said}");
     assert!(said.contains("unknown key `c99_pa`"), "{said}");
     let figures: serde_json::Value = serde_json::from_str(&told).expect("JSON");
+    // The check knows which model was felt.
+    let live = &figures["live"];
+    assert!(
+        live["checked"].as_u64().is_some_and(|checked| checked >= 15) && live["unsolved"] == 0,
+        "{live:#}"
+    );
+    assert!(live["not_felt_share"].as_f64().is_some_and(|share| share > 0.95), "{live:#}");
     let step_n = figures["session"]["touch"]["largest_step_n"].as_f64().expect("a number");
     assert!(step_n < 0.2, "{figures:#}");
     drop(alone);
@@ -233,6 +250,16 @@ fn ctrl_c_ends_it_at_once() {
         println!("{after_ms} ms after the start it ended in {took:?}");
         assert!(took < Duration::from_secs(2), "{took:?}: {said}");
     }
+    // Also a check, which then reports what it has.
+    let mut session = Session::start(&[large, "--seconds", "4", "--check", "1000"]);
+    session.wait_for("check: full solutions");
+    let interrupted = Instant::now();
+    kill(Pid::from_raw(session.child.id() as i32), Signal::SIGINT).expect("it lives");
+    let (code, told, said) = session.end();
+    let took = interrupted.elapsed();
+    println!("a check ended in {took:?}");
+    assert!(took < Duration::from_secs(2), "{took:?}: {said}");
+    assert!(code == Some(0) && told.contains("ended by Ctrl-C"), "{told}{said}");
 }
 
 #[test]

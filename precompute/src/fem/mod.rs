@@ -22,6 +22,6 @@ pub use pad::{Fingertip, Pad, PadProfile};
 pub use pressure::PressurePair;
 pub use solvability::PressureFault;
 pub use solve::{
-    Configuration, FailureReason, FollowCount, FollowOptions, Followed, IterationProfile, NewtonOptions,
-    Problem, Seed, SolveFailure, Solver, solve_body_force,
+    Configuration, FailureReason, FollowCount, FollowOptions, Followed, FreeBody, IterationProfile,
+    NewtonOptions, Problem, Seed, SolveFailure, Solver, solve_body_force,
 };

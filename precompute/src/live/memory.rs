@@ -155,6 +155,10 @@ impl Known {
             let farthest = all.max_by(|(_, a), (_, b)| away(a).total_cmp(&away(b))).map(|(at, _)| at);
             self.jets.swap_remove(farthest.expect("it is full"));
         }
+        // Most contacts have the jet at rest only.
+        if self.jets.len() == 1 {
+            self.jets.reserve_exact(MAX_JETS - 1);
+        }
         self.jets.push(trust);
     }
 }

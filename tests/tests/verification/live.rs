@@ -8,7 +8,8 @@ use nalgebra::Vector3;
 use palpate_core::{AlignedBytes, Field, JetMemory, Method, NodeWeight, Organ};
 use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::fem::{
-    Body, Constraints, FollowOptions, Followed, Handle, Model, Pad, Problem, Seed, SolveFailure, Solver,
+    Body, Constraints, FollowOptions, Followed, FreeBody, Handle, Model, Pad, Problem, Seed, SolveFailure,
+    Solver,
 };
 use palpate_precompute::live::{Hand, LiveSolver, Published, Step, Touch, Truth};
 use palpate_precompute::num::EnergyJet;
@@ -65,6 +66,24 @@ fn a_continuation_agrees_with_the_full_solution() {
             assert!(found.count.factorisations > 0 || !refresh, "{}: a new factor", case.name);
             assert_eq!(found.count.factorisations > 0, found.unstable_modes.is_some(), "{}", case.name);
         }
+    }
+}
+
+/// One factor, that of the free body, gives the rest jet of every held node and of every pad.
+#[test]
+fn the_free_body_has_the_jets_at_rest_of_all_contacts() {
+    let single = |case: &Case| case.contact.handle().is_none_or(|handle| handle.nodes.len() == 1);
+    for case in with_elimination().filter(single) {
+        let wanted = solver(&case).rest().expect("the beam is fixed");
+        let free = Arc::new(Problem::with(case.body.clone(), None, Constraints::Elimination));
+        let mut body = FreeBody::new(&free).expect("the beam is fixed");
+        let mut shared = Solver::new(Arc::new(free.at(case.contact.clone())));
+        let mut to = Seed::at_rest(&case.body);
+        let found = shared.rest_by(&mut body, &mut to).expect("it serves");
+        let [_, _, s, third] = differences(&to.jet, wanted.jet());
+        println!("{:46} {s:9.1e} {third:9.1e}   {} sweeps", case.name, found.count.sweeps);
+        assert!(s < 2e-3 && third < 0.02, "{}: {s:.1e} {third:.1e}", case.name);
+        assert_eq!((found.count.factorisations, found.unstable_modes), (0, None), "{}", case.name);
     }
 }
 

@@ -8,6 +8,7 @@ mod body_force;
 mod condensed;
 mod factor;
 mod follow;
+mod free_body;
 mod held;
 mod incremental_loading;
 mod newton;
@@ -23,6 +24,7 @@ use std::sync::Arc;
 
 pub use body_force::solve_body_force;
 pub use follow::{FollowCount, FollowOptions, Followed};
+pub use free_body::FreeBody;
 pub(crate) use incremental_loading::LoadingOptions;
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;
