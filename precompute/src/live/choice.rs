@@ -26,6 +26,8 @@ const MIN_WEIGHT: f64 = 0.2;
 const FACTOR_REACH_M: f64 = 0.012;
 /// Positions nearer than this to one where nothing was found are not tried again, m.
 const LOST_REACH_M: f64 = 1e-3;
+/// Steps after which one is tried again: about a second of idling.
+const FORGOTTEN: u32 = 3_000;
 /// Number of such positions.
 const LOST: usize = 16;
 
@@ -42,20 +44,38 @@ pub(super) struct Task {
 
 /// Positions where no equilibrium was found, newest last, and whether the hand was not there yet.
 #[derive(Debug, Default)]
-pub(super) struct LostPositions(Vec<(u16, [f64; 3], bool)>);
+pub(super) struct LostPositions(Vec<Lost>);
+
+#[derive(Debug)]
+struct Lost {
+    contact: u16,
+    control_m: [f64; 3],
+    was_ahead: bool,
+    /// Steps since then.
+    age: u32,
+}
 
 impl LostPositions {
     pub(super) fn add(&mut self, task: &Task) {
         if self.0.len() == LOST {
             self.0.remove(0);
         }
-        self.0.push((task.contact, task.control_m, task.is_ahead));
+        let &Task { contact, control_m, is_ahead: was_ahead, .. } = task;
+        self.0.push(Lost { contact, control_m, was_ahead, age: 0 });
+    }
+
+    /// One more step was made: what was tried long ago may be tried again, from other states.
+    pub(super) fn grow_old(&mut self) {
+        self.0.iter_mut().for_each(|lost| lost.age += 1);
+        self.0.retain(|lost| lost.age < FORGOTTEN);
     }
 
     /// Whether a position was tried in vain; where the hand is, only tries for the hand count.
     pub(super) fn contains(&self, contact: u16, control_m: [f64; 3], is_ahead: bool) -> bool {
-        self.0.iter().any(|&(of, at_m, was_ahead)| {
-            of == contact && (is_ahead || !was_ahead) && distance(at_m, control_m) < LOST_REACH_M
+        self.0.iter().any(|lost| {
+            lost.contact == contact
+                && (is_ahead || !lost.was_ahead)
+                && distance(lost.control_m, control_m) < LOST_REACH_M
         })
     }
 }

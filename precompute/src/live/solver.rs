@@ -197,6 +197,7 @@ impl LiveSolver {
 
     /// Solves at one position, if there is one that is worth it.
     pub fn step(&mut self, hand: &Hand) -> Step {
+        self.lost.grow_old();
         let Self { skin, known, growth, lost, workers, solve_s, near, .. } = self;
         let choice = Choice { skin, known, growth, lost, workers, solve_s: *solve_s };
         let step = match choice.next(hand, near) {
@@ -326,6 +327,9 @@ impl LiveSolver {
             let worker = self.workers.present();
             if let Ok(found) = worker.solver.follow(from, control_m, renews || halvings > 0, &options, to) {
                 self.count(task.contact, control_m, &found);
+                if found.unstable_modes.is_some_and(|modes| modes > 0) && !task.is_ahead {
+                    return self.leave(task.contact, control_m, found, to);
+                }
                 return Ok((found, false));
             }
             // What the attempt factorised is unknown.
@@ -336,8 +340,28 @@ impl LiveSolver {
             let reason = FailureReason::LineSearch;
             return Err(SolveFailure { reason, iterations: 0, residual_n: f64::NAN });
         }
-        let found = self.workers.present().solver.relax(from, task.control_m, to)?;
+        let found = self.workers.present().solver.relax(from, task.control_m, false, to)?;
         self.count(task.contact, task.control_m, &found);
+        self.totals.landings += 1;
+        Ok((found, true))
+    }
+
+    /// Where the body goes from an equilibrium that is not stable; that itself if it goes nowhere.
+    fn leave(
+        &mut self,
+        contact: u16,
+        control_m: [f64; 3],
+        unstable: Followed,
+        to: &mut Seed,
+    ) -> Result<(Followed, bool), SolveFailure> {
+        let mut landed = self.states.room();
+        let found = self.workers.present().solver.relax(to, control_m, true, &mut landed);
+        if found.is_ok() {
+            std::mem::swap(to, &mut landed);
+        }
+        self.states.give_back(landed);
+        let Ok(found) = found else { return Ok((unstable, false)) };
+        self.count(contact, control_m, &found);
         self.totals.landings += 1;
         Ok((found, true))
     }

@@ -65,8 +65,13 @@ impl States {
         if let Some(seed) = self.free.pop() {
             return seed;
         }
-        let oldest = (0..self.kept.len()).min_by_key(|&at| self.kept[at].used);
-        self.kept.swap_remove(oldest.expect("every state is either free or kept")).seed
+        // A contact with few states keeps them: without one its next solve would start at rest.
+        let many = |at: usize| {
+            let of = self.kept[at].contact;
+            self.kept.iter().filter(|kept| kept.contact == of).count()
+        };
+        let least = (0..self.kept.len()).min_by_key(|&at| (usize::MAX - many(at), self.kept[at].used));
+        self.kept.swap_remove(least.expect("every state is either free or kept")).seed
     }
 
     /// Keeps a state.

@@ -98,10 +98,17 @@ impl<'l> Truth<'l> {
             let there_m = std::array::from_fn(|k| from_m[k] + share * (control_m[k] - from_m[k]));
             let renews = factor_at_m.is_none_or(|at_m| distance(at_m, there_m) > FACTOR_REACH_M);
             match solver.follow(seed, there_m, renews, &OPTIONS, &mut to) {
+                Ok(found) if found.unstable_modes.is_some_and(|modes| modes > 0) => {
+                    // A body leaves it at the slightest cause.
+                    let unstable = to.clone();
+                    solver.relax(&unstable, there_m, true, &mut to)?;
+                    self.landings += 1;
+                    factor_at_m = Some(there_m);
+                }
                 Ok(found) if renews || found.count.factorisations > 0 => factor_at_m = Some(there_m),
                 Ok(_) => {}
                 Err(_) => {
-                    solver.relax(seed, there_m, &mut to)?;
+                    solver.relax(seed, there_m, false, &mut to)?;
                     self.landings += 1;
                     factor_at_m = Some(there_m);
                 }
