@@ -29,6 +29,11 @@ impl Tolerance {
 
     /// Largest permitted error at the force `force_n`, N.
     pub fn at(&self, force_n: [f64; 3]) -> f64 {
-        (self.relative * norm(force_n)).max(self.absolute_n)
+        self.of_size(norm(force_n))
+    }
+
+    /// Largest permitted error at a force of this size, N.
+    pub fn of_size(&self, size_n: f64) -> f64 {
+        (self.relative * size_n).max(self.absolute_n)
     }
 }

@@ -228,17 +228,21 @@ fn a_changed_model_is_followed_where_the_hand_is() {
         assert!((felt - wanted).norm() < 2e-3 * wanted.norm(), "{key}: {felt} {wanted}");
     }
     // A place that becomes fixed is not solved; what waits for it is let go.
-    let held = scene.with("fixed.nodes", &format!("[{node}, 0, 1, 2]")).and_then(|scene| scene.resolve());
-    if let Ok(held) = held {
-        solver.change(&held).expect("the same mesh");
-        assert!(jets(&mut solver).iter().all(|jet| usize::from(jet.contact) != contact));
-        assert_eq!(solver.step(&hand), Step::Idle);
-    }
+    let with_fixed = |nodes: &[u32]| {
+        let mut resolved = scene.resolve().expect("a bundled scene");
+        resolved.fixed.extend(nodes);
+        resolved.fixed.sort_unstable();
+        resolved.fixed.dedup();
+        resolved
+    };
+    solver.change(&with_fixed(&[node])).expect("the same mesh");
+    assert!(jets(&mut solver).iter().all(|jet| usize::from(jet.contact) != contact), "it is fixed");
+    let heading = Hand { hip_m: place.rest_m, ..Hand::default() };
+    assert_eq!(solver.step(&heading), Step::Solved);
+    assert!(solver.published().is_some(), "nothing is held back for a place that is fixed");
     // Nothing is left to touch: refused, and the solver goes on as it was.
-    let all = (0..solver.skin().contacts.len()).map(|at| solver.skin().contacts[at].node.to_string());
-    let all = format!("[{}]", all.collect::<Vec<_>>().join(", "));
-    if let Ok(rigid) = scene.with("fixed.nodes", &all).and_then(|scene| scene.resolve()) {
-        solver.change(&rigid).expect_err("nothing to touch");
-    }
+    let all: Vec<u32> = solver.skin().contacts.iter().map(|place| place.node).collect();
+    solver.change(&with_fixed(&all)).expect_err("nothing to touch");
+    while solver.step(&heading) != Step::Idle {}
     assert_eq!(solver.step(&hand), Step::Idle);
 }

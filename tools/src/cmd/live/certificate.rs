@@ -8,6 +8,7 @@ use palpate_host::SessionSummary;
 use palpate_host::live::Counters;
 use palpate_host::rt::TickRecord;
 use palpate_precompute::live::{Touch, Truth};
+use palpate_precompute::spec::Tolerance;
 use serde::Serialize;
 
 use super::super::live_solver::{scene, solver};
@@ -15,9 +16,6 @@ use super::Args;
 use crate::failure::Failure;
 use crate::progress::WorkProgress;
 
-/// A force error below the larger of both is not felt.
-const FELT_SHARE: f64 = 0.035;
-const FELT_N: f64 = 0.02;
 /// Way of the control between two kept visits, m.
 const WAY_M: f32 = 2e-3;
 
@@ -194,7 +192,8 @@ impl Checked {
     }
 
     fn not_felt_share(&self) -> Option<f64> {
-        let unfelt = self.errors.iter().filter(|(error, size)| *error <= FELT_N.max(FELT_SHARE * size));
+        let unfelt =
+            self.errors.iter().filter(|(error, size)| *error <= Tolerance::IMPERCEPTIBLE.of_size(*size));
         (!self.errors.is_empty()).then(|| unfelt.count() as f64 / self.errors.len() as f64)
     }
 }

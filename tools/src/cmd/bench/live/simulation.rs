@@ -5,6 +5,7 @@ use std::time::Instant;
 use nalgebra::Vector3;
 use palpate_core::{Coverage, Field, JetMemory, NodeWeight};
 use palpate_precompute::live::{Hand as Seen, LiveSolver, Step, Touch, Truth};
+use palpate_precompute::spec::Tolerance;
 use serde::Serialize;
 
 use super::hands::Hand;
@@ -12,9 +13,6 @@ use crate::failure::Failure;
 
 type V = Vector3<f64>;
 
-/// A force error below the larger of both is not felt.
-const FELT_SHARE: f64 = 0.035;
-const FELT_N: f64 = 0.02;
 /// Gains of the filter of the velocity.
 const ALPHA: f64 = 0.4;
 const BETA: f64 = 0.06;
@@ -170,7 +168,7 @@ pub(super) fn run(
     let mut errors: Vec<(f64, f64)> =
         rows.iter().map(|row| ((row.felt_n - row.true_n).norm(), row.true_n.norm())).collect();
     errors.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let unfelt = errors.iter().filter(|(e, h)| *e <= FELT_N.max(FELT_SHARE * h)).count();
+    let unfelt = errors.iter().filter(|(e, h)| *e <= Tolerance::IMPERCEPTIBLE.of_size(*h)).count();
     let quantile = |q: f64| errors.get(((errors.len() - 1) as f64 * q) as usize).map_or(0.0, |e| 1e3 * e.0);
     let works = hand.loops.iter().map(|&(from, to)| loop_work(hand, &ticks.felt_n, from, to));
     let (pumped_j, exchanged_j) =
