@@ -14,6 +14,7 @@
 //! [`LiveSolver::step`] does one piece of work and returns. It reads no clock: the caller measures the time and
 //! says how long the step took ([`LiveSolver::took`]), which the prediction of the hand needs.
 
+mod branches;
 mod choice;
 mod error;
 mod hand;
@@ -22,6 +23,7 @@ mod published;
 mod skin;
 mod solver;
 mod states;
+mod task;
 mod truth;
 mod workers;
 

@@ -1,6 +1,5 @@
 //! The solved states that are kept as starts of the next continuations.
 
-use super::memory::Trust;
 use crate::fem::{Body, Seed};
 use crate::num::vector::distance;
 
@@ -11,6 +10,7 @@ const KEPT: usize = 32;
 #[derive(Debug)]
 struct Kept {
     contact: u16,
+    branch: u32,
     seed: Seed,
     /// When it was last used; the state used longest ago is replaced.
     used: u64,
@@ -40,24 +40,27 @@ impl States {
         Self { kept: Vec::with_capacity(KEPT), free: vec![seed.clone(); KEPT + 1], uses: 0 }
     }
 
-    /// Takes out the state of a contact that is nearest to a control, if there is one.
-    pub(super) fn take_nearest(&mut self, contact: u16, control_m: [f64; 3]) -> Option<Start> {
+    /// Takes out the state of a branch of a contact that is nearest to a control, if there is one.
+    pub(super) fn take_nearest(&mut self, contact: u16, branch: u32, control_m: [f64; 3]) -> Option<Start> {
         let away = |kept: &Kept| distance(kept.seed.jet.control_m, control_m);
-        let of_contact = self.kept.iter().enumerate().filter(|(_, kept)| kept.contact == contact);
-        let (nearest, _) = of_contact.min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)))?;
+        let is_of = |kept: &Kept| kept.contact == contact && kept.branch == branch;
+        let of_branch = self.kept.iter().enumerate().filter(|(_, kept)| is_of(kept));
+        let (nearest, _) = of_branch.min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)))?;
         let Kept { seed, is_guess, .. } = self.kept.swap_remove(nearest);
         Some(Start { seed, is_guess })
     }
 
-    /// The state of a contact that is nearest to a control.
-    pub(super) fn nearest(&self, contact: u16, control_m: [f64; 3]) -> Option<&Seed> {
-        let away = |seed: &&Seed| distance(seed.jet.control_m, control_m);
-        self.of(contact).min_by(|a, b| away(a).total_cmp(&away(b)))
+    /// The state of a branch of a contact that is nearest to a control.
+    pub(super) fn nearest(&self, contact: u16, branch: u32, control_m: [f64; 3]) -> Option<&Seed> {
+        let away = |(_, seed): &(u32, &Seed)| distance(seed.jet.control_m, control_m);
+        let of_branch = self.of(contact).filter(|(of, _)| *of == branch);
+        of_branch.min_by(|a, b| away(a).total_cmp(&away(b))).map(|(_, seed)| seed)
     }
 
-    /// All states of a contact.
-    fn of(&self, contact: u16) -> impl Iterator<Item = &Seed> {
-        self.kept.iter().filter(move |kept| kept.contact == contact).map(|kept| &kept.seed)
+    /// All states of a contact, with their branches.
+    pub(super) fn of(&self, contact: u16) -> impl Iterator<Item = (u32, &Seed)> {
+        let is_of = move |kept: &&Kept| kept.contact == contact;
+        self.kept.iter().filter(is_of).map(|kept| (kept.branch, &kept.seed))
     }
 
     /// Room for a new state: its numbers are to be overwritten.
@@ -74,10 +77,10 @@ impl States {
         self.kept.swap_remove(least.expect("every state is either free or kept")).seed
     }
 
-    /// Keeps a state.
-    pub(super) fn keep(&mut self, contact: u16, Start { seed, is_guess }: Start) {
+    /// Keeps a state of a branch.
+    pub(super) fn keep(&mut self, contact: u16, branch: u32, Start { seed, is_guess }: Start) {
         self.uses += 1;
-        self.kept.push(Kept { contact, seed, used: self.uses, is_guess });
+        self.kept.push(Kept { contact, branch, seed, used: self.uses, is_guess });
     }
 
     /// Gives room back.
@@ -99,14 +102,5 @@ impl States {
                 seed.sensitivity.iter_mut().for_each(|column| column[at] = 0.0);
             }
         }
-    }
-
-    /// Removes the states that lie on another branch than a jet of their contact.
-    pub(super) fn flush(&mut self, contact: u16, trust: &Trust, rest_n_m: f64) {
-        let free = &mut self.free;
-        let differs = |kept: &mut Kept| {
-            kept.contact == contact && (kept.is_guess || !trust.agrees(&Trust::of(kept.seed.jet, rest_n_m)))
-        };
-        free.extend(self.kept.extract_if(.., differs).map(|kept| kept.seed));
     }
 }

@@ -167,7 +167,7 @@ fn step(
     // A factor of every place: its inertia belongs to it.
     match solver.follow(from, d, true, &FollowOptions::default(), to) {
         Ok(_) => Ok(None),
-        Err(_) => solver.relax(from, d, false, to).map(Some),
+        Err(_) => solver.relax(from, d, to).map(Some),
     }
 }
 

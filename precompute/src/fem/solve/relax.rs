@@ -37,10 +37,9 @@ const RESIDUAL: f64 = 1e-4;
 
 impl Solver {
     /// The equilibrium with the tool at `control_m` in which the body comes to rest from the state of `from`,
-    /// written into `to`, whose vectors have the lengths of those of `from`. The tool goes there in short steps. Makes
-    /// a factorisation a step; the last one is that of the equilibrium.
-    ///
-    /// With `leaves` the body is first moved a little: it leaves an equilibrium that is not stable.
+    /// written into `to`, whose vectors have the lengths of those of `from`. The body is first moved a little, so
+    /// that it leaves an equilibrium that is not stable; the tool goes there in short steps. Makes a factorisation
+    /// a step; the last one is that of the equilibrium.
     ///
     /// # Errors
     ///
@@ -53,7 +52,6 @@ impl Solver {
         &mut self,
         from: &Seed,
         control_m: [f64; 3],
-        leaves: bool,
         to: &mut Seed,
     ) -> Result<Followed, SolveFailure> {
         assert!(self.problem.dofs.multipliers.is_empty(), "a descent needs elimination");
@@ -64,9 +62,7 @@ impl Solver {
         let mut count = FollowCount::default();
         let mut state = std::mem::take(&mut self.state);
         state.copy_from_slice(&from.state);
-        if leaves {
-            self.perturb(&mut state, 1);
-        }
+        self.perturb(&mut state, 1);
         self.state = state;
         self.history.clear();
         let mut damping = FIRST_DAMPING * unit;

@@ -1,0 +1,182 @@
+//! The branches of equilibria of each contact: which one the touch is on, where it ends, and where the body lands.
+//!
+//! A branch ends at a fold. A fold that lies ahead of the hand is enclosed between the last control at which the
+//! branch was found and the first one at which it was not, and the body is let land there. What it lands on is a
+//! branch of its own, which is kept back until the hand passes the fold: a hand that turns back stays on its own.
+
+use super::hand::Touch;
+use super::task::{Aim, Task};
+use crate::num::branch::Excess;
+use crate::num::jet::EnergyJet;
+use crate::num::vector::{difference, distance, dot, norm};
+use crate::spec::Tolerance;
+
+/// The branch of the body at rest.
+pub(super) const REST: u32 = 0;
+/// A fold is enclosed to this width, m;
+const WIDTH_M: f64 = 2.5e-4;
+/// the body is let land as soon as it is enclosed to this one, m.
+const LANDING_WIDTH_M: f64 = 2e-3;
+/// A fold ends the branch within this distance from the line across it, m,
+const LATERAL_M: f64 = 3e-3;
+/// and as far behind it, m.
+const BEHIND_M: f64 = 0.02;
+/// Number of folds.
+const FOLDS: usize = 32;
+
+/// Whether two solutions lie on one smooth branch, so far as it can be felt.
+pub(super) fn joins(before: &EnergyJet, after: &EnergyJet) -> bool {
+    let size_n = norm(before.force_n).max(norm(after.force_n));
+    !Excess::with_thirds(before, after).exceeds(Tolerance::IMPERCEPTIBLE.of_size(size_n))
+}
+
+/// What is known of the place where the body lands.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Landing {
+    Sought,
+    Found { branch: u32, jet: EnergyJet },
+    Nowhere,
+}
+
+/// The end of a branch.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fold {
+    pub(super) contact: u16,
+    pub(super) branch: u32,
+    /// The last control of the branch, m.
+    pub(super) last_m: [f64; 3],
+    /// The first one where it was not found, m.
+    pub(super) beyond_m: [f64; 3],
+    pub(super) landing: Landing,
+}
+
+impl Fold {
+    fn width_m(&self) -> f64 {
+        distance(self.last_m, self.beyond_m)
+    }
+
+    /// The middle between both ends.
+    pub(super) fn middle_m(&self) -> [f64; 3] {
+        std::array::from_fn(|axis| 0.5 * (self.last_m[axis] + self.beyond_m[axis]))
+    }
+
+    /// Whether a control lies behind the fold.
+    fn hides(&self, control_m: [f64; 3]) -> bool {
+        let (middle_m, width_m) = (self.middle_m(), self.width_m());
+        let away = difference(control_m, middle_m);
+        let behind_m = dot(away, difference(self.beyond_m, self.last_m)) / width_m;
+        let lateral2 = dot(away, away) - behind_m * behind_m;
+        behind_m > 0.0 && behind_m < BEHIND_M && lateral2 < LATERAL_M * LATERAL_M
+    }
+}
+
+/// The branch of each contact, and the folds.
+#[derive(Debug)]
+pub(super) struct Branches {
+    /// Contacts that are not on the branch of the body at rest.
+    present: Vec<(u16, u32)>,
+    newest: u32,
+    folds: Vec<Fold>,
+}
+
+impl Default for Branches {
+    fn default() -> Self {
+        Self { present: Vec::with_capacity(4), newest: REST, folds: Vec::with_capacity(FOLDS) }
+    }
+}
+
+impl Branches {
+    /// The branch of a contact.
+    pub(super) fn of(&self, contact: u16) -> u32 {
+        self.present.iter().find(|(of, _)| *of == contact).map_or(REST, |(_, branch)| *branch)
+    }
+
+    /// A branch that was not met before.
+    pub(super) fn another(&mut self) -> u32 {
+        self.newest += 1;
+        self.newest
+    }
+
+    /// A contact is on another branch from now on.
+    pub(super) fn go_to(&mut self, contact: u16, branch: u32) {
+        self.present.retain(|(of, _)| *of != contact);
+        if branch != REST {
+            self.present.push((contact, branch));
+        }
+    }
+
+    /// Contacts that are not touched are at rest.
+    pub(super) fn release_but(&mut self, touch: Option<&Touch>) {
+        let touched = |contact: u16| {
+            touch.is_some_and(|touch| touch.contacts.iter().any(|&(of, weight)| of == contact && weight > 0.0))
+        };
+        self.present.retain(|(contact, _)| touched(*contact));
+    }
+
+    /// The folds of another model do not count.
+    pub(super) fn forget_folds(&mut self) {
+        self.folds.clear();
+    }
+
+    /// Adds a fold.
+    pub(super) fn add(&mut self, fold: Fold) {
+        if self.folds.len() == FOLDS {
+            self.folds.remove(0);
+        }
+        self.folds.push(fold);
+    }
+
+    pub(super) fn fold(&mut self, index: usize) -> &mut Fold {
+        &mut self.folds[index]
+    }
+
+    /// It was none.
+    pub(super) fn remove(&mut self, index: usize) {
+        self.folds.remove(index);
+    }
+
+    /// The folds that end the branch of a contact.
+    fn ahead(&self, contact: u16) -> impl Iterator<Item = (usize, &Fold)> {
+        let branch = self.of(contact);
+        self.folds.iter().enumerate().filter(move |(_, fold)| fold.contact == contact && fold.branch == branch)
+    }
+
+    /// Whether a control lies behind a fold of a contact's branch.
+    pub(super) fn hides(&self, contact: u16, control_m: [f64; 3]) -> bool {
+        self.ahead(contact).any(|(_, fold)| fold.hides(control_m))
+    }
+
+    /// The fold that the hand has passed, with the branch and the jet on which the body lands.
+    pub(super) fn passed(&self, contact: u16, control_m: [f64; 3]) -> Option<(usize, u32, EnergyJet)> {
+        let hiding = self.ahead(contact).filter(|(_, fold)| fold.hides(control_m));
+        let mut landed = hiding.filter_map(|(index, fold)| match fold.landing {
+            Landing::Found { branch, jet } => Some((index, branch, jet)),
+            Landing::Sought | Landing::Nowhere => None,
+        });
+        landed.next()
+    }
+
+    /// The landing of a fold that the hand has passed already.
+    pub(super) fn overdue(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
+        let is_overdue =
+            |(_, fold): &(usize, &Fold)| matches!(fold.landing, Landing::Sought) && fold.hides(control_m);
+        let (index, fold) = self.ahead(contact).find(is_overdue)?;
+        Some(Task { contact, control_m: fold.beyond_m, aim: Aim::Landing(index) })
+    }
+
+    /// What is to be done for the folds near the hand: enclose one, or land there.
+    pub(super) fn work(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
+        self.ahead(contact).filter(|(_, fold)| distance(fold.last_m, control_m) < BEHIND_M).find_map(
+            |(index, fold)| {
+                let width_m = fold.width_m();
+                let lands = matches!(fold.landing, Landing::Sought) && width_m <= LANDING_WIDTH_M;
+                let (control_m, aim) = if lands {
+                    (fold.beyond_m, Aim::Landing(index))
+                } else {
+                    (fold.middle_m(), Aim::Bisection(index))
+                };
+                (lands || width_m > WIDTH_M).then_some(Task { contact, control_m, aim })
+            },
+        )
+    }
+}

@@ -1,0 +1,315 @@
+//! Solves at one position: by continuation, by enclosing the fold that ends it, or by landing.
+
+use super::super::branches::{Fold, Landing, REST, joins};
+use super::super::hand::Hand;
+use super::super::published::{Published, Step};
+use super::super::states::Start;
+use super::super::task::{Aim, Task};
+use super::LiveSolver;
+use crate::fem::{FollowOptions, Followed, Seed};
+use crate::num::jet::EnergyJet;
+use crate::num::vector::distance;
+use crate::spec::Tolerance;
+
+/// The factor of a fingertip serves for contacts within this distance of where it was made, in radii.
+const NEIGHBOUR_RADII: f64 = 1.5;
+/// A continuation is given up early, because half of the way or a landing costs less; a sweep of the sensitivities
+/// costs less than a new factor.
+const OPTIONS: FollowOptions = FollowOptions {
+    residual: 1e-3,
+    max_frozen_steps: 8,
+    max_steps: 14,
+    sensitivity: 1e-2,
+    max_sweeps: 8,
+    worst_sensitivity: 0.3,
+};
+/// Times that a continuation that fails is tried over half of the way.
+const HALVINGS: u32 = 2;
+/// A branch that was met before is known again from its states within this distance, m.
+const SAME_BRANCH_M: f64 = 5e-3;
+/// The step belongs to the mean time of a solve with the factor at hand, with a new one, or of a search.
+const FROZEN: usize = 0;
+const RENEWED: usize = 1;
+const SEARCH: usize = 2;
+
+/// What came of a task.
+enum Found {
+    /// A state on the same branch.
+    Joined(Followed),
+    /// A state on another one.
+    Landed(Followed),
+    /// Nothing, or a fold that lies ahead.
+    Nothing,
+}
+
+impl LiveSolver {
+    /// Goes over to the branch behind a fold that the hand has passed; whether there is one.
+    pub(super) fn passes_fold(&mut self, hand: &Hand) -> bool {
+        let Some(touch) = &hand.touch else { return false };
+        for (contact, _) in touch.contacts.into_iter().filter(|(_, weight)| *weight > 0.0) {
+            let Some((index, branch, jet)) = self.branches.passed(contact, touch.control_m) else { continue };
+            if self.states.nearest(contact, branch, touch.control_m).is_none() {
+                // Its states were given up for others.
+                self.branches.fold(index).landing = Landing::Sought;
+                continue;
+            }
+            self.change_branch(contact, branch);
+            self.publish(contact, branch, jet, false, Some(0));
+            return true;
+        }
+        false
+    }
+
+    pub(super) fn solve(&mut self, task: Task) -> Step {
+        let contact = task.contact;
+        let is_first = self.known[usize::from(contact)].is_empty();
+        let moves = self.go_to(contact);
+        let from = self.start(&task, is_first);
+        let branch = if is_first { REST } else { self.branches.of(contact) };
+        let factorisations = self.totals.factorisations;
+        let mut to = self.states.room();
+        let found = match task.aim {
+            Aim::Landing(index) => self.land_ahead(index, &from, &mut to),
+            Aim::Bisection(index) => self.enclose(index, &from, moves, &mut to),
+            Aim::Hand | Aim::Renewal | Aim::Ahead => self.reach(&from, &task, moves, &mut to),
+        };
+        self.timed = Some(match (&found, task.aim) {
+            (Found::Landed(_) | Found::Nothing, _) | (_, Aim::Landing(_)) => SEARCH,
+            _ if self.totals.factorisations > factorisations => RENEWED,
+            _ => FROZEN,
+        });
+        let is_lost = matches!(found, Found::Nothing) && matches!(task.aim, Aim::Hand | Aim::Renewal);
+        let leads_on = match found {
+            Found::Joined(found) => {
+                if !from.is_guess && to.jet.control_m != from.seed.jet.control_m {
+                    self.growth.measure(&self.known[usize::from(contact)], &to.jet, branch);
+                }
+                self.publish(contact, branch, to.jet, true, found.unstable_modes);
+                self.states.keep(contact, branch, Start { seed: to, is_guess: false });
+                true
+            }
+            Found::Landed(found) => {
+                let landed = self.landed(&task, &from, &to.jet, found);
+                self.states.keep(contact, landed, Start { seed: to, is_guess: false });
+                true
+            }
+            Found::Nothing => {
+                self.states.give_back(to);
+                false
+            }
+        };
+        // A guess that led nowhere would be tried again.
+        if is_first || from.is_guess && !leads_on {
+            self.states.give_back(from.seed);
+        } else {
+            self.states.keep(contact, branch, from);
+        }
+        if is_lost {
+            self.lost.add(&task);
+            self.totals.lost += 1;
+            return Step::Lost { contact, control_m: task.control_m };
+        }
+        Step::Solved
+    }
+
+    /// The state to start from: the nearest of the contact's branch, or the body at rest.
+    fn start(&mut self, task: &Task, is_first: bool) -> Start {
+        if !is_first {
+            let branch = self.branches.of(task.contact);
+            if let Some(start) = self.states.take_nearest(task.contact, branch, task.control_m) {
+                return start;
+            }
+            self.branches.go_to(task.contact, REST);
+            if let Some(start) = self.states.take_nearest(task.contact, REST, task.control_m) {
+                return start;
+            }
+        }
+        let mut rest = self.states.room();
+        rest.become_rest(&self.body);
+        if !is_first {
+            // Its state was given up: solved again, which also finds its sensitivities.
+            let mut to = self.states.room();
+            let worker = self.workers.present();
+            let found = worker.solver.follow(&rest, [0.0; 3], true, &FollowOptions::default(), &mut to);
+            worker.factor = found.is_ok().then_some((task.contact, [0.0; 3]));
+            if found.is_ok() {
+                std::mem::swap(&mut rest, &mut to);
+            }
+            self.states.give_back(to);
+        }
+        Start { seed: rest, is_guess: false }
+    }
+
+    /// Moves the solver to a contact; whether its factor no longer serves.
+    fn go_to(&mut self, contact: u16) -> bool {
+        let problem = self.problem(contact);
+        self.workers.go_to(contact, problem);
+        let Some((of, _)) = self.workers.present().factor else { return true };
+        let radius_m = self.skin.tip().map_or(0.0, |tip| tip.radius_m);
+        self.skin.distance_m(of, contact) > NEIGHBOUR_RADII * radius_m
+    }
+
+    /// Continues to the task's position, over half of the way if that fails. Then the body lands if the hand is
+    /// there; else a fold lies ahead.
+    fn reach(&mut self, from: &Start, task: &Task, moves: bool, to: &mut Seed) -> Found {
+        let (start_m, mut control_m) = (from.seed.jet.control_m, task.control_m);
+        let renews = moves || task.aim == Aim::Renewal;
+        let mut failed_m = None;
+        for halvings in 0..=HALVINGS {
+            if let Some(found) = self.continued(from, (task.contact, control_m), renews || halvings > 0, to) {
+                if let Some(beyond_m) = failed_m.filter(|_| task.aim == Aim::Ahead) {
+                    self.note_fold(task.contact, control_m, beyond_m);
+                }
+                return Found::Joined(found);
+            }
+            failed_m = Some(control_m);
+            if control_m == start_m {
+                break;
+            }
+            control_m = std::array::from_fn(|axis| 0.5 * (start_m[axis] + control_m[axis]));
+        }
+        if task.aim != Aim::Ahead {
+            return self.land(from, task, to);
+        }
+        if let Some(beyond_m) = failed_m {
+            self.note_fold(task.contact, start_m, beyond_m);
+        }
+        Found::Nothing
+    }
+
+    /// The state at a control of a contact, if the branch of `from` leads to one that is not known to be unstable.
+    fn continued(
+        &mut self,
+        from: &Start,
+        (contact, control_m): (u16, [f64; 3]),
+        renews: bool,
+        to: &mut Seed,
+    ) -> Option<Followed> {
+        let worker = self.workers.present();
+        let Ok(found) = worker.solver.follow(&from.seed, control_m, renews, &OPTIONS, to) else {
+            // What the attempt factorised is unknown.
+            worker.factor = None;
+            return None;
+        };
+        self.count(contact, control_m, &found);
+        let before = &from.seed.jet;
+        let is_same = from.is_guess || control_m == before.control_m || joins(before, &to.jet);
+        (is_same && found.unstable_modes.is_none_or(|modes| modes == 0)).then_some(found)
+    }
+
+    /// Lands where the hand is.
+    fn land(&mut self, from: &Start, task: &Task, to: &mut Seed) -> Found {
+        let worker = self.workers.present();
+        worker.factor = None;
+        let Ok(found) = worker.solver.relax(&from.seed, task.control_m, to) else { return Found::Nothing };
+        self.count(task.contact, task.control_m, &found);
+        let before = &from.seed.jet;
+        if from.is_guess || before.control_m != task.control_m && joins(before, &to.jet) {
+            return Found::Joined(found);
+        }
+        self.totals.landings += 1;
+        Found::Landed(found)
+    }
+
+    /// Lands behind a fold; if nothing is found, or no fold, this is noted.
+    fn land_ahead(&mut self, index: usize, from: &Start, to: &mut Seed) -> Found {
+        let &mut Fold { contact, beyond_m: control_m, .. } = self.branches.fold(index);
+        let found = self.land(from, &Task { contact, control_m, aim: Aim::Landing(index) }, to);
+        match found {
+            Found::Joined(_) => self.branches.remove(index),
+            Found::Nothing => self.branches.fold(index).landing = Landing::Nowhere,
+            Found::Landed(_) => {}
+        }
+        found
+    }
+
+    /// Tries the branch in the middle of where a fold is enclosed.
+    fn enclose(&mut self, index: usize, from: &Start, moves: bool, to: &mut Seed) -> Found {
+        let fold = *self.branches.fold(index);
+        let middle_m = fold.middle_m();
+        let found = self.continued(from, (fold.contact, middle_m), moves, to);
+        let fold = self.branches.fold(index);
+        match found {
+            Some(found) => {
+                fold.last_m = middle_m;
+                Found::Joined(found)
+            }
+            None => {
+                fold.beyond_m = middle_m;
+                Found::Nothing
+            }
+        }
+    }
+
+    fn note_fold(&mut self, contact: u16, last_m: [f64; 3], beyond_m: [f64; 3]) {
+        let branch = self.branches.of(contact);
+        self.branches.add(Fold { contact, branch, last_m, beyond_m, landing: Landing::Sought });
+    }
+
+    /// Enters the jet of a landing: a fold that lies ahead keeps it back, else the touch changes its branch. Returns
+    /// the branch.
+    fn landed(&mut self, task: &Task, from: &Start, jet: &EnergyJet, found: Followed) -> u32 {
+        let contact = task.contact;
+        let left = self.branches.of(contact);
+        let branch = self.met_before(contact, left, jet).unwrap_or_else(|| self.branches.another());
+        let landing = Landing::Found { branch, jet: *jet };
+        if let Aim::Landing(index) = task.aim {
+            self.branches.fold(index).landing = landing;
+            return branch;
+        }
+        let last_m = from.seed.jet.control_m;
+        if last_m != task.control_m {
+            self.branches.add(Fold { contact, branch: left, last_m, beyond_m: task.control_m, landing });
+        }
+        self.change_branch(contact, branch);
+        self.publish(contact, branch, *jet, false, found.unstable_modes);
+        branch
+    }
+
+    /// The branch of which a kept state predicts this jet.
+    fn met_before(&self, contact: u16, left: u32, jet: &EnergyJet) -> Option<u32> {
+        let limit_n = Tolerance::IMPERCEPTIBLE.at(jet.force_n);
+        let predicts = |(branch, seed): &(u32, &Seed)| {
+            *branch != left
+                && distance(seed.jet.control_m, jet.control_m) < SAME_BRANCH_M
+                && distance(seed.jet.taylor_force_n(jet.control_m), jet.force_n) < limit_n
+        };
+        self.states.of(contact).find(predicts).map(|(branch, _)| branch)
+    }
+
+    fn change_branch(&mut self, contact: u16, branch: u32) {
+        self.branches.go_to(contact, branch);
+        self.lost.forget(contact);
+    }
+
+    fn count(&mut self, contact: u16, control_m: [f64; 3], found: &Followed) {
+        self.totals.factorisations += u64::from(found.count.factorisations);
+        if found.count.factorisations > 0 {
+            self.workers.present().factor = Some((contact, control_m));
+        }
+    }
+
+    /// Enters a jet in the memory, and in the queue for the loop. If it does not join, jets that contradict it are
+    /// removed.
+    fn publish(
+        &mut self,
+        contact: u16,
+        branch: u32,
+        jet: EnergyJet,
+        joins: bool,
+        unstable_modes: Option<u32>,
+    ) {
+        let known = &mut self.known[usize::from(contact)];
+        let trust = known.trust(jet);
+        known.add(trust, branch, !joins);
+        self.totals.jets += 1;
+        self.outbox.push_back(Published {
+            contact,
+            trust,
+            joins,
+            is_fresh: unstable_modes.is_some(),
+            is_unstable: unstable_modes.is_some_and(|modes| modes > 0),
+            model: self.model,
+        });
+    }
+}
