@@ -17,10 +17,14 @@ pub(super) const REST: u32 = 0;
 const WIDTH_M: f64 = 2.5e-4;
 /// the body is let land as soon as it is enclosed to this one, m.
 const LANDING_WIDTH_M: f64 = 2e-3;
-/// A fold ends the branch within this distance from the line across it, m,
-const LATERAL_M: f64 = 3e-3;
+/// A fold ends the branch within this distance from the line across it, m, which grows by the way behind it,
+const LATERAL_M: f64 = 8e-3;
 /// and as far behind it, m.
 const BEHIND_M: f64 = 0.02;
+/// A fold that is found nearer than this to another one of the branch is the same one, m.
+const SAME_M: f64 = 5e-3;
+/// Where the branch was not found need not be tried again within this distance, m.
+const CHECKED_M: f64 = 1e-3;
 /// Number of folds.
 const FOLDS: usize = 32;
 
@@ -65,8 +69,16 @@ impl Fold {
         let (middle_m, width_m) = (self.middle_m(), self.width_m());
         let away = difference(control_m, middle_m);
         let behind_m = dot(away, difference(self.beyond_m, self.last_m)) / width_m;
-        let lateral2 = dot(away, away) - behind_m * behind_m;
-        behind_m > 0.0 && behind_m < BEHIND_M && lateral2 < LATERAL_M * LATERAL_M
+        let (lateral2, most_m) = (dot(away, away) - behind_m * behind_m, LATERAL_M + behind_m);
+        behind_m > 0.0 && behind_m < BEHIND_M && lateral2 < most_m * most_m
+    }
+
+    /// The branch goes on to a control: the fold lies farther on.
+    pub(super) fn recede(&mut self, to_m: [f64; 3]) {
+        let share = WIDTH_M / self.width_m();
+        let by = difference(self.beyond_m, self.last_m).map(|x| share * x);
+        self.last_m = to_m;
+        self.beyond_m = std::array::from_fn(|axis| to_m[axis] + by[axis]);
     }
 }
 
@@ -118,8 +130,19 @@ impl Branches {
         self.folds.clear();
     }
 
-    /// Adds a fold.
-    pub(super) fn add(&mut self, fold: Fold) {
+    /// Adds a fold. One that was known nearby makes room for it; where the body lands there is known then.
+    pub(super) fn add(&mut self, mut fold: Fold) {
+        let is_same = |old: &Fold| {
+            old.contact == fold.contact
+                && old.branch == fold.branch
+                && distance(old.middle_m(), fold.middle_m()) < SAME_M
+        };
+        if let Some(index) = self.folds.iter().position(is_same) {
+            let old = self.folds.remove(index);
+            if let (Landing::Sought, Landing::Found { .. }) = (fold.landing, old.landing) {
+                fold.landing = old.landing;
+            }
+        }
         if self.folds.len() == FOLDS {
             self.folds.remove(0);
         }
@@ -141,14 +164,30 @@ impl Branches {
         self.folds.iter().enumerate().filter(move |(_, fold)| fold.contact == contact && fold.branch == branch)
     }
 
+    /// The body has landed on the branch of a contact at this control: it does not end before it.
+    pub(super) fn landed_at(&mut self, contact: u16, control_m: [f64; 3]) {
+        let branch = self.of(contact);
+        let is_wrong = |fold: &Fold| fold.contact == contact && fold.branch == branch && fold.hides(control_m);
+        self.folds.retain(|fold| !is_wrong(fold));
+    }
+
     /// Whether a control lies behind a fold of a contact's branch.
     pub(super) fn hides(&self, contact: u16, control_m: [f64; 3]) -> bool {
         self.ahead(contact).any(|(_, fold)| fold.hides(control_m))
     }
 
-    /// The fold that the hand has passed, with the branch and the jet on which the body lands.
-    pub(super) fn passed(&self, contact: u16, control_m: [f64; 3]) -> Option<(usize, u32, EnergyJet)> {
-        let hiding = self.ahead(contact).filter(|(_, fold)| fold.hides(control_m));
+    /// The fold that the hand has passed, with the branch and the jet on which the body lands. It was checked within
+    /// a distance of this place.
+    pub(super) fn passed(
+        &self,
+        contact: u16,
+        control_m: [f64; 3],
+        within_m: f64,
+    ) -> Option<(usize, u32, EnergyJet)> {
+        let within_m = within_m.max(CHECKED_M);
+        let is_passed =
+            |fold: &Fold| fold.hides(control_m) && distance(fold.beyond_m, control_m) <= within_m;
+        let hiding = self.ahead(contact).filter(|(_, fold)| is_passed(fold));
         let mut landed = hiding.filter_map(|(index, fold)| match fold.landing {
             Landing::Found { branch, jet } => Some((index, branch, jet)),
             Landing::Sought | Landing::Nowhere => None,
@@ -164,19 +203,28 @@ impl Branches {
         Some(Task { contact, control_m: fold.beyond_m, aim: Aim::Landing(index) })
     }
 
-    /// What is to be done for the folds near the hand: enclose one, or land there.
-    pub(super) fn work(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
-        self.ahead(contact).filter(|(_, fold)| distance(fold.last_m, control_m) < BEHIND_M).find_map(
-            |(index, fold)| {
-                let width_m = fold.width_m();
-                let lands = matches!(fold.landing, Landing::Sought) && width_m <= LANDING_WIDTH_M;
-                let (control_m, aim) = if lands {
-                    (fold.beyond_m, Aim::Landing(index))
-                } else {
-                    (fold.middle_m(), Aim::Bisection(index))
-                };
-                (lands || width_m > WIDTH_M).then_some(Task { contact, control_m, aim })
-            },
-        )
+    /// Whether the branch really ends where the hand will soon be, although the fold was enclosed beside its way.
+    pub(super) fn check(&self, contact: u16, soon_m: [f64; 3]) -> Option<Task> {
+        let is_due = |(_, fold): &(usize, &Fold)| {
+            matches!(fold.landing, Landing::Found { .. })
+                && fold.hides(soon_m)
+                && distance(fold.beyond_m, soon_m) > CHECKED_M
+        };
+        let (index, _) = self.ahead(contact).find(is_due)?;
+        Some(Task { contact, control_m: soon_m, aim: Aim::Check(index) })
+    }
+
+    /// What is to be done for a fold that the hand may pass on its way: enclose it, or land there.
+    pub(super) fn work(&self, contact: u16, there_m: [f64; 3]) -> Option<Task> {
+        self.ahead(contact).filter(|(_, fold)| fold.hides(there_m)).find_map(|(index, fold)| {
+            let width_m = fold.width_m();
+            let lands = matches!(fold.landing, Landing::Sought) && width_m <= LANDING_WIDTH_M;
+            let (control_m, aim) = if lands {
+                (fold.beyond_m, Aim::Landing(index))
+            } else {
+                (fold.middle_m(), Aim::Bisection(index))
+            };
+            (lands || width_m > WIDTH_M).then_some(Task { contact, control_m, aim })
+        })
     }
 }

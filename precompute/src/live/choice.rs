@@ -28,14 +28,16 @@ const MIN_WEIGHT: f64 = 0.2;
 const FACTOR_REACH_M: f64 = 0.012;
 /// Positions nearer than this to one where nothing was found are not tried again, m.
 const LOST_REACH_M: f64 = 1e-3;
-/// Folds are looked for where the hand will be after this multiple of the time of a search.
-const SEARCH_AHEAD: f64 = 2.0;
-/// A search takes at least as long as this number of new factors.
-const SEARCH_FACTORS: f64 = 15.0;
+/// Folds are looked for where the hand will be after this time, s,
+const SEARCH_S: f64 = 0.03;
+/// and the time of so many new factors: a fold is then enclosed, and the body has landed, before the hand is there.
+const SEARCH_FACTORS: f64 = 25.0;
 /// The branch is followed there unless it has a jet within this distance, m,
 const SEARCH_M: f64 = 3e-3;
 /// or within the way of the hand in this multiple of the time of a solve.
 const SEARCH_SOLVES: f64 = 4.0;
+/// The end of a branch is checked where the hand will be after this time, s.
+pub(super) const CHECK_S: f64 = 0.02;
 /// Number of such positions.
 const LOST: usize = 16;
 
@@ -71,9 +73,8 @@ pub(super) struct Choice<'s> {
     pub(super) lost: &'s LostPositions,
     pub(super) branches: &'s Branches,
     pub(super) workers: &'s Workers,
-    /// Mean time of a solve with the factor at hand, of one with a new factor, and of a search that failed or
-    /// landed, s.
-    pub(super) solve_s: [f64; 3],
+    /// Mean time of a solve with the factor at hand, and with a new one, s.
+    pub(super) solve_s: [f64; 2],
 }
 
 impl Choice<'_> {
@@ -92,7 +93,7 @@ impl Choice<'_> {
         let of_any =
             |find: &dyn Fn(u16) -> Option<Task>| touched().find_map(|(contact, _)| find(contact));
         let here_m = touch.control_m;
-        let [frozen_s, renewed_s, search_s] = self.solve_s;
+        let [frozen_s, renewed_s] = self.solve_s;
         let after = |seconds: f64| {
             let ahead = hand.velocity_m_s.map(|v| v * seconds);
             let reduced = (MAX_AHEAD_M / norm(ahead)).min(1.0);
@@ -105,18 +106,20 @@ impl Choice<'_> {
             })
         };
         let next_m = after(AHEAD * frozen_s);
+        let there_m = after(SEARCH_S + SEARCH_FACTORS * renewed_s);
+        let soon_m = after(CHECK_S);
         of_any(&|contact| self.first(contact))
             .or_else(|| of_any(&|contact| self.branches.overdue(contact, here_m)))
             .or_else(|| unknown(here_m, Limit::Unknown))
+            .or_else(|| of_any(&|contact| self.branches.check(contact, soon_m)))
             .or_else(|| unknown(next_m, Limit::Unknown))
-            .or_else(|| of_any(&|contact| self.branches.work(contact, here_m)))
+            .or_else(|| of_any(&|contact| self.branches.work(contact, there_m)))
             .or_else(|| touched().find_map(|(contact, _)| self.beside(contact, found)))
             .or_else(|| {
                 let has_time = unknown(after(AHEAD * renewed_s), Limit::Unknown).is_none();
                 has_time.then(|| self.renewal(contacts[0].0, here_m))?
             })
             .or_else(|| {
-                let there_m = after(SEARCH_AHEAD * search_s.max(SEARCH_FACTORS * renewed_s));
                 let within_m = SEARCH_M.max(SEARCH_SOLVES * frozen_s * norm(hand.velocity_m_s));
                 of_any(&|contact| self.search(contact, there_m, within_m))
             })

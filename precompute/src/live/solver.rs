@@ -29,8 +29,8 @@ const MAX_HELD: u32 = 12;
 const NEWEST_SHARE: f64 = 0.2;
 /// How far a tool is expected to press in a scene without a grid, m.
 const REACH_M: f64 = 0.05;
-/// Mean times of a solve before the first one, as in [`Choice`], s.
-const FIRST_SOLVE_S: [f64; 3] = [5e-3, 5e-3, 3e-2];
+/// Mean time of a solve before the first one, s.
+const FIRST_SOLVE_S: f64 = 5e-3;
 
 /// The solver of one live session.
 #[derive(Debug)]
@@ -45,8 +45,8 @@ pub struct LiveSolver {
     growth: Growth,
     lost: LostPositions,
     branches: Branches,
-    solve_s: [f64; 3],
-    /// To which of these times the last step belongs.
+    solve_s: [f64; 2],
+    /// To which of these times the last step belongs; a search for a fold belongs to none.
     timed: Option<usize>,
     totals: Totals,
     near: Vec<(f64, u16)>,
@@ -88,7 +88,7 @@ impl LiveSolver {
             growth: Growth::default(),
             lost: LostPositions::default(),
             branches: Branches::default(),
-            solve_s: FIRST_SOLVE_S,
+            solve_s: [FIRST_SOLVE_S; 2],
             timed: None,
             totals: Totals::default(),
             outbox: VecDeque::with_capacity(OUTBOX),

@@ -11,6 +11,8 @@ pub(super) enum Aim {
     Ahead,
     /// A fold with this number is enclosed,
     Bisection(usize),
+    /// or looked for where the hand will pass it,
+    Check(usize),
     /// or the body lands behind it.
     Landing(usize),
 }

@@ -1,6 +1,7 @@
 //! Solves at one position: by continuation, by enclosing the fold that ends it, or by landing.
 
 use super::super::branches::{Fold, Landing, REST, joins};
+use super::super::choice::CHECK_S;
 use super::super::hand::Hand;
 use super::super::published::{Published, Step};
 use super::super::states::Start;
@@ -8,7 +9,7 @@ use super::super::task::{Aim, Task};
 use super::LiveSolver;
 use crate::fem::{FollowOptions, Followed, Seed};
 use crate::num::jet::EnergyJet;
-use crate::num::vector::distance;
+use crate::num::vector::{distance, norm};
 use crate::spec::Tolerance;
 
 /// The factor of a fingertip serves for contacts within this distance of where it was made, in radii.
@@ -18,7 +19,7 @@ const NEIGHBOUR_RADII: f64 = 1.5;
 const OPTIONS: FollowOptions = FollowOptions {
     residual: 1e-3,
     max_frozen_steps: 8,
-    max_steps: 14,
+    max_steps: 10,
     sensitivity: 1e-2,
     max_sweeps: 8,
     worst_sensitivity: 0.3,
@@ -27,10 +28,9 @@ const OPTIONS: FollowOptions = FollowOptions {
 const HALVINGS: u32 = 2;
 /// A branch that was met before is known again from its states within this distance, m.
 const SAME_BRANCH_M: f64 = 5e-3;
-/// The step belongs to the mean time of a solve with the factor at hand, with a new one, or of a search.
-const FROZEN: usize = 0;
-const RENEWED: usize = 1;
-const SEARCH: usize = 2;
+/// The touch changes its branch this time before the hand is at the fold, s: half the time constant in which the loop
+/// fades.
+const LEAD_S: f64 = 0.005;
 
 /// What came of a task.
 enum Found {
@@ -46,14 +46,20 @@ impl LiveSolver {
     /// Goes over to the branch behind a fold that the hand has passed; whether there is one.
     pub(super) fn passes_fold(&mut self, hand: &Hand) -> bool {
         let Some(touch) = &hand.touch else { return false };
+        let soon_m = std::array::from_fn(|axis| touch.control_m[axis] + LEAD_S * hand.velocity_m_s[axis]);
+        let within_m = CHECK_S * norm(hand.velocity_m_s);
         for (contact, _) in touch.contacts.into_iter().filter(|(_, weight)| *weight > 0.0) {
-            let Some((index, branch, jet)) = self.branches.passed(contact, touch.control_m) else { continue };
+            let Some((index, branch, jet)) = self.branches.passed(contact, soon_m, within_m) else {
+                continue;
+            };
             if self.states.nearest(contact, branch, touch.control_m).is_none() {
                 // Its states were given up for others.
                 self.branches.fold(index).landing = Landing::Sought;
                 continue;
             }
+            if std::env::var("TRACE").is_ok() { eprintln!("T PASSED {:?}", self.branches.fold(index)); }
             self.change_branch(contact, branch);
+            self.branches.landed_at(contact, soon_m);
             self.publish(contact, branch, jet, false, Some(0));
             return true;
         }
@@ -70,14 +76,14 @@ impl LiveSolver {
         let mut to = self.states.room();
         let found = match task.aim {
             Aim::Landing(index) => self.land_ahead(index, &from, &mut to),
-            Aim::Bisection(index) => self.enclose(index, &from, moves, &mut to),
+            Aim::Bisection(index) | Aim::Check(index) => self.enclose(index, &task, &from, moves, &mut to),
             Aim::Hand | Aim::Renewal | Aim::Ahead => self.reach(&from, &task, moves, &mut to),
         };
-        self.timed = Some(match (&found, task.aim) {
-            (Found::Landed(_) | Found::Nothing, _) | (_, Aim::Landing(_)) => SEARCH,
-            _ if self.totals.factorisations > factorisations => RENEWED,
-            _ => FROZEN,
-        });
+        let factors = (self.totals.factorisations - factorisations) as usize;
+        self.timed = (matches!(found, Found::Joined(_)) && factors < 2).then_some(factors);
+        if std::env::var("TRACE").is_ok() {
+            eprintln!("T   {:?} c{} b{} from {:.2} to {:.2} reached {:.2} |h| {:.3} {} factors {} ren {:.1}", task.aim, contact, branch, 1e3*crate::num::vector::norm(from.seed.jet.control_m), 1e3*crate::num::vector::norm(task.control_m), 1e3*crate::num::vector::norm(to.jet.control_m), crate::num::vector::norm(to.jet.force_n), match &found {Found::Joined(f)=>format!("joined {:?}", f.count),Found::Landed(f)=>format!("LANDED {:?}", f.count),Found::Nothing=>"nothing".into()}, self.totals.factorisations-factorisations, 1e3*self.solve_s[1]);
+        }
         let is_lost = matches!(found, Found::Nothing) && matches!(task.aim, Aim::Hand | Aim::Renewal);
         let leads_on = match found {
             Found::Joined(found) => {
@@ -223,19 +229,25 @@ impl LiveSolver {
         found
     }
 
-    /// Tries the branch in the middle of where a fold is enclosed.
-    fn enclose(&mut self, index: usize, from: &Start, moves: bool, to: &mut Seed) -> Found {
-        let fold = *self.branches.fold(index);
-        let middle_m = fold.middle_m();
-        let found = self.continued(from, (fold.contact, middle_m), moves, to);
+    /// Tries the branch in the middle of where a fold is enclosed, or where the hand will pass it.
+    fn enclose(&mut self, index: usize, task: &Task, from: &Start, moves: bool, to: &mut Seed) -> Found {
+        let found = self.continued(from, (task.contact, task.control_m), moves, to);
         let fold = self.branches.fold(index);
+        let is_check = matches!(task.aim, Aim::Check(_));
         match found {
             Some(found) => {
-                fold.last_m = middle_m;
+                if is_check {
+                    fold.recede(task.control_m);
+                } else {
+                    fold.last_m = task.control_m;
+                }
                 Found::Joined(found)
             }
             None => {
-                fold.beyond_m = middle_m;
+                fold.beyond_m = task.control_m;
+                if is_check {
+                    fold.last_m = from.seed.jet.control_m;
+                }
                 Found::Nothing
             }
         }
@@ -254,6 +266,8 @@ impl LiveSolver {
         let branch = self.met_before(contact, left, jet).unwrap_or_else(|| self.branches.another());
         let landing = Landing::Found { branch, jet: *jet };
         if let Aim::Landing(index) = task.aim {
+            // The factor at hand is that of the other branch.
+            self.workers.forget_factor(contact);
             self.branches.fold(index).landing = landing;
             return branch;
         }
@@ -262,6 +276,7 @@ impl LiveSolver {
             self.branches.add(Fold { contact, branch: left, last_m, beyond_m: task.control_m, landing });
         }
         self.change_branch(contact, branch);
+        self.branches.landed_at(contact, task.control_m);
         self.publish(contact, branch, *jet, false, found.unstable_modes);
         branch
     }
@@ -279,6 +294,7 @@ impl LiveSolver {
 
     fn change_branch(&mut self, contact: u16, branch: u32) {
         self.branches.go_to(contact, branch);
+        self.workers.forget_factor(contact);
         self.lost.forget(contact);
     }
 
