@@ -16,7 +16,7 @@ pub(super) const REST: u32 = 0;
 /// A fold is enclosed to this width, m;
 const WIDTH_M: f64 = 2.5e-4;
 /// the body is let land as soon as it is enclosed to this one, m.
-const LANDING_WIDTH_M: f64 = 2e-3;
+const LANDING_WIDTH_M: f64 = 3e-3;
 /// A fold ends the branch within this distance from the line across it, m, which grows by the way behind it,
 const LATERAL_M: f64 = 8e-3;
 /// and as far behind it, m.
@@ -51,6 +51,8 @@ pub(super) struct Fold {
     pub(super) last_m: [f64; 3],
     /// The first one where it was not found, m.
     pub(super) beyond_m: [f64; 3],
+    /// Whether it was not found there from a state that is near enough.
+    pub(super) is_sure: bool,
     pub(super) landing: Landing,
 }
 
@@ -73,12 +75,25 @@ impl Fold {
         behind_m > 0.0 && behind_m < BEHIND_M && lateral2 < most_m * most_m
     }
 
-    /// The branch goes on to a control: the fold lies farther on.
-    pub(super) fn recede(&mut self, to_m: [f64; 3]) {
-        let share = WIDTH_M / self.width_m();
+    /// The branch goes on to a control.
+    pub(super) fn goes_on_to(&mut self, control_m: [f64; 3]) {
+        let share = 0.5 * CHECKED_M / self.width_m();
         let by = difference(self.beyond_m, self.last_m).map(|x| share * x);
-        self.last_m = to_m;
-        self.beyond_m = std::array::from_fn(|axis| to_m[axis] + by[axis]);
+        let is_within = control_m != self.beyond_m && control_m == self.middle_m();
+        self.last_m = control_m;
+        if !is_within {
+            self.beyond_m = std::array::from_fn(|axis| control_m[axis] + by[axis]);
+            self.is_sure = false;
+        }
+    }
+
+    /// The branch was not found at a control from its state at another one.
+    pub(super) fn ends_before(&mut self, control_m: [f64; 3], from_m: [f64; 3]) {
+        if control_m == from_m {
+            return;
+        }
+        (self.last_m, self.beyond_m) = (from_m, control_m);
+        self.is_sure = self.width_m() <= WIDTH_M;
     }
 }
 
@@ -176,17 +191,19 @@ impl Branches {
         self.ahead(contact).any(|(_, fold)| fold.hides(control_m))
     }
 
-    /// The fold that the hand has passed, with the branch and the jet on which the body lands. It was checked within
-    /// a distance of this place.
+    /// The fold that the hand passes on the way to a place where it will be at once, with the branch and the jet on
+    /// which the body lands. It was found within a distance of there.
     pub(super) fn passed(
         &self,
         contact: u16,
-        control_m: [f64; 3],
+        [here_m, next_m]: [[f64; 3]; 2],
         within_m: f64,
     ) -> Option<(usize, u32, EnergyJet)> {
         let within_m = within_m.max(CHECKED_M);
-        let is_passed =
-            |fold: &Fold| fold.hides(control_m) && distance(fold.beyond_m, control_m) <= within_m;
+        let is_passed = |fold: &Fold| {
+            (fold.is_sure && fold.hides(next_m) || fold.hides(here_m))
+                && distance(fold.beyond_m, next_m) <= within_m
+        };
         let hiding = self.ahead(contact).filter(|(_, fold)| is_passed(fold));
         let mut landed = hiding.filter_map(|(index, fold)| match fold.landing {
             Landing::Found { branch, jet } => Some((index, branch, jet)),
@@ -203,15 +220,26 @@ impl Branches {
         Some(Task { contact, control_m: fold.beyond_m, aim: Aim::Landing(index) })
     }
 
-    /// Whether the branch really ends where the hand will soon be, although the fold was enclosed beside its way.
+    /// Whether the branch really ends where the hand will soon be, although the fold was enclosed beside its way or
+    /// from afar.
     pub(super) fn check(&self, contact: u16, soon_m: [f64; 3]) -> Option<Task> {
-        let is_due = |(_, fold): &(usize, &Fold)| {
-            matches!(fold.landing, Landing::Found { .. })
-                && fold.hides(soon_m)
-                && distance(fold.beyond_m, soon_m) > CHECKED_M
-        };
-        let (index, _) = self.ahead(contact).find(is_due)?;
-        Some(Task { contact, control_m: soon_m, aim: Aim::Check(index) })
+        self.ahead(contact).filter(|(_, fold)| fold.hides(soon_m)).find_map(|(index, fold)| {
+            let is_beside = distance(fold.beyond_m, soon_m) > CHECKED_M;
+            let is_due = matches!(fold.landing, Landing::Found { .. }) && (is_beside || !fold.is_sure);
+            let control_m = match (is_beside, fold.width_m() > WIDTH_M) {
+                (true, _) => soon_m,
+                (false, true) => fold.middle_m(),
+                (false, false) => fold.beyond_m,
+            };
+            is_due.then_some(Task { contact, control_m, aim: Aim::Bisection(index) })
+        })
+    }
+
+    /// Whether it is known where the body lands near a control.
+    pub(super) fn knows_landing(&self, contact: u16, control_m: [f64; 3]) -> bool {
+        self.ahead(contact).any(|(_, fold)| {
+            matches!(fold.landing, Landing::Found { .. }) && distance(fold.middle_m(), control_m) < SAME_M
+        })
     }
 
     /// What is to be done for a fold that the hand may pass on its way: enclose it, or land there.

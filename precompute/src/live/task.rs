@@ -11,10 +11,15 @@ pub(super) enum Aim {
     Ahead,
     /// A fold with this number is enclosed,
     Bisection(usize),
-    /// or looked for where the hand will pass it,
-    Check(usize),
     /// or the body lands behind it.
     Landing(usize),
+}
+
+impl Aim {
+    /// Whether the hand is at the position.
+    pub(super) fn is_at_hand(self) -> bool {
+        matches!(self, Self::Hand | Self::Renewal)
+    }
 }
 
 /// What to solve.

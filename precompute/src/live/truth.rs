@@ -11,6 +11,7 @@ use super::hand::Touch;
 use super::solver::LiveSolver;
 use crate::fem::{FollowOptions, Problem, Seed, SolveFailure, Solver};
 use crate::num::vector::distance;
+use crate::spec::Tolerance;
 
 /// Longest step of a path, m.
 const STEP_M: f64 = 2e-3;
@@ -52,7 +53,7 @@ impl<'l> Truth<'l> {
         Self { live, solver: None, paths: Vec::new(), landings: 0 }
     }
 
-    /// Number of times that a branch ended, and the body landed on another one.
+    /// Number of times that the body landed with a jump that is felt.
     pub fn landings(&self) -> u32 {
         self.landings
     }
@@ -126,7 +127,9 @@ impl<'l> Truth<'l> {
                 continue;
             };
             solver.relax(seed, end_m, &mut to)?;
-            self.landings += u32::from(end_m == seed.pose.displacement_m || !joins(&seed.jet, &to.jet));
+            let limit_n = Tolerance::IMPERCEPTIBLE.at(seed.jet.force_n);
+            let is_same = distance(seed.jet.force_n, to.jet.force_n) < limit_n;
+            self.landings += u32::from(!is_same);
             std::mem::swap(seed, &mut to);
             (factor_at_m, beyond_m) = (Some(end_m), None);
         }

@@ -24,6 +24,10 @@ const OPTIONS: FollowOptions = FollowOptions {
     max_sweeps: 8,
     worst_sensitivity: 0.3,
 };
+/// Most steps of a continuation where the hand is not.
+const MAX_STEPS_AHEAD: u32 = 6;
+/// The hand lands behind a known fold if its branch is not found within this distance from its last state, m.
+const NEAR_M: f64 = 1e-3;
 /// Times that a continuation that fails is tried over half of the way.
 const HALVINGS: u32 = 2;
 /// A branch that was met before is known again from its states within this distance, m.
@@ -38,7 +42,9 @@ enum Found {
     Joined(Followed),
     /// A state on another one.
     Landed(Followed),
-    /// Nothing, or a fold that lies ahead.
+    /// A fold, behind which the body may have landed already.
+    Fold,
+    /// Nothing.
     Nothing,
 }
 
@@ -49,7 +55,8 @@ impl LiveSolver {
         let soon_m = std::array::from_fn(|axis| touch.control_m[axis] + LEAD_S * hand.velocity_m_s[axis]);
         let within_m = CHECK_S * norm(hand.velocity_m_s);
         for (contact, _) in touch.contacts.into_iter().filter(|(_, weight)| *weight > 0.0) {
-            let Some((index, branch, jet)) = self.branches.passed(contact, soon_m, within_m) else {
+            let Some((index, branch, jet)) =
+                self.branches.passed(contact, [touch.control_m, soon_m], within_m) else {
                 continue;
             };
             if self.states.nearest(contact, branch, touch.control_m).is_none() {
@@ -76,15 +83,15 @@ impl LiveSolver {
         let mut to = self.states.room();
         let found = match task.aim {
             Aim::Landing(index) => self.land_ahead(index, &from, &mut to),
-            Aim::Bisection(index) | Aim::Check(index) => self.enclose(index, &task, &from, moves, &mut to),
+            Aim::Bisection(index) => self.enclose(index, &task, &from, moves, &mut to),
             Aim::Hand | Aim::Renewal | Aim::Ahead => self.reach(&from, &task, moves, &mut to),
         };
         let factors = (self.totals.factorisations - factorisations) as usize;
         self.timed = (matches!(found, Found::Joined(_)) && factors < 2).then_some(factors);
         if std::env::var("TRACE").is_ok() {
-            eprintln!("T   {:?} c{} b{} from {:.2} to {:.2} reached {:.2} |h| {:.3} {} factors {} ren {:.1}", task.aim, contact, branch, 1e3*crate::num::vector::norm(from.seed.jet.control_m), 1e3*crate::num::vector::norm(task.control_m), 1e3*crate::num::vector::norm(to.jet.control_m), crate::num::vector::norm(to.jet.force_n), match &found {Found::Joined(f)=>format!("joined {:?}", f.count),Found::Landed(f)=>format!("LANDED {:?}", f.count),Found::Nothing=>"nothing".into()}, self.totals.factorisations-factorisations, 1e3*self.solve_s[1]);
+            eprintln!("T   {:?} c{} b{} from {:.2} to {:.2} reached {:.2} |h| {:.3} {} factors {} ren {:.1}", task.aim, contact, branch, 1e3*crate::num::vector::norm(from.seed.jet.control_m), 1e3*crate::num::vector::norm(task.control_m), 1e3*crate::num::vector::norm(to.jet.control_m), crate::num::vector::norm(to.jet.force_n), match &found {Found::Joined(f)=>format!("joined {:?}", f.count),Found::Landed(f)=>format!("LANDED {:?}", f.count),Found::Fold=>"fold".into(),Found::Nothing=>"nothing".into()}, self.totals.factorisations-factorisations, 1e3*self.solve_s[1]);
         }
-        let is_lost = matches!(found, Found::Nothing) && matches!(task.aim, Aim::Hand | Aim::Renewal);
+        let is_lost = matches!(found, Found::Nothing) && task.aim.is_at_hand();
         let leads_on = match found {
             Found::Joined(found) => {
                 if !from.is_guess && to.jet.control_m != from.seed.jet.control_m {
@@ -99,7 +106,7 @@ impl LiveSolver {
                 self.states.keep(contact, landed, Start { seed: to, is_guess: false });
                 true
             }
-            Found::Nothing => {
+            Found::Fold | Found::Nothing => {
                 self.states.give_back(to);
                 false
             }
@@ -162,8 +169,8 @@ impl LiveSolver {
         let renews = moves || task.aim == Aim::Renewal;
         let mut failed_m = None;
         for halvings in 0..=HALVINGS {
-            if let Some(found) = self.continued(from, (task.contact, control_m), renews || halvings > 0, to) {
-                if let Some(beyond_m) = failed_m.filter(|_| task.aim == Aim::Ahead) {
+            if let Some(found) = self.continued(from, task, control_m, renews || halvings > 0, to) {
+                if let Some(beyond_m) = failed_m.filter(|_| !task.aim.is_at_hand()) {
                     self.note_fold(task.contact, control_m, beyond_m);
                 }
                 return Found::Joined(found);
@@ -172,32 +179,39 @@ impl LiveSolver {
             if control_m == start_m {
                 break;
             }
+            if distance(start_m, control_m) < NEAR_M && self.branches.knows_landing(task.contact, control_m) {
+                self.note_fold(task.contact, start_m, control_m);
+                return Found::Fold;
+            }
             control_m = std::array::from_fn(|axis| 0.5 * (start_m[axis] + control_m[axis]));
         }
-        if task.aim != Aim::Ahead {
+        if task.aim.is_at_hand() {
             return self.land(from, task, to);
         }
-        if let Some(beyond_m) = failed_m {
+        if let Some(beyond_m) = failed_m.filter(|failed_m| *failed_m != start_m) {
             self.note_fold(task.contact, start_m, beyond_m);
         }
-        Found::Nothing
+        Found::Fold
     }
 
     /// The state at a control of a contact, if the branch of `from` leads to one that is not known to be unstable.
     fn continued(
         &mut self,
         from: &Start,
-        (contact, control_m): (u16, [f64; 3]),
+        task: &Task,
+        control_m: [f64; 3],
         renews: bool,
         to: &mut Seed,
     ) -> Option<Followed> {
+        let max_steps = if task.aim.is_at_hand() { OPTIONS.max_steps } else { MAX_STEPS_AHEAD };
+        let options = FollowOptions { max_steps, ..OPTIONS };
         let worker = self.workers.present();
-        let Ok(found) = worker.solver.follow(&from.seed, control_m, renews, &OPTIONS, to) else {
+        let Ok(found) = worker.solver.follow(&from.seed, control_m, renews, &options, to) else {
             // What the attempt factorised is unknown.
             worker.factor = None;
             return None;
         };
-        self.count(contact, control_m, &found);
+        self.count(task.contact, control_m, &found);
         let before = &from.seed.jet;
         let is_same = from.is_guess || control_m == before.control_m || joins(before, &to.jet);
         (is_same && found.unstable_modes.is_none_or(|modes| modes == 0)).then_some(found)
@@ -210,7 +224,10 @@ impl LiveSolver {
         let Ok(found) = worker.solver.relax(&from.seed, task.control_m, to) else { return Found::Nothing };
         self.count(task.contact, task.control_m, &found);
         let before = &from.seed.jet;
-        if from.is_guess || before.control_m != task.control_m && joins(before, &to.jet) {
+        // Near a fold the derivatives say little about the next force.
+        let size_n = Tolerance::IMPERCEPTIBLE.at(before.force_n);
+        let is_same = joins(before, &to.jet) || distance(before.force_n, to.jet.force_n) < size_n;
+        if from.is_guess || before.control_m != task.control_m && is_same {
             return Found::Joined(found);
         }
         self.totals.landings += 1;
@@ -224,38 +241,33 @@ impl LiveSolver {
         match found {
             Found::Joined(_) => self.branches.remove(index),
             Found::Nothing => self.branches.fold(index).landing = Landing::Nowhere,
-            Found::Landed(_) => {}
+            Found::Landed(_) | Found::Fold => {}
         }
         found
     }
 
-    /// Tries the branch in the middle of where a fold is enclosed, or where the hand will pass it.
+    /// Tries the branch where a fold may be.
     fn enclose(&mut self, index: usize, task: &Task, from: &Start, moves: bool, to: &mut Seed) -> Found {
-        let found = self.continued(from, (task.contact, task.control_m), moves, to);
+        let found = self.continued(from, task, task.control_m, moves, to);
         let fold = self.branches.fold(index);
-        let is_check = matches!(task.aim, Aim::Check(_));
         match found {
             Some(found) => {
-                if is_check {
-                    fold.recede(task.control_m);
-                } else {
-                    fold.last_m = task.control_m;
-                }
+                fold.goes_on_to(task.control_m);
                 Found::Joined(found)
             }
             None => {
-                fold.beyond_m = task.control_m;
-                if is_check {
-                    fold.last_m = from.seed.jet.control_m;
-                }
-                Found::Nothing
+                fold.ends_before(task.control_m, from.seed.jet.control_m);
+                Found::Fold
             }
         }
     }
 
+    /// The branch of a contact was not found at a control from its state at another one.
     fn note_fold(&mut self, contact: u16, last_m: [f64; 3], beyond_m: [f64; 3]) {
         let branch = self.branches.of(contact);
-        self.branches.add(Fold { contact, branch, last_m, beyond_m, landing: Landing::Sought });
+        let mut fold = Fold { contact, branch, last_m, beyond_m, is_sure: false, landing: Landing::Sought };
+        fold.ends_before(beyond_m, last_m);
+        self.branches.add(fold);
     }
 
     /// Enters the jet of a landing: a fold that lies ahead keeps it back, else the touch changes its branch. Returns
@@ -273,7 +285,8 @@ impl LiveSolver {
         }
         let last_m = from.seed.jet.control_m;
         if last_m != task.control_m {
-            self.branches.add(Fold { contact, branch: left, last_m, beyond_m: task.control_m, landing });
+            let beyond_m = task.control_m;
+            self.branches.add(Fold { contact, branch: left, last_m, beyond_m, is_sure: false, landing });
         }
         self.change_branch(contact, branch);
         self.branches.landed_at(contact, task.control_m);
