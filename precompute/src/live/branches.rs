@@ -7,10 +7,12 @@
 use super::hand::Touch;
 use super::task::{Aim, Task};
 use crate::num::branch::Excess;
-use crate::num::jet::EnergyJet;
-use crate::num::vector::{difference, distance, dot, norm};
+use crate::num::jet::{EnergyJet, THIRD_INDICES};
+use crate::num::vector::{difference, distance, dot, norm, unit};
 use crate::spec::Tolerance;
 
+/// Smallest cosine between the direction across a fold and the one in which it was found.
+const MIN_COSINE: f64 = 0.3;
 /// The branch of the body at rest.
 pub(super) const REST: u32 = 0;
 /// A fold is enclosed to this width, m;
@@ -53,7 +55,26 @@ pub(super) struct Fold {
     pub(super) beyond_m: [f64; 3],
     /// Whether it was not found there from a state that is near enough.
     pub(super) is_sure: bool,
+    /// Direction across the fold, of unit length.
+    pub(super) across: [f64; 3],
     pub(super) landing: Landing,
+}
+
+/// The direction across a fold, from the jet of the last state before it. There h = h_f - c sqrt(s) with the distance
+/// s from the fold, so W_ijk ~ n_i n_j n_k s^(-3/2) outgrows what other directions contribute.
+fn across(last: &EnergyJet, beyond_m: [f64; 3]) -> [f64; 3] {
+    let ahead = unit(difference(beyond_m, last.control_m));
+    let mut normal = [0.0; 3];
+    for (&[i, j, k], third) in THIRD_INDICES.iter().zip(last.third_n_m2) {
+        if i == j {
+            normal[k] += third;
+        } else if j == k {
+            normal[i] += third;
+        }
+    }
+    let cosine = dot(unit(normal), ahead);
+    // False without third derivatives.
+    if cosine.abs() >= MIN_COSINE { unit(normal).map(|x| x * cosine.signum()) } else { ahead }
 }
 
 impl Fold {
@@ -68,32 +89,38 @@ impl Fold {
 
     /// Whether a control lies behind the fold.
     fn hides(&self, control_m: [f64; 3]) -> bool {
-        let (middle_m, width_m) = (self.middle_m(), self.width_m());
-        let away = difference(control_m, middle_m);
-        let behind_m = dot(away, difference(self.beyond_m, self.last_m)) / width_m;
+        let away = difference(control_m, self.middle_m());
+        let behind_m = dot(away, self.across);
         let (lateral2, most_m) = (dot(away, away) - behind_m * behind_m, LATERAL_M + behind_m);
         behind_m > 0.0 && behind_m < BEHIND_M && lateral2 < most_m * most_m
     }
 
-    /// The branch goes on to a control.
-    pub(super) fn goes_on_to(&mut self, control_m: [f64; 3]) {
-        let share = 0.5 * CHECKED_M / self.width_m();
-        let by = difference(self.beyond_m, self.last_m).map(|x| share * x);
+    /// The branch of a contact, of which this is a state, was not found at a control.
+    pub(super) fn new(contact: u16, branch: u32, last: &EnergyJet, beyond_m: [f64; 3]) -> Self {
+        let (last_m, across) = (last.control_m, across(last, beyond_m));
+        let is_sure = distance(last_m, beyond_m) <= WIDTH_M;
+        Self { contact, branch, last_m, beyond_m, is_sure, across, landing: Landing::Sought }
+    }
+
+    /// The branch goes on to this state.
+    pub(super) fn goes_on_to(&mut self, last: &EnergyJet) {
+        let control_m = last.control_m;
         let is_within = control_m != self.beyond_m && control_m == self.middle_m();
         self.last_m = control_m;
         if !is_within {
+            let by = self.across.map(|x| 0.5 * CHECKED_M * x);
             self.beyond_m = std::array::from_fn(|axis| control_m[axis] + by[axis]);
             self.is_sure = false;
         }
+        self.across = across(last, self.beyond_m);
     }
 
-    /// The branch was not found at a control from its state at another one.
-    pub(super) fn ends_before(&mut self, control_m: [f64; 3], from_m: [f64; 3]) {
-        if control_m == from_m {
-            return;
+    /// The branch was not found at a control from this state.
+    pub(super) fn ends_before(&mut self, control_m: [f64; 3], last: &EnergyJet) {
+        if control_m != last.control_m {
+            let landing = self.landing;
+            *self = Self { landing, ..Self::new(self.contact, self.branch, last, control_m) };
         }
-        (self.last_m, self.beyond_m) = (from_m, control_m);
-        self.is_sure = self.width_m() <= WIDTH_M;
     }
 }
 

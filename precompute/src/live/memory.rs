@@ -131,10 +131,12 @@ impl Known {
         (*of == branch).then(|| (nearest, distance(nearest.jet.control_m, control_m)))
     }
 
-    /// Whether a jet of a branch lies within a distance.
+    /// Whether a jet of a branch lies within a distance, and within the share of its trust where it is known.
     pub(super) fn has_near(&self, control_m: [f64; 3], branch: u32, within_m: f64) -> bool {
-        let is_near =
-            |(trust, of): &(Trust, u32)| *of == branch && distance(trust.jet.control_m, control_m) < within_m;
+        let is_near = |(trust, of): &(Trust, u32)| {
+            *of == branch
+                && distance(trust.jet.control_m, control_m) < within_m.min(KNOWN_TRUST * trust.radius_m)
+        };
         self.jets.iter().any(is_near)
     }
 

@@ -26,7 +26,7 @@ const OPTIONS: FollowOptions = FollowOptions {
 };
 /// Most steps of a continuation where the hand is not.
 const MAX_STEPS_AHEAD: u32 = 6;
-/// The hand lands behind a known fold if its branch is not found within this distance from its last state, m.
+/// A branch that is not found at the hand within this distance from its last state has ended, m.
 const NEAR_M: f64 = 1e-3;
 /// Times that a continuation that fails is tried over half of the way.
 const HALVINGS: u32 = 2;
@@ -171,7 +171,7 @@ impl LiveSolver {
         for halvings in 0..=HALVINGS {
             if let Some(found) = self.continued(from, task, control_m, renews || halvings > 0, to) {
                 if let Some(beyond_m) = failed_m.filter(|_| !task.aim.is_at_hand()) {
-                    self.note_fold(task.contact, control_m, beyond_m);
+                    self.note_fold(task.contact, &to.jet, beyond_m);
                 }
                 return Found::Joined(found);
             }
@@ -179,9 +179,12 @@ impl LiveSolver {
             if control_m == start_m {
                 break;
             }
-            if distance(start_m, control_m) < NEAR_M && self.branches.knows_landing(task.contact, control_m) {
-                self.note_fold(task.contact, start_m, control_m);
-                return Found::Fold;
+            if distance(start_m, control_m) < NEAR_M && task.aim.is_at_hand() {
+                if self.branches.knows_landing(task.contact, control_m) {
+                    self.note_fold(task.contact, &from.seed.jet, control_m);
+                    return Found::Fold;
+                }
+                break;
             }
             control_m = std::array::from_fn(|axis| 0.5 * (start_m[axis] + control_m[axis]));
         }
@@ -189,7 +192,7 @@ impl LiveSolver {
             return self.land(from, task, to);
         }
         if let Some(beyond_m) = failed_m.filter(|failed_m| *failed_m != start_m) {
-            self.note_fold(task.contact, start_m, beyond_m);
+            self.note_fold(task.contact, &from.seed.jet, beyond_m);
         }
         Found::Fold
     }
@@ -224,14 +227,28 @@ impl LiveSolver {
         let Ok(found) = worker.solver.relax(&from.seed, task.control_m, to) else { return Found::Nothing };
         self.count(task.contact, task.control_m, &found);
         let before = &from.seed.jet;
-        // Near a fold the derivatives say little about the next force.
-        let size_n = Tolerance::IMPERCEPTIBLE.at(before.force_n);
-        let is_same = joins(before, &to.jet) || distance(before.force_n, to.jet.force_n) < size_n;
-        if from.is_guess || before.control_m != task.control_m && is_same {
+        let is_other = before.control_m == task.control_m || !joins(before, &to.jet);
+        if from.is_guess || !is_other || self.leads_back(to, before) {
             return Found::Joined(found);
         }
         self.totals.landings += 1;
         Found::Landed(found)
+    }
+
+    /// Whether the branch of a landing leads back to the state that was left: near a fold the derivatives say little
+    /// about the force a little farther on.
+    fn leads_back(&mut self, landed: &Seed, before: &EnergyJet) -> bool {
+        if landed.jet.control_m == before.control_m {
+            return false;
+        }
+        let mut back = self.states.room();
+        let solver = &mut self.workers.present().solver;
+        let found = solver.follow(landed, before.control_m, false, &OPTIONS, &mut back);
+        let limit_n = Tolerance::IMPERCEPTIBLE.at(before.force_n);
+        let is_same = found.is_ok() && distance(back.jet.force_n, before.force_n) < limit_n;
+        self.states.give_back(back);
+        self.workers.present().factor = None;
+        is_same
     }
 
     /// Lands behind a fold; if nothing is found, or no fold, this is noted.
@@ -252,22 +269,19 @@ impl LiveSolver {
         let fold = self.branches.fold(index);
         match found {
             Some(found) => {
-                fold.goes_on_to(task.control_m);
+                fold.goes_on_to(&to.jet);
                 Found::Joined(found)
             }
             None => {
-                fold.ends_before(task.control_m, from.seed.jet.control_m);
+                fold.ends_before(task.control_m, &from.seed.jet);
                 Found::Fold
             }
         }
     }
 
-    /// The branch of a contact was not found at a control from its state at another one.
-    fn note_fold(&mut self, contact: u16, last_m: [f64; 3], beyond_m: [f64; 3]) {
-        let branch = self.branches.of(contact);
-        let mut fold = Fold { contact, branch, last_m, beyond_m, is_sure: false, landing: Landing::Sought };
-        fold.ends_before(beyond_m, last_m);
-        self.branches.add(fold);
+    /// The present branch of a contact was not found at a control from this state.
+    fn note_fold(&mut self, contact: u16, last: &EnergyJet, beyond_m: [f64; 3]) {
+        self.branches.add(Fold::new(contact, self.branches.of(contact), last, beyond_m));
     }
 
     /// Enters the jet of a landing: a fold that lies ahead keeps it back, else the touch changes its branch. Returns
@@ -283,10 +297,9 @@ impl LiveSolver {
             self.branches.fold(index).landing = landing;
             return branch;
         }
-        let last_m = from.seed.jet.control_m;
-        if last_m != task.control_m {
-            let beyond_m = task.control_m;
-            self.branches.add(Fold { contact, branch: left, last_m, beyond_m, is_sure: false, landing });
+        if from.seed.jet.control_m != task.control_m {
+            let fold = Fold::new(contact, left, &from.seed.jet, task.control_m);
+            self.branches.add(Fold { landing, ..fold });
         }
         self.change_branch(contact, branch);
         self.branches.landed_at(contact, task.control_m);
