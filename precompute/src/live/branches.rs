@@ -162,7 +162,8 @@ impl Branches {
     /// Contacts that are not touched are at rest.
     pub(super) fn release_but(&mut self, touch: Option<&Touch>) {
         let touched = |contact: u16| {
-            touch.is_some_and(|touch| touch.contacts.iter().any(|&(of, weight)| of == contact && weight > 0.0))
+            touch
+                .is_some_and(|touch| touch.contacts.iter().any(|&(of, weight)| of == contact && weight > 0.0))
         };
         self.present.retain(|(contact, _)| touched(*contact));
     }
@@ -203,13 +204,17 @@ impl Branches {
     /// The folds that end the branch of a contact.
     fn ahead(&self, contact: u16) -> impl Iterator<Item = (usize, &Fold)> {
         let branch = self.of(contact);
-        self.folds.iter().enumerate().filter(move |(_, fold)| fold.contact == contact && fold.branch == branch)
+        self.folds
+            .iter()
+            .enumerate()
+            .filter(move |(_, fold)| fold.contact == contact && fold.branch == branch)
     }
 
     /// The body has landed on the branch of a contact at this control: it does not end before it.
     pub(super) fn landed_at(&mut self, contact: u16, control_m: [f64; 3]) {
         let branch = self.of(contact);
-        let is_wrong = |fold: &Fold| fold.contact == contact && fold.branch == branch && fold.hides(control_m);
+        let is_wrong =
+            |fold: &Fold| fold.contact == contact && fold.branch == branch && fold.hides(control_m);
         self.folds.retain(|fold| !is_wrong(fold));
     }
 

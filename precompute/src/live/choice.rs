@@ -90,8 +90,7 @@ impl Choice<'_> {
         let mut contacts = touch.contacts;
         contacts.sort_by(|(_, a), (_, b)| b.total_cmp(a));
         let touched = || contacts.into_iter().filter(|(_, weight)| *weight > 0.0);
-        let of_any =
-            |find: &dyn Fn(u16) -> Option<Task>| touched().find_map(|(contact, _)| find(contact));
+        let of_any = |find: &dyn Fn(u16) -> Option<Task>| touched().find_map(|(contact, _)| find(contact));
         let here_m = touch.control_m;
         let [frozen_s, renewed_s] = self.solve_s;
         let after = |seconds: f64| {
@@ -101,9 +100,8 @@ impl Choice<'_> {
         };
         let unknown = |control_m, limit| {
             let aim = if control_m == here_m { Aim::Hand } else { Aim::Ahead };
-            touched().find_map(|(contact, weight)| {
-                self.position(Task { contact, control_m, aim }, weight, limit)
-            })
+            touched()
+                .find_map(|(contact, weight)| self.position(Task { contact, control_m, aim }, weight, limit))
         };
         let next_m = after(AHEAD * frozen_s);
         let there_m = after(SEARCH_S + SEARCH_FACTORS * renewed_s);

@@ -268,8 +268,9 @@ impl LiveSolver {
         }
         let Some(touch) = &hand.touch else { return };
         for &(contact, weight) in touch.contacts.iter().filter(|(_, weight)| *weight > 0.0) {
-            let Some(seed) = self.states.nearest(contact, self.branches.of(contact), touch.control_m)
-            else { continue };
+            let Some(seed) = self.states.nearest(contact, self.branches.of(contact), touch.control_m) else {
+                continue;
+            };
             let d: [f64; 3] = std::array::from_fn(|axis| touch.control_m[axis] - seed.jet.control_m[axis]);
             for (&node, out) in nodes.iter().zip(out.iter_mut()) {
                 for (axis, value) in out.iter_mut().enumerate() {

@@ -123,7 +123,8 @@ impl<'l> Truth<'l> {
             } else {
                 beyond_m = Some(there_m);
             }
-            let Some(end_m) = beyond_m.filter(|end_m| distance(seed.pose.displacement_m, *end_m) < FOLD_M) else {
+            let Some(end_m) = beyond_m.filter(|end_m| distance(seed.pose.displacement_m, *end_m) < FOLD_M)
+            else {
                 continue;
             };
             solver.relax(seed, end_m, &mut to)?;

@@ -220,7 +220,8 @@ fn the_felt_force_lands_soon_after_the_body() {
     let scene = Scene::load(&path).and_then(|scene| scene.resolve()).expect("a bundled scene");
     let mut solver = LiveSolver::new(&scene).expect("it can be touched");
     let node = scene.active[0].node;
-    let contact = solver.skin().contacts.iter().position(|place| place.node == node).expect("on the skin") as u16;
+    let contact =
+        solver.skin().contacts.iter().position(|place| place.node == node).expect("on the skin") as u16;
     let stops = [[0.0, 0.0, 0.0], [-8.0, 0.0, -20.0], [-8.0, 0.0, 20.0], [-8.0, 0.0, -20.0]];
     let stops = stops.map(|mm| Vector3::from(mm) * 1e-3);
     let mut hand_m = vec![stops[0]];

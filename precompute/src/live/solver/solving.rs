@@ -56,7 +56,8 @@ impl LiveSolver {
         let within_m = CHECK_S * norm(hand.velocity_m_s);
         for (contact, _) in touch.contacts.into_iter().filter(|(_, weight)| *weight > 0.0) {
             let Some((index, branch, jet)) =
-                self.branches.passed(contact, [touch.control_m, soon_m], within_m) else {
+                self.branches.passed(contact, [touch.control_m, soon_m], within_m)
+            else {
                 continue;
             };
             if self.states.nearest(contact, branch, touch.control_m).is_none() {
@@ -64,7 +65,6 @@ impl LiveSolver {
                 self.branches.fold(index).landing = Landing::Sought;
                 continue;
             }
-            if std::env::var("TRACE").is_ok() { eprintln!("T PASSED {:?}", self.branches.fold(index)); }
             self.change_branch(contact, branch);
             self.branches.landed_at(contact, soon_m);
             self.publish(contact, branch, jet, false, Some(0));
@@ -88,9 +88,6 @@ impl LiveSolver {
         };
         let factors = (self.totals.factorisations - factorisations) as usize;
         self.timed = (matches!(found, Found::Joined(_)) && factors < 2).then_some(factors);
-        if std::env::var("TRACE").is_ok() {
-            eprintln!("T   {:?} c{} b{} from {:.2} to {:.2} reached {:.2} |h| {:.3} {} factors {} ren {:.1}", task.aim, contact, branch, 1e3*crate::num::vector::norm(from.seed.jet.control_m), 1e3*crate::num::vector::norm(task.control_m), 1e3*crate::num::vector::norm(to.jet.control_m), crate::num::vector::norm(to.jet.force_n), match &found {Found::Joined(f)=>format!("joined {:?}", f.count),Found::Landed(f)=>format!("LANDED {:?}", f.count),Found::Fold=>"fold".into(),Found::Nothing=>"nothing".into()}, self.totals.factorisations-factorisations, 1e3*self.solve_s[1]);
-        }
         let is_lost = matches!(found, Found::Nothing) && task.aim.is_at_hand();
         let leads_on = match found {
             Found::Joined(found) => {

@@ -212,9 +212,6 @@ pub(super) fn run(
             let start = Instant::now();
             let step = solver.step(&seen);
             let seconds = slower * start.elapsed().as_secs_f64();
-            if step != Step::Idle && std::env::var("TRACE").is_ok() {
-                eprintln!("{ms} d {:.2} took {:.1}", d.norm() * 1e3, 1e3 * seconds);
-            }
             if step == Step::Idle {
                 free_ms = now_ms + 1.0;
                 break;
