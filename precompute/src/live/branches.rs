@@ -40,7 +40,7 @@ pub(super) fn joins(before: &EnergyJet, after: &EnergyJet) -> bool {
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Landing {
     Sought,
-    Found { branch: u32, jet: EnergyJet },
+    Found(u32),
     Nowhere,
 }
 
@@ -182,7 +182,7 @@ impl Branches {
         };
         if let Some(index) = self.folds.iter().position(is_same) {
             let old = self.folds.remove(index);
-            if let (Landing::Sought, Landing::Found { .. }) = (fold.landing, old.landing) {
+            if let (Landing::Sought, Landing::Found(_)) = (fold.landing, old.landing) {
                 fold.landing = old.landing;
             }
         }
@@ -223,14 +223,14 @@ impl Branches {
         self.ahead(contact).any(|(_, fold)| fold.hides(control_m))
     }
 
-    /// The fold that the hand passes on the way to a place where it will be at once, with the branch and the jet on
-    /// which the body lands. It was found within a distance of there.
+    /// The fold that the hand passes on the way to a place where it will be at once, with the branch on which the
+    /// body lands. It was found within a distance of there.
     pub(super) fn passed(
         &self,
         contact: u16,
         [here_m, next_m]: [[f64; 3]; 2],
         within_m: f64,
-    ) -> Option<(usize, u32, EnergyJet)> {
+    ) -> Option<(usize, u32)> {
         let within_m = within_m.max(CHECKED_M);
         let is_passed = |fold: &Fold| {
             (fold.is_sure && fold.hides(next_m) || fold.hides(here_m))
@@ -238,7 +238,7 @@ impl Branches {
         };
         let hiding = self.ahead(contact).filter(|(_, fold)| is_passed(fold));
         let mut landed = hiding.filter_map(|(index, fold)| match fold.landing {
-            Landing::Found { branch, jet } => Some((index, branch, jet)),
+            Landing::Found(branch) => Some((index, branch)),
             Landing::Sought | Landing::Nowhere => None,
         });
         landed.next()
@@ -257,7 +257,7 @@ impl Branches {
     pub(super) fn check(&self, contact: u16, soon_m: [f64; 3]) -> Option<Task> {
         self.ahead(contact).filter(|(_, fold)| fold.hides(soon_m)).find_map(|(index, fold)| {
             let is_beside = distance(fold.beyond_m, soon_m) > CHECKED_M;
-            let is_due = matches!(fold.landing, Landing::Found { .. }) && (is_beside || !fold.is_sure);
+            let is_due = matches!(fold.landing, Landing::Found(_)) && (is_beside || !fold.is_sure);
             let control_m = match (is_beside, fold.width_m() > WIDTH_M) {
                 (true, _) => soon_m,
                 (false, true) => fold.middle_m(),
@@ -270,7 +270,7 @@ impl Branches {
     /// Whether it is known where the body lands near a control.
     pub(super) fn knows_landing(&self, contact: u16, control_m: [f64; 3]) -> bool {
         self.ahead(contact).any(|(_, fold)| {
-            matches!(fold.landing, Landing::Found { .. }) && distance(fold.middle_m(), control_m) < SAME_M
+            matches!(fold.landing, Landing::Found(_)) && distance(fold.middle_m(), control_m) < SAME_M
         })
     }
 
@@ -286,5 +286,58 @@ impl Branches {
             };
             (lands || width_m > WIDTH_M).then_some(Task { contact, control_m, aim })
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NORMAL: [f64; 3] = [0.6, 0.0, 0.8];
+
+    /// A state before a fold across the normal.
+    fn last(control_m: [f64; 3]) -> EnergyJet {
+        let mut numbers = [0.0; 20];
+        for (number, [i, j, k]) in numbers[10..].iter_mut().zip(THIRD_INDICES) {
+            *number = -1e5 * NORMAL[i] * NORMAL[j] * NORMAL[k];
+        }
+        EnergyJet::from_numbers(control_m, &numbers)
+    }
+
+    #[test]
+    fn a_fold_lies_across_the_third_derivatives() {
+        // Found on a way that is askew.
+        let mut fold = Fold::new(0, REST, &last([0.0; 3]), [0.0, 1e-4, 2e-4]);
+        assert!(distance(fold.across, NORMAL) < 1e-12 && fold.is_sure, "{fold:?}");
+        let at = |r_m: f64| NORMAL.map(|n| r_m * n);
+        assert!(fold.hides(at(1e-3)) && !fold.hides(at(-1e-3)) && !fold.hides(at(0.03)));
+        assert!(!fold.hides([0.0, 0.02, 1e-3]), "too far aside");
+        fold.goes_on_to(&last(at(2e-3)));
+        assert!(!fold.hides(at(2e-3)) && fold.hides(at(3e-3)) && !fold.is_sure, "it recedes");
+        fold.ends_before(at(4e-3), &last(at(2e-3)));
+        assert!(!fold.is_sure && !fold.hides(at(2.9e-3)) && fold.hides(at(3.1e-3)), "{fold:?}");
+    }
+
+    #[test]
+    fn a_touch_changes_its_branch_where_it_passes_the_fold() {
+        let at = |r_m: f64| NORMAL.map(|n| r_m * n);
+        let mut branches = Branches::default();
+        branches.add(Fold::new(3, REST, &last([0.0; 3]), at(2e-3)));
+        let Some(Task { aim: Aim::Landing(index), .. }) = branches.work(3, at(5e-3)) else {
+            panic!("it is to land: {branches:?}")
+        };
+        assert!(branches.passed(3, [at(2e-3), at(2e-3)], 0.0).is_none(), "not landed yet");
+        let branch = branches.another();
+        branches.fold(index).landing = Landing::Found(branch);
+        let passed =
+            |branches: &Branches, here, next| branches.passed(3, [at(here), at(next)], 0.0).is_some();
+        assert!(!passed(&branches, 0.5e-3, 1.5e-3), "the end is not sure");
+        assert!(passed(&branches, 1.5e-3, 2e-3) && !passed(&branches, 6e-3, 6.5e-3));
+        branches.fold(index).ends_before(at(1.2e-3), &last(at(1e-3)));
+        assert!(passed(&branches, 0.5e-3, 1.2e-3) && !passed(&branches, 0.5e-3, 1e-3), "sure");
+        branches.go_to(3, branch);
+        assert!(!branches.hides(3, at(5e-3)), "the other branch goes on");
+        branches.release_but(None);
+        assert!(branches.of(3) == REST && branches.hides(3, at(5e-3)), "at rest again");
     }
 }

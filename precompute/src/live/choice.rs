@@ -34,7 +34,7 @@ const SEARCH_S: f64 = 0.03;
 const SEARCH_FACTORS: f64 = 25.0;
 /// The branch is followed there unless it has a jet within this distance, m,
 const SEARCH_M: f64 = 3e-3;
-/// or within the way of the hand in this multiple of the time of a solve.
+/// or within the way of the hand in this multiple of the time of a new factor.
 const SEARCH_SOLVES: f64 = 4.0;
 /// The end of a branch is checked where the hand will be after this time, s.
 pub(super) const CHECK_S: f64 = 0.02;
@@ -118,7 +118,7 @@ impl Choice<'_> {
                 has_time.then(|| self.renewal(contacts[0].0, here_m))?
             })
             .or_else(|| {
-                let within_m = SEARCH_M.max(SEARCH_SOLVES * frozen_s * norm(hand.velocity_m_s));
+                let within_m = SEARCH_M.max(SEARCH_SOLVES * renewed_s * norm(hand.velocity_m_s));
                 of_any(&|contact| self.search(contact, there_m, within_m))
             })
             .or_else(|| unknown(next_m, Limit::Rough))
@@ -148,9 +148,10 @@ impl Choice<'_> {
         let Task { contact, control_m, aim } = task;
         let known = self.known.get(usize::from(contact))?;
         let at = (control_m, self.branches.of(contact));
+        let is_hidden = aim == Aim::Ahead && self.branches.hides(contact, control_m);
         let needs = !known.is_empty()
+            && !is_hidden
             && !self.growth.knows(known, at, weight.max(MIN_WEIGHT), limit)
-            && !(aim == Aim::Ahead && self.branches.hides(contact, control_m))
             && !self.lost.contains(contact, control_m);
         needs.then_some(task)
     }

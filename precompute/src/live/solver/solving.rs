@@ -55,16 +55,16 @@ impl LiveSolver {
         let soon_m = std::array::from_fn(|axis| touch.control_m[axis] + LEAD_S * hand.velocity_m_s[axis]);
         let within_m = CHECK_S * norm(hand.velocity_m_s);
         for (contact, _) in touch.contacts.into_iter().filter(|(_, weight)| *weight > 0.0) {
-            let Some((index, branch, jet)) =
-                self.branches.passed(contact, [touch.control_m, soon_m], within_m)
+            let Some((index, branch)) = self.branches.passed(contact, [touch.control_m, soon_m], within_m)
             else {
                 continue;
             };
-            if self.states.nearest(contact, branch, touch.control_m).is_none() {
+            let nearest = self.states.nearest(contact, branch, touch.control_m);
+            let Some(jet) = nearest.map(|seed| seed.jet) else {
                 // Its states were given up for others.
                 self.branches.fold(index).landing = Landing::Sought;
                 continue;
-            }
+            };
             self.change_branch(contact, branch);
             self.branches.landed_at(contact, soon_m);
             self.publish(contact, branch, jet, false, Some(0));
@@ -287,7 +287,7 @@ impl LiveSolver {
         let contact = task.contact;
         let left = self.branches.of(contact);
         let branch = self.met_before(contact, left, jet).unwrap_or_else(|| self.branches.another());
-        let landing = Landing::Found { branch, jet: *jet };
+        let landing = Landing::Found(branch);
         if let Aim::Landing(index) = task.aim {
             // The factor at hand is that of the other branch.
             self.workers.forget_factor(contact);
