@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 54] = [
+const PRECOMPUTE: [&str; 56] = [
     "error",
     "files",
     "num",
@@ -124,6 +124,8 @@ const PRECOMPUTE: [&str; 54] = [
     "pack",
     "live::error",
     "live::hand",
+    "live::task",
+    "live::branches",
     "live::skin",
     "live::memory",
     "live::published",

@@ -16,7 +16,7 @@ use crate::touch::NodeWeight;
 
 /// Time constant of the fade between two jets, us.
 const FAST_US: f64 = 10_000.0;
-/// The same after a jump of the body, and where jets take the place of a substitute, us.
+/// The same where jets take the place of a substitute, us.
 const SLOW_US: f64 = 30_000.0;
 /// The same after a change of the body's model, us.
 const CHANGE_US: f64 = 100_000.0;

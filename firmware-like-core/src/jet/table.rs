@@ -6,7 +6,8 @@
 //!
 //! o += h_old(d) - h_new(d),   o *= exp(-dt / tau)
 //!
-//! with tau = 10 ms, 30 ms after a jump of the body, and 100 ms after a change of its model.
+//! with tau = 10 ms, and 100 ms after a change of the body's model. A jump of the body has no time of its own: its true
+//! force jumps at once.
 
 use super::frame::Jet;
 use super::trusted::limited;
@@ -33,7 +34,7 @@ const CONTRADICTION_SHARE: f32 = 0.1;
 pub(super) struct Decay {
     /// 10 ms.
     pub(super) fast: f32,
-    /// 30 ms.
+    /// 30 ms, for what no table owns.
     pub(super) slow: f32,
     /// 100 ms.
     pub(super) change: f32,
@@ -43,7 +44,6 @@ pub(super) struct Decay {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Fade {
     Fast,
-    Jump,
     Change,
 }
 
@@ -51,7 +51,6 @@ impl Decay {
     fn of(self, fade: Fade) -> f32 {
         match fade {
             Fade::Fast => self.fast,
-            Fade::Jump => self.slow,
             Fade::Change => self.change,
         }
     }
@@ -88,7 +87,7 @@ pub(super) struct Table<const JETS: usize> {
     offset_n: Vec3,
     /// How fast the offset decays.
     fade: Fade,
-    /// How the next hand-over fades: the body has jumped, or its model has changed, since the last tick.
+    /// How the next hand-over fades: the model of the body may have changed since the last tick.
     next: Fade,
     /// Model of the jets.
     model: u32,
@@ -215,7 +214,6 @@ impl<const JETS: usize> Table<JETS> {
                 self.remove(slot);
             }
         }
-        self.next = self.next.max(Fade::Jump);
     }
 
     fn farthest(&self, from_m: Vec3) -> usize {

@@ -7,10 +7,12 @@
 //! continued from it. Prediction farther ahead does not pay: a jet that is trusted for 10 to 24 mm covers the path of many
 //! solves, and what is known already is worth more.
 
+use super::branches::Branches;
 use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::skin::Skin;
 use super::states::States;
+use super::task::{Aim, Task};
 use super::workers::Workers;
 use crate::num::vector::{distance, norm};
 
@@ -30,37 +32,42 @@ const FACTOR_REACH_M: f64 = 0.012;
 const STATE_REACH_M: f64 = 0.0125;
 /// Positions nearer than this to one where nothing was found are not tried again, m.
 const LOST_REACH_M: f64 = 1e-3;
+/// Folds are looked for where the hand will be after this time, s,
+const SEARCH_S: f64 = 0.03;
+/// and the time of so many new factors: a fold is then enclosed, and the body has landed, before the hand is there.
+const SEARCH_FACTORS: f64 = 25.0;
+/// A body is searched if a new factor takes less than this, s, or if it has folded before: without a fold the search
+/// is work for nothing.
+const CHEAP_S: f64 = 0.01;
+/// The branch is followed there unless it has a jet within this distance, m,
+const SEARCH_M: f64 = 3e-3;
+/// or within the way of the hand in this multiple of the time of a new factor.
+const SEARCH_SOLVES: f64 = 4.0;
+/// The end of a branch is checked where the hand will be after this time, s.
+pub(super) const CHECK_S: f64 = 0.02;
 /// Number of such positions.
 const LOST: usize = 16;
 
-/// What to solve.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Task {
-    pub(super) contact: u16,
-    pub(super) control_m: [f64; 3],
-    /// Whether a new factor is the reason.
-    pub(super) renews: bool,
-    /// Whether the hand is not there yet. A fold that lies ahead must not end the branch that the hand is on.
-    pub(super) is_ahead: bool,
-}
-
-/// Positions where no equilibrium was found, newest last, and whether the hand was not there yet.
+/// Positions where no equilibrium was found while the hand was there, newest last.
 #[derive(Debug, Default)]
-pub(super) struct LostPositions(Vec<(u16, [f64; 3], bool)>);
+pub(super) struct LostPositions(Vec<(u16, [f64; 3])>);
 
 impl LostPositions {
     pub(super) fn add(&mut self, task: &Task) {
         if self.0.len() == LOST {
             self.0.remove(0);
         }
-        self.0.push((task.contact, task.control_m, task.is_ahead));
+        self.0.push((task.contact, task.control_m));
     }
 
-    /// Whether a position was tried in vain; where the hand is, only tries for the hand count.
-    pub(super) fn contains(&self, contact: u16, control_m: [f64; 3], is_ahead: bool) -> bool {
-        self.0.iter().any(|&(of, at_m, was_ahead)| {
-            of == contact && (is_ahead || !was_ahead) && distance(at_m, control_m) < LOST_REACH_M
-        })
+    /// From another branch they may be found.
+    pub(super) fn forget(&mut self, contact: u16) {
+        self.0.retain(|(of, _)| *of != contact);
+    }
+
+    /// Whether a position was tried in vain.
+    pub(super) fn contains(&self, contact: u16, control_m: [f64; 3]) -> bool {
+        self.0.iter().any(|&(of, at_m)| of == contact && distance(at_m, control_m) < LOST_REACH_M)
     }
 }
 
@@ -71,6 +78,7 @@ pub(super) struct Choice<'s> {
     pub(super) known: &'s [Known],
     pub(super) growth: &'s Growth,
     pub(super) lost: &'s LostPositions,
+    pub(super) branches: &'s Branches,
     pub(super) workers: &'s Workers,
     pub(super) states: &'s States,
     /// Mean time of a solve with the factor at hand, and with a new one, s.
@@ -90,30 +98,52 @@ impl Choice<'_> {
         let mut contacts = touch.contacts;
         contacts.sort_by(|(_, a), (_, b)| b.total_cmp(a));
         let touched = || contacts.into_iter().filter(|(_, weight)| *weight > 0.0);
-        let first = touched().find_map(|(contact, _)| self.first(contact));
+        let of_any = |find: &dyn Fn(u16) -> Option<Task>| touched().find_map(|(contact, _)| find(contact));
+        let here_m = touch.control_m;
         let [frozen_s, renewed_s] = self.solve_s;
         let after = |seconds: f64| {
-            let ahead = hand.velocity_m_s.map(|v| v * AHEAD * seconds);
+            let ahead = hand.velocity_m_s.map(|v| v * seconds);
             let reduced = (MAX_AHEAD_M / norm(ahead)).min(1.0);
-            std::array::from_fn(|axis| touch.control_m[axis] + reduced * ahead[axis])
+            std::array::from_fn(|axis| here_m[axis] + reduced * ahead[axis])
         };
         let unknown = |control_m, limit| {
-            let is_ahead = control_m != touch.control_m;
-            touched().find_map(|(contact, weight)| {
-                let task = Task { contact, control_m, renews: false, is_ahead };
-                self.position(task, weight, limit)
-            })
+            let aim = if control_m == here_m { Aim::Hand } else { Aim::Ahead };
+            touched()
+                .find_map(|(contact, weight)| self.position(Task { contact, control_m, aim }, weight, limit))
         };
-        first
-            .or_else(|| unknown(touch.control_m, Limit::Unknown))
-            .or_else(|| unknown(after(frozen_s), Limit::Unknown))
+        let next_m = after(AHEAD * frozen_s);
+        let there_m = after(SEARCH_S + SEARCH_FACTORS * renewed_s);
+        let soon_m = after(CHECK_S);
+        of_any(&|contact| self.first(contact))
+            .or_else(|| of_any(&|contact| self.branches.overdue(contact, here_m)))
+            .or_else(|| unknown(here_m, Limit::Unknown))
+            .or_else(|| of_any(&|contact| self.branches.check(contact, soon_m)))
+            .or_else(|| unknown(next_m, Limit::Unknown))
+            .or_else(|| of_any(&|contact| self.branches.work(contact, there_m)))
             .or_else(|| touched().find_map(|(contact, _)| self.beside(contact, found)))
             .or_else(|| {
-                let has_time = unknown(after(renewed_s), Limit::Unknown).is_none();
-                has_time.then(|| self.renewal(contacts[0].0, touch.control_m))?
+                let has_time = unknown(after(AHEAD * renewed_s), Limit::Unknown).is_none();
+                has_time.then(|| self.renewal(contacts[0].0, here_m))?
             })
-            .or_else(|| unknown(after(frozen_s), Limit::Rough))
-            .or_else(|| self.state(contacts[0].0, touch.control_m))
+            .or_else(|| {
+                let within_m = SEARCH_M.max(SEARCH_SOLVES * renewed_s * norm(hand.velocity_m_s));
+                of_any(&|contact| self.search(contact, there_m, within_m))
+            })
+            .or_else(|| unknown(next_m, Limit::Rough))
+            .or_else(|| self.state(contacts[0].0, here_m))
+    }
+
+    /// The branch of a contact is followed ahead of the hand to find its end, unless it is known near there.
+    fn search(&self, contact: u16, control_m: [f64; 3], within_m: f64) -> Option<Task> {
+        let known = self.known.get(usize::from(contact))?;
+        let may_fold = self.solve_s[1] < CHEAP_S || self.branches.have_folded();
+        let needs = may_fold
+            && !known.is_empty()
+            && self.skin.is_free(contact)
+            && !known.has_near(control_m, self.branches.of(contact), within_m)
+            && !self.branches.hides(contact, control_m)
+            && !self.lost.contains(contact, control_m);
+        needs.then_some(Task { contact, control_m, aim: Aim::Ahead })
     }
 
     /// The first jet of a contact is that at rest.
@@ -121,16 +151,19 @@ impl Choice<'_> {
         let rest = [0.0; 3];
         let is_new = self.known.get(usize::from(contact))?.is_empty()
             && self.skin.is_free(contact)
-            && !self.lost.contains(contact, rest, false);
-        is_new.then_some(Task { contact, control_m: rest, renews: false, is_ahead: false })
+            && !self.lost.contains(contact, rest);
+        is_new.then_some(Task { contact, control_m: rest, aim: Aim::Hand })
     }
 
     fn position(&self, task: Task, weight: f64, limit: Limit) -> Option<Task> {
-        let Task { contact, control_m, is_ahead, .. } = task;
+        let Task { contact, control_m, aim } = task;
         let known = self.known.get(usize::from(contact))?;
+        let at = (control_m, self.branches.of(contact));
+        let is_hidden = aim == Aim::Ahead && self.branches.hides(contact, control_m);
         let needs = !known.is_empty()
-            && !self.growth.knows(known, control_m, weight.max(MIN_WEIGHT), limit)
-            && !self.lost.contains(contact, control_m, is_ahead);
+            && !is_hidden
+            && !self.growth.knows(known, at, weight.max(MIN_WEIGHT), limit)
+            && !self.lost.contains(contact, control_m);
         needs.then_some(task)
     }
 
@@ -153,10 +186,10 @@ impl Choice<'_> {
 
     /// The state at the hand, if none is kept near it. Its jet is known, so no branch ends with it.
     fn state(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
-        let nearest = self.states.nearest(contact, control_m);
+        let nearest = self.states.nearest(contact, self.branches.of(contact), control_m);
         let is_near = nearest.is_some_and(|seed| distance(seed.jet.control_m, control_m) <= STATE_REACH_M);
-        let needs = !is_near && self.skin.is_free(contact) && !self.lost.contains(contact, control_m, true);
-        needs.then_some(Task { contact, control_m, renews: false, is_ahead: true })
+        let needs = !is_near && self.skin.is_free(contact) && !self.lost.contains(contact, control_m);
+        needs.then_some(Task { contact, control_m, aim: Aim::Ahead })
     }
 
     /// A new factor at the hand, if the last one is far. The solve also gives a jet.
@@ -164,7 +197,7 @@ impl Choice<'_> {
         let is_near = |at_m: [f64; 3]| distance(at_m, control_m) <= FACTOR_REACH_M;
         let renews = !self.workers.factor_of(contact).is_some_and(is_near)
             && self.skin.is_free(contact)
-            && !self.lost.contains(contact, control_m, false);
-        renews.then_some(Task { contact, control_m, renews, is_ahead: false })
+            && !self.lost.contains(contact, control_m);
+        renews.then_some(Task { contact, control_m, aim: Aim::Renewal })
     }
 }

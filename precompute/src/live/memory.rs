@@ -108,7 +108,8 @@ fn third_norm(third: &SymmetricThird) -> f64 {
 /// The jets of one contact.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Known {
-    jets: Vec<Trust>,
+    /// Jets and their branches.
+    jets: Vec<(Trust, u32)>,
     /// |S| at rest, N/m; 0 before the first jet.
     rest_n_m: f64,
 }
@@ -118,20 +119,25 @@ impl Known {
         self.jets.is_empty()
     }
 
-    pub(super) fn jets(&self) -> &[Trust] {
-        &self.jets
+    pub(super) fn jets(&self) -> impl ExactSizeIterator<Item = &Trust> {
+        self.jets.iter().map(|(trust, _)| trust)
     }
 
-    /// The jet with the smallest distance in trust radii, and this distance in metres.
-    pub(super) fn nearest(&self, control_m: [f64; 3]) -> Option<(&Trust, f64)> {
-        let by = |trust: &Trust| distance(trust.jet.control_m, control_m) / trust.radius_m;
-        let nearest = self.jets.iter().min_by(|a, b| by(a).total_cmp(&by(b)))?;
-        Some((nearest, distance(nearest.jet.control_m, control_m)))
+    /// The jet with the smallest distance in trust radii, as the loop chooses it, and this distance in metres;
+    /// `None` if it lies on another branch.
+    pub(super) fn nearest(&self, control_m: [f64; 3], branch: u32) -> Option<(&Trust, f64)> {
+        let by = |(trust, _): &(Trust, u32)| distance(trust.jet.control_m, control_m) / trust.radius_m;
+        let (nearest, of) = self.jets.iter().min_by(|a, b| by(a).total_cmp(&by(b)))?;
+        (*of == branch).then(|| (nearest, distance(nearest.jet.control_m, control_m)))
     }
 
-    /// |S| at rest, N/m.
-    pub(super) fn rest_n_m(&self) -> f64 {
-        self.rest_n_m
+    /// Whether a jet of a branch lies within a distance, and within the share of its trust where it is known.
+    pub(super) fn has_near(&self, control_m: [f64; 3], branch: u32, within_m: f64) -> bool {
+        let is_near = |(trust, of): &(Trust, u32)| {
+            *of == branch
+                && distance(trust.jet.control_m, control_m) < within_m.min(KNOWN_TRUST * trust.radius_m)
+        };
+        self.jets.iter().any(is_near)
     }
 
     /// The first jet is that at rest: it defines the trust of all.
@@ -142,15 +148,15 @@ impl Known {
         Trust::of(jet, self.rest_n_m)
     }
 
-    /// Adds a jet; with `flush` it removes those that lie on another branch. A jet at the same control is
+    /// Adds a jet of a branch; with `flush` it removes those that contradict it. A jet at the same control is
     /// replaced.
-    pub(super) fn add(&mut self, trust: Trust, flush: bool) {
-        self.jets.retain(|old| {
+    pub(super) fn add(&mut self, trust: Trust, branch: u32, flush: bool) {
+        self.jets.retain(|(old, _)| {
             let same = distance(old.jet.control_m, trust.jet.control_m) < SAME_M;
             !same && (!flush || trust.agrees(old))
         });
         if self.jets.len() == MAX_JETS {
-            let away = |old: &Trust| distance(old.jet.control_m, trust.jet.control_m);
+            let away = |(old, _): &(Trust, u32)| distance(old.jet.control_m, trust.jet.control_m);
             let all = self.jets.iter().enumerate();
             let farthest = all.max_by(|(_, a), (_, b)| away(a).total_cmp(&away(b))).map(|(at, _)| at);
             self.jets.swap_remove(farthest.expect("it is full"));
@@ -159,7 +165,7 @@ impl Known {
         if self.jets.len() == 1 {
             self.jets.reserve_exact(MAX_JETS - 1);
         }
-        self.jets.push(trust);
+        self.jets.push((trust, branch));
     }
 }
 
@@ -201,18 +207,24 @@ impl Default for Growth {
 
 impl Growth {
     /// Compares the series of the nearest jet with what was solved. Every solve is thus a check of the model.
-    pub(super) fn measure(&mut self, known: &Known, solved: &EnergyJet) {
+    pub(super) fn measure(&mut self, known: &Known, solved: &EnergyJet, branch: u32) {
         self.error_n_m3 *= FORGETTING;
-        let Some((nearest, r_m)) = known.nearest(solved.control_m) else { return };
+        let Some((nearest, r_m)) = known.nearest(solved.control_m, branch) else { return };
         if r_m > MIN_MEASURED_M && r_m <= nearest.radius_m {
             let error_n = distance(nearest.jet.taylor_force_n(solved.control_m), solved.force_n);
             self.error_n_m3 = self.error_n_m3.max(error_n / (r_m * r_m * r_m));
         }
     }
 
-    /// Whether the force of a contact with this weight is known to a limit at a control.
-    pub(super) fn knows(&self, known: &Known, control_m: [f64; 3], weight: f64, limit: Limit) -> bool {
-        known.nearest(control_m).is_some_and(|(nearest, r_m)| {
+    /// Whether the force of a contact with this weight is known to a limit at a control on a branch.
+    pub(super) fn knows(
+        &self,
+        known: &Known,
+        (control_m, branch): ([f64; 3], u32),
+        weight: f64,
+        limit: Limit,
+    ) -> bool {
+        known.nearest(control_m, branch).is_some_and(|(nearest, r_m)| {
             let error_n = self.error_n_m3 * r_m * r_m * r_m;
             // Where no error can be measured nothing would be gained.
             let is_small =
@@ -258,7 +270,7 @@ mod tests {
             let flush = number % 17 == 16;
             flushes += u32::from(flush);
             let before = known.jets().len();
-            known.add(trust, flush);
+            known.add(trust, 0, flush);
             removed += (before + 1).saturating_sub(known.jets().len());
             let published =
                 Published { contact: 0, trust, joins: !flush, is_fresh: false, is_unstable: false, model: 0 };

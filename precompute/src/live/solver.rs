@@ -1,36 +1,33 @@
-//! One step of the live solver: choose, continue or land, publish.
+//! The live solver: in every step it chooses a position, solves there and publishes the jet.
+
+mod solving;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::choice::{Choice, HEADING_M, LostPositions, Task};
+use palpate_core::Organ;
+
+use super::branches::{Branches, REST};
+use super::choice::{Choice, HEADING_M, LostPositions};
 use super::error::LiveError;
 use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
 use super::skin::Skin;
-use super::states::{Start, States};
+use super::states::States;
 use super::tabled;
+use super::task::{Aim, Task};
 use super::workers::Workers;
-use palpate_core::Organ;
-
-use crate::fem::{Body, Constraints, FailureReason, FollowOptions, Followed, Problem, Seed, SolveFailure};
-use crate::num::branch::Excess;
+use crate::fem::{Body, Constraints, FreeBody, Problem, Seed};
 use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
 
 /// Number of contacts whose problem is kept.
 const PROBLEMS: usize = 256;
-/// The factor of a fingertip serves for contacts within this distance of where it was made, in radii.
-const NEIGHBOUR_RADII: f64 = 1.5;
-/// Sweeps of the sensitivities, which cost less than a new factor.
-const MAX_SWEEPS: u32 = 8;
 /// Jets that wait for the loop during a change of the model, usually.
 const OUTBOX: usize = 16;
 /// Solves after a change of the model for which its jets may wait: a hand that moves fast is never known.
 const MAX_HELD: u32 = 12;
-/// Times that a continuation that fails is tried over half of the way.
-const HALVINGS: u32 = 2;
 /// Weight of the last solve in the mean time of a solve.
 const NEWEST_SHARE: f64 = 0.2;
 /// Mean time of a solve before the first one, s.
@@ -41,16 +38,19 @@ const FIRST_SOLVE_S: f64 = 5e-3;
 pub struct LiveSolver {
     body: Arc<Body>,
     skin: Skin,
-    free: Problem,
+    free: Arc<Problem>,
     problems: Vec<(u16, Arc<Problem>)>,
     workers: Workers,
+    /// The body without a contact, whose factor gives the jets at rest; made by the first one.
+    free_body: Option<FreeBody>,
     states: States,
     known: Vec<Known>,
     growth: Growth,
     lost: LostPositions,
+    branches: Branches,
     solve_s: [f64; 2],
-    /// Whether the last solve made a factor.
-    has_renewed: bool,
+    /// To which of these times the last step belongs; a search for a fold belongs to none.
+    timed: Option<usize>,
     totals: Totals,
     near: Vec<(f64, u16)>,
     /// Jets that were not taken yet.
@@ -77,7 +77,7 @@ impl LiveSolver {
         }
         let body = Arc::new(scene.body().map_err(|error| LiveError::Body(error.to_string()))?);
         let skin = Skin::new(&scene.mesh, &body, &scene.tool)?;
-        let free = Problem::with(body.clone(), None, Constraints::Elimination);
+        let free = Arc::new(Problem::with(body.clone(), None, Constraints::Elimination));
         let workers = Workers::new(&Arc::new(free.at(skin.touch(0, &body))));
         let blank = Seed::at_rest(&body);
         let first_rest = body.rest_state.clone();
@@ -90,10 +90,12 @@ impl LiveSolver {
             free,
             problems: Vec::with_capacity(PROBLEMS),
             workers,
+            free_body: None,
             growth: Growth::default(),
             lost: LostPositions::default(),
+            branches: Branches::default(),
             solve_s: [FIRST_SOLVE_S; 2],
-            has_renewed: false,
+            timed: None,
             totals: Totals::default(),
             outbox: VecDeque::with_capacity(OUTBOX),
             unsent: Vec::new(),
@@ -138,8 +140,8 @@ impl LiveSolver {
             let jets = tabled::jets(space, method, scene.max_force_n);
             let Some(rest) = jets.first() else { continue };
             if contacts == 0 {
-                self.solve(Task { contact, control_m: [0.0; 3], renews: true, is_ahead: false });
-                let solved = self.known[usize::from(contact)].jets().first();
+                self.solve(Task { contact, control_m: [0.0; 3], aim: Aim::Renewal });
+                let solved = self.known[usize::from(contact)].jets().next();
                 if solved.is_some_and(|solved| !tabled::is_of_model(rest, solved)) {
                     return Err(LiveError::OtherBlob("another stiffness"));
                 }
@@ -147,7 +149,7 @@ impl LiveSolver {
             let known = &mut self.known[usize::from(contact)];
             for jet in &jets {
                 let trust = known.trust(*jet);
-                known.add(trust, false);
+                known.add(trust, REST, false);
             }
             contacts += 1;
             count += jets.len();
@@ -185,13 +187,15 @@ impl LiveSolver {
         skin.free_only(&body);
         let first = skin.first_free().ok_or(LiveError::NothingToTouch)?;
         self.skin = skin;
-        self.free = Problem::with(body.clone(), None, Constraints::Elimination);
+        self.free = Arc::new(Problem::with(body.clone(), None, Constraints::Elimination));
         self.states.become_those_of(&self.body, &body);
         self.body = body;
         self.problems.clear();
         self.workers = Workers::new(&Arc::new(self.free.at(self.skin.touch(first, &self.body))));
+        self.free_body = None;
         self.known.fill(Known::default());
         (self.growth, self.lost) = (Growth::default(), LostPositions::default());
+        self.branches.forget_folds();
         self.outbox.clear();
         self.unsent.clear();
         self.model += 1;
@@ -212,7 +216,8 @@ impl LiveSolver {
 
     /// States how long the last step took, s.
     pub fn took(&mut self, seconds: f64) {
-        let mean_s = &mut self.solve_s[usize::from(self.has_renewed)];
+        let Some(timed) = self.timed else { return };
+        let mean_s = &mut self.solve_s[timed];
         *mean_s += NEWEST_SHARE * (seconds - *mean_s);
     }
 
@@ -235,20 +240,27 @@ impl LiveSolver {
         }
     }
 
-    /// Solves at one position, if there is one that is worth it.
+    /// Solves at one position, if there is one that is worth it, or goes over to the branch behind a fold that the
+    /// hand has passed.
     pub fn step(&mut self, hand: &Hand) -> Step {
+        self.timed = None;
         self.send_known(hand);
-        let Self { skin, known, growth, lost, workers, states, solve_s, near, .. } = self;
-        let choice = Choice { skin, known, growth, lost, workers, states, solve_s: *solve_s };
-        let step = match choice.next(hand, near) {
-            Some(task) => self.solve(task),
-            None => Step::Idle,
-        };
+        self.branches.release_but(hand.touch.as_ref());
+        let step = if self.passes_fold(hand) { Step::Solved } else { self.solve_next(hand) };
         self.held_solves += u32::from(step != Step::Idle);
         self.holds_back &= self.held_solves < MAX_HELD
             && step != Step::Idle
             && hand.touch.as_ref().is_some_and(|touch| !self.knows(touch));
         step
+    }
+
+    fn solve_next(&mut self, hand: &Hand) -> Step {
+        let Self { skin, known, growth, lost, branches, workers, states, solve_s, near, .. } = self;
+        let choice = Choice { skin, known, growth, lost, branches, workers, states, solve_s: *solve_s };
+        match choice.next(hand, near) {
+            Some(task) => self.solve(task),
+            None => Step::Idle,
+        }
     }
 
     /// Whether the loop gets jets of the present model: not before the touch is known after a change.
@@ -266,72 +278,13 @@ impl LiveSolver {
         touch.contacts.iter().filter(|(_, weight)| *weight > 0.0).all(|&(contact, weight)| {
             let known = self.known.get(usize::from(contact));
             !self.skin.is_free(contact)
-                || self.lost.contains(contact, touch.control_m, false)
-                || self.lost.contains(contact, [0.0; 3], false)
-                || known.is_none_or(|known| self.growth.knows(known, touch.control_m, weight, Limit::Unknown))
+                || self.lost.contains(contact, touch.control_m)
+                || self.lost.contains(contact, [0.0; 3])
+                || known.is_none_or(|known| {
+                    let at = (touch.control_m, self.branches.of(contact));
+                    self.growth.knows(known, at, weight, Limit::Unknown)
+                })
         })
-    }
-
-    fn solve(&mut self, task: Task) -> Step {
-        let is_first = self.known[usize::from(task.contact)].is_empty();
-        let moves = self.go_to(task.contact);
-        let from = self.start(&task, is_first);
-        let factorisations = self.totals.factorisations;
-        let mut to = self.states.room();
-        let found = self.reach(&from.seed, &task, task.renews || moves, &mut to);
-        // A failure says nothing about the time of a solve with the factor at hand.
-        self.has_renewed = found.is_err() || self.totals.factorisations > factorisations;
-        let step = match found {
-            Ok((found, landed)) => {
-                let published = self.enter(&task, &from, &to, &found, landed, is_first);
-                self.outbox.push_back(published);
-                self.states.keep(task.contact, Start { seed: to, is_guess: false });
-                Step::Solved
-            }
-            Err(_) => {
-                self.states.give_back(to);
-                self.lost.add(&task);
-                self.totals.lost += 1;
-                Step::Lost { contact: task.contact, control_m: task.control_m }
-            }
-        };
-        // A guess that led nowhere would be tried again.
-        if is_first || from.is_guess && matches!(step, Step::Lost { .. }) {
-            self.states.give_back(from.seed);
-        } else {
-            self.states.keep(task.contact, from);
-        }
-        step
-    }
-
-    /// The state to start from: the nearest of the contact, or the body at rest.
-    fn start(&mut self, task: &Task, is_first: bool) -> Start {
-        if !is_first && let Some(start) = self.states.take_nearest(task.contact, task.control_m) {
-            return start;
-        }
-        let mut rest = self.states.room();
-        rest.become_rest(&self.body);
-        if !is_first {
-            // Its state was given up: solved again, which also finds its sensitivities.
-            let mut to = self.states.room();
-            let worker = self.workers.present();
-            let found = worker.solver.follow(&rest, [0.0; 3], true, &FollowOptions::default(), &mut to);
-            worker.factor = found.is_ok().then_some((task.contact, [0.0; 3]));
-            if found.is_ok() {
-                std::mem::swap(&mut rest, &mut to);
-            }
-            self.states.give_back(to);
-        }
-        Start { seed: rest, is_guess: false }
-    }
-
-    /// Moves the solver to a contact; whether its factor no longer serves.
-    fn go_to(&mut self, contact: u16) -> bool {
-        let problem = self.problem(contact);
-        self.workers.go_to(contact, problem);
-        let Some((of, _)) = self.workers.present().factor else { return true };
-        let radius_m = self.skin.tip().map_or(0.0, |tip| tip.radius_m);
-        self.skin.distance_m(of, contact) > NEIGHBOUR_RADII * radius_m
     }
 
     /// The problem of a contact.
@@ -356,89 +309,17 @@ impl LiveSolver {
         problem
     }
 
-    /// Continues to the task's position, over half of the way if that fails, and else lands by a descent. The
-    /// second value is whether it landed.
-    fn reach(
-        &mut self,
-        from: &Seed,
-        task: &Task,
-        renews: bool,
-        to: &mut Seed,
-    ) -> Result<(Followed, bool), SolveFailure> {
-        let options = FollowOptions { max_sweeps: MAX_SWEEPS, ..FollowOptions::default() };
-        let mut control_m = task.control_m;
-        let start_m = from.jet.control_m;
-        for halvings in 0..=HALVINGS {
-            let worker = self.workers.present();
-            if let Ok(found) = worker.solver.follow(from, control_m, renews || halvings > 0, &options, to) {
-                self.count(task.contact, control_m, &found);
-                return Ok((found, false));
-            }
-            // What the attempt factorised is unknown.
-            worker.factor = None;
-            control_m = std::array::from_fn(|axis| 0.5 * (start_m[axis] + control_m[axis]));
-        }
-        if task.is_ahead {
-            let reason = FailureReason::LineSearch;
-            return Err(SolveFailure { reason, iterations: 0, residual_n: f64::NAN });
-        }
-        let found = self.workers.present().solver.relax(from, task.control_m, to)?;
-        self.count(task.contact, task.control_m, &found);
-        self.totals.landings += 1;
-        Ok((found, true))
-    }
-
-    fn count(&mut self, contact: u16, control_m: [f64; 3], found: &Followed) {
-        self.totals.factorisations += u64::from(found.count.factorisations);
-        if found.count.factorisations > 0 {
-            self.workers.present().factor = Some((contact, control_m));
-        }
-    }
-
-    /// Enters what was found in the memory.
-    fn enter(
-        &mut self,
-        task: &Task,
-        from: &Start,
-        to: &Seed,
-        found: &Followed,
-        landed: bool,
-        is_first: bool,
-    ) -> Published {
-        let known = &mut self.known[usize::from(task.contact)];
-        let before = &from.seed.jet;
-        let starts = is_first || from.is_guess || to.jet.control_m == before.control_m;
-        let joins = starts || !landed && !Excess::with_thirds(before, &to.jet).is_jump();
-        if joins && !is_first {
-            self.growth.measure(known, &to.jet);
-        }
-        let trust = known.trust(to.jet);
-        known.add(trust, !joins);
-        let rest_n_m = known.rest_n_m();
-        if !joins {
-            self.states.flush(task.contact, &trust, rest_n_m);
-        }
-        self.totals.jets += 1;
-        Published {
-            contact: task.contact,
-            trust,
-            joins,
-            is_fresh: found.unstable_modes.is_some(),
-            is_unstable: found.unstable_modes.is_some_and(|modes| modes > 0),
-            model: self.model,
-        }
-    }
-
     /// Displacement of nodes from the rest of the first model, in the state nearest to the hand, blended over the
     /// contacts of the touch, m. That of the body at rest without a touch, and for contacts without a kept state.
     pub fn displacements_into(&self, hand: &Hand, nodes: &[u32], out: &mut [[f32; 3]]) {
-        self.states.displacements_into(hand, (&self.body, &self.first_rest), nodes, out);
+        let branch_of = |contact| self.branches.of(contact);
+        self.states.displacements_into(hand, (&self.body, &self.first_rest), branch_of, nodes, out);
     }
 }
 
 /// The jets of a contact, as if they were found anew.
 fn as_new(known: &Known, contact: u16, model: u32) -> impl Iterator<Item = Published> {
-    known.jets().iter().map(move |&trust| Published {
+    known.jets().map(move |&trust| Published {
         contact,
         trust,
         joins: true,

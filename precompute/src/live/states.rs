@@ -1,7 +1,6 @@
 //! The solved states that are kept as starts of the next continuations.
 
 use super::hand::Hand;
-use super::memory::Trust;
 use crate::fem::{Body, Seed};
 use crate::num::vector::distance;
 
@@ -12,6 +11,7 @@ const KEPT: usize = 32;
 #[derive(Debug)]
 struct Kept {
     contact: u16,
+    branch: u32,
     seed: Seed,
     /// When it was last used; the state used longest ago is replaced.
     used: u64,
@@ -41,24 +41,27 @@ impl States {
         Self { kept: Vec::with_capacity(KEPT), free: vec![seed.clone(); KEPT + 1], uses: 0 }
     }
 
-    /// Takes out the state of a contact that is nearest to a control, if there is one.
-    pub(super) fn take_nearest(&mut self, contact: u16, control_m: [f64; 3]) -> Option<Start> {
+    /// Takes out the state of a branch of a contact that is nearest to a control, if there is one.
+    pub(super) fn take_nearest(&mut self, contact: u16, branch: u32, control_m: [f64; 3]) -> Option<Start> {
         let away = |kept: &Kept| distance(kept.seed.jet.control_m, control_m);
-        let of_contact = self.kept.iter().enumerate().filter(|(_, kept)| kept.contact == contact);
-        let (nearest, _) = of_contact.min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)))?;
+        let is_of = |kept: &Kept| kept.contact == contact && kept.branch == branch;
+        let of_branch = self.kept.iter().enumerate().filter(|(_, kept)| is_of(kept));
+        let (nearest, _) = of_branch.min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)))?;
         let Kept { seed, is_guess, .. } = self.kept.swap_remove(nearest);
         Some(Start { seed, is_guess })
     }
 
-    /// The state of a contact that is nearest to a control.
-    pub(super) fn nearest(&self, contact: u16, control_m: [f64; 3]) -> Option<&Seed> {
-        let away = |seed: &&Seed| distance(seed.jet.control_m, control_m);
-        self.of(contact).min_by(|a, b| away(a).total_cmp(&away(b)))
+    /// The state of a branch of a contact that is nearest to a control.
+    pub(super) fn nearest(&self, contact: u16, branch: u32, control_m: [f64; 3]) -> Option<&Seed> {
+        let away = |(_, seed): &(u32, &Seed)| distance(seed.jet.control_m, control_m);
+        let of_branch = self.of(contact).filter(|(of, _)| *of == branch);
+        of_branch.min_by(|a, b| away(a).total_cmp(&away(b))).map(|(_, seed)| seed)
     }
 
-    /// All states of a contact.
-    fn of(&self, contact: u16) -> impl Iterator<Item = &Seed> {
-        self.kept.iter().filter(move |kept| kept.contact == contact).map(|kept| &kept.seed)
+    /// All states of a contact, with their branches.
+    pub(super) fn of(&self, contact: u16) -> impl Iterator<Item = (u32, &Seed)> {
+        let is_of = move |kept: &&Kept| kept.contact == contact;
+        self.kept.iter().filter(is_of).map(|kept| (kept.branch, &kept.seed))
     }
 
     /// Room for a new state: its numbers are to be overwritten.
@@ -66,14 +69,25 @@ impl States {
         if let Some(seed) = self.free.pop() {
             return seed;
         }
-        let oldest = (0..self.kept.len()).min_by_key(|&at| self.kept[at].used);
-        self.kept.swap_remove(oldest.expect("every state is either free or kept")).seed
+        // A contact with few states keeps them: without one its next solve would start at rest.
+        let many = |at: usize| {
+            let of = self.kept[at].contact;
+            self.kept.iter().filter(|kept| kept.contact == of).count()
+        };
+        let least = (0..self.kept.len()).min_by_key(|&at| (usize::MAX - many(at), self.kept[at].used));
+        self.kept.swap_remove(least.expect("every state is either free or kept")).seed
     }
 
-    /// Keeps a state.
-    pub(super) fn keep(&mut self, contact: u16, Start { seed, is_guess }: Start) {
+    /// Keeps a state of a branch.
+    pub(super) fn keep(&mut self, contact: u16, branch: u32, Start { seed, is_guess }: Start) {
         self.uses += 1;
-        self.kept.push(Kept { contact, seed, used: self.uses, is_guess });
+        self.kept.push(Kept { contact, branch, seed, used: self.uses, is_guess });
+    }
+
+    /// The states of a branch of a contact are of another one.
+    pub(super) fn rename(&mut self, contact: u16, branch: u32, to: u32) {
+        let is_of = |kept: &&mut Kept| kept.contact == contact && kept.branch == branch;
+        self.kept.iter_mut().filter(is_of).for_each(|kept| kept.branch = to);
     }
 
     /// Gives room back.
@@ -97,21 +111,14 @@ impl States {
         }
     }
 
-    /// Removes the states that lie on another branch than a jet of their contact.
-    pub(super) fn flush(&mut self, contact: u16, trust: &Trust, rest_n_m: f64) {
-        let free = &mut self.free;
-        let differs = |kept: &mut Kept| {
-            kept.contact == contact && (kept.is_guess || !trust.agrees(&Trust::of(kept.seed.jet, rest_n_m)))
-        };
-        free.extend(self.kept.extract_if(.., differs).map(|kept| kept.seed));
-    }
-
-    /// Displacement of nodes from the rest of the first model, in the state nearest to the hand, blended over the
-    /// contacts of the touch, m. That of the body at rest without a touch, and for contacts without a kept state.
+    /// Displacement of nodes from the rest of the first model, in the state nearest to the hand of the branch that
+    /// each contact is on, blended over the contacts of the touch, m. That of the body at rest without a touch, and
+    /// for contacts without a kept state.
     pub(super) fn displacements_into(
         &self,
         hand: &Hand,
         (body, first_rest): (&Body, &[f64]),
+        branch_of: impl Fn(u16) -> u32,
         nodes: &[u32],
         out: &mut [[f32; 3]],
     ) {
@@ -121,7 +128,8 @@ impl States {
         }
         let Some(touch) = &hand.touch else { return };
         for &(contact, weight) in touch.contacts.iter().filter(|(_, weight)| *weight > 0.0) {
-            let Some(seed) = self.nearest(contact, touch.control_m) else { continue };
+            let nearest = self.nearest(contact, branch_of(contact), touch.control_m);
+            let Some(seed) = nearest else { continue };
             let d: [f64; 3] = std::array::from_fn(|axis| touch.control_m[axis] - seed.jet.control_m[axis]);
             for (&node, out) in nodes.iter().zip(out.iter_mut()) {
                 for (axis, value) in out.iter_mut().enumerate() {

@@ -1,26 +1,32 @@
 //! The force of full solutions along the path of a hand, to compare the felt force with.
 //!
 //! A body with more than one equilibrium at a position has the one that its history leads to. The truth therefore
-//! follows the same path from the same rest, in short steps and to full accuracy, and lands by the same descent
-//! where a branch ends.
+//! follows the same path from the same rest, in short steps and to full accuracy. A step that fails, jumps or ends in
+//! an unstable state is halved until the fold is enclosed; behind it the body lands from the last stable state.
 
 use std::sync::Arc;
 
+use super::branches::joins;
 use super::hand::Touch;
 use super::solver::LiveSolver;
 use crate::fem::{FollowOptions, Problem, Seed, SolveFailure, Solver};
 use crate::num::vector::distance;
+use crate::spec::Tolerance;
 
 /// Longest step of a path, m.
 const STEP_M: f64 = 2e-3;
 /// A new factor is made if the last one is farther than this, m.
 const FACTOR_REACH_M: f64 = 4e-3;
-/// The residual of the state, as a share of the force scale; the sensitivities only guess the next state.
+/// Width to which a fold is enclosed, m.
+const FOLD_M: f64 = 1e-4;
+/// The residual of the state, as a share of the force scale; the sensitivities serve the next guess and the test of a
+/// jump.
 const OPTIONS: FollowOptions = FollowOptions {
     residual: 1e-7,
     max_frozen_steps: 8,
-    sensitivity: 0.1,
-    max_sweeps: 2,
+    max_steps: 30,
+    sensitivity: 1e-2,
+    max_sweeps: 6,
     worst_sensitivity: 0.3,
 };
 
@@ -47,7 +53,7 @@ impl<'l> Truth<'l> {
         Self { live, solver: None, paths: Vec::new(), landings: 0 }
     }
 
-    /// Number of times that a branch ended.
+    /// Number of times that the body landed with a jump that is felt.
     pub fn landings(&self) -> u32 {
         self.landings
     }
@@ -87,26 +93,46 @@ impl<'l> Truth<'l> {
         if !Arc::ptr_eq(solver.problem(), problem) {
             solver.touch(problem.clone());
         }
-        let from_m = seed.pose.displacement_m;
-        let way_m = distance(from_m, control_m);
-        let steps = (way_m / STEP_M).ceil().max(1.0);
         let mut to = seed.clone();
         // The factor may be that of another contact.
         let mut factor_at_m: Option<[f64; 3]> = None;
-        for step in 1..=steps as u32 {
-            let share = f64::from(step) / steps;
-            let there_m = std::array::from_fn(|k| from_m[k] + share * (control_m[k] - from_m[k]));
+        // Where the branch was not found, if it ends on the way.
+        let mut beyond_m: Option<[f64; 3]> = None;
+        while seed.pose.displacement_m != control_m || factor_at_m.is_none() {
+            let from_m = seed.pose.displacement_m;
+            let towards = |to_m: [f64; 3], share: f64| -> [f64; 3] {
+                std::array::from_fn(|k| from_m[k] + share * (to_m[k] - from_m[k]))
+            };
+            let way_m = distance(from_m, control_m);
+            let there_m = match beyond_m {
+                Some(beyond_m) => towards(beyond_m, 0.5),
+                None if way_m > STEP_M => towards(control_m, STEP_M / way_m),
+                None => control_m,
+            };
             let renews = factor_at_m.is_none_or(|at_m| distance(at_m, there_m) > FACTOR_REACH_M);
-            match solver.follow(seed, there_m, renews, &OPTIONS, &mut to) {
-                Ok(found) if renews || found.count.factorisations > 0 => factor_at_m = Some(there_m),
-                Ok(_) => {}
-                Err(_) => {
-                    solver.relax(seed, there_m, &mut to)?;
-                    self.landings += 1;
+            let found = solver.follow(seed, there_m, renews || beyond_m.is_some(), &OPTIONS, &mut to);
+            let goes_on = found.as_ref().is_ok_and(|found| {
+                found.unstable_modes.is_none_or(|modes| modes == 0)
+                    && (there_m == from_m || joins(&seed.jet, &to.jet))
+            });
+            if goes_on {
+                if renews || found.is_ok_and(|found| found.count.factorisations > 0) {
                     factor_at_m = Some(there_m);
                 }
+                std::mem::swap(seed, &mut to);
+            } else {
+                beyond_m = Some(there_m);
             }
+            let Some(end_m) = beyond_m.filter(|end_m| distance(seed.pose.displacement_m, *end_m) < FOLD_M)
+            else {
+                continue;
+            };
+            solver.relax(seed, end_m, &mut to)?;
+            let limit_n = Tolerance::IMPERCEPTIBLE.at(seed.jet.force_n);
+            let is_same = distance(seed.jet.force_n, to.jet.force_n) < limit_n;
+            self.landings += u32::from(!is_same);
             std::mem::swap(seed, &mut to);
+            (factor_at_m, beyond_m) = (Some(end_m), None);
         }
         Ok(seed.jet.force_n)
     }

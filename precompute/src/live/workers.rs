@@ -55,6 +55,12 @@ impl Workers {
         }
     }
 
+    /// The next solve at a contact makes a new factor.
+    pub(super) fn forget_factor(&mut self, contact: u16) {
+        let own = self.all.iter_mut().filter(|worker| worker.contact == Some(contact));
+        own.for_each(|worker| worker.factor = None);
+    }
+
     /// Where the factor of a contact was made, if it has one of its own.
     pub(super) fn factor_of(&self, contact: u16) -> Option<[f64; 3]> {
         let own = self.all.iter().find(|worker| worker.contact == Some(contact))?;

@@ -68,8 +68,13 @@ impl Excess {
 
     /// Whether a residual exceeds the limit or is NaN.
     pub(crate) fn is_jump(&self) -> bool {
+        self.exceeds(self.limit_n)
+    }
+
+    /// Whether a residual exceeds this limit or is NaN.
+    pub(crate) fn exceeds(&self, limit_n: f64) -> bool {
         // The negated comparison is also true for NaN.
-        !(self.rho_n <= self.limit_n && self.rho_h_n <= self.limit_n)
+        !(self.rho_n <= limit_n && self.rho_h_n <= limit_n)
     }
 }
 

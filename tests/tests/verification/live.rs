@@ -193,6 +193,98 @@ fn step(
     }
 }
 
+/// What a loop feels of a hand in simulated time: a tick is 1 ms, a step of the solver costs 2 ms and a factorisation 2.5 ms, as on
+/// the small organ.
+fn felt(solver: &mut LiveSolver, contact: u16, hand_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let mut memory: Box<JetMemory<8, 256>> = Box::default();
+    let (mut free_ms, mut sequence, mut is_due) = (0.0, 0, false);
+    let velocity = |ms: usize| (hand_m[ms] - hand_m[ms.saturating_sub(1)]) * 1e3;
+    let tick = |(ms, d): (usize, &Vector3<f64>)| {
+        while free_ms <= ms as f64 {
+            if std::mem::take(&mut is_due) {
+                for jet in std::iter::from_fn(|| solver.published()) {
+                    sequence += 1;
+                    assert!(memory.insert(&jet.jet(sequence)), "a jet in range");
+                }
+            }
+            let seen = Hand {
+                hip_m: (*d).into(),
+                velocity_m_s: velocity(ms).into(),
+                touch: Some(alone(contact, (*d).into())),
+            };
+            let before = solver.totals().factorisations;
+            is_due = solver.step(&seen) != Step::Idle;
+            let cost_ms = 2.0 + 2.5 * (solver.totals().factorisations - before) as f64;
+            free_ms = (ms as f64).max(free_ms) + if is_due { cost_ms } else { 1.0 };
+            solver.took(1e-3 * cost_ms);
+        }
+        let mut weights = [NodeWeight::default(); 3];
+        weights[0] = NodeWeight { space: contact, weight: 1.0 };
+        let d32 = [d.x as f32, d.y as f32, d.z as f32];
+        let touch =
+            palpate_core::Touch { now_us: 1000 * ms as u64, weights, displacement_m: d32, hip_m: d32 };
+        Vector3::from(memory.force(&touch).expect("it always answers").force_n.map(f64::from))
+    };
+    hand_m.iter().enumerate().map(tick).collect()
+}
+
+/// A touch of one contact.
+fn alone(contact: u16, control_m: [f64; 3]) -> Touch {
+    Touch { contacts: [(contact, 1.0), (0, 0.0), (0, 0.0)], control_m }
+}
+
+/// A strip is pushed lengthwise and its tip is swept across and back at 40 to 90 mm/s, so that it snaps from side to side. The force lands within
+/// 50 ms of the body, and until then it is off by no more than the body's jump and 0.5 N.
+#[test]
+fn the_felt_force_lands_soon_after_the_body() {
+    for mm_s in [40.0, 60.0, 75.0, 90.0] {
+        lands_soon(mm_s);
+    }
+}
+
+fn lands_soon(mm_s: f64) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/buckling-strip.toml");
+    let scene = Scene::load(&path).and_then(|scene| scene.resolve()).expect("a bundled scene");
+    let mut solver = LiveSolver::new(&scene).expect("it can be touched");
+    let node = scene.active[0].node;
+    let contact =
+        solver.skin().contacts.iter().position(|place| place.node == node).expect("on the skin") as u16;
+    let stops = [[0.0, 0.0, 0.0], [-8.0, 0.0, -20.0], [-8.0, 0.0, 20.0], [-8.0, 0.0, -20.0]];
+    let stops = stops.map(|mm| Vector3::from(mm) * 1e-3);
+    let mut hand_m = vec![stops[0]];
+    for way in stops.windows(2) {
+        let ms = ((way[1] - way[0]).norm() / (1e-6 * mm_s)) as usize;
+        hand_m.extend((1..=ms).map(|k| way[0] + (way[1] - way[0]) * (k as f64 / ms as f64)));
+    }
+    let felt_n = felt(&mut solver, contact, &hand_m);
+    let mut truth = Truth::new(&solver);
+    let (mut folds, mut late_ms, mut last_n) = (0, None::<(usize, f64)>, Vector3::zeros());
+    for ms in (0..hand_m.len()).step_by(2) {
+        let landings = truth.landings();
+        let true_n = truth.force_n(&alone(contact, hand_m[ms].into())).expect("it lands");
+        let true_n = Vector3::from(true_n);
+        if truth.landings() > landings {
+            let jump_n = (true_n - last_n).norm();
+            println!("{mm_s} mm/s, at {ms} ms, {:?}: the body jumps by {jump_n:.3} N", hand_m[ms]);
+            folds += 1;
+            late_ms = Some((0, jump_n));
+        }
+        last_n = true_n;
+        let error_n = (felt_n[ms] - true_n).norm();
+        if let Some((late, jump_n)) = &mut late_ms {
+            assert!(error_n < *jump_n + 0.5, "{ms} ms: off by {error_n} N");
+            if error_n < (0.035 * true_n.norm()).max(0.02) {
+                println!("it is landed {late} ms later");
+                late_ms = None;
+            } else {
+                *late += 2;
+                assert!(*late <= 50, "{ms} ms: not landed after {late} ms, off by {error_n} N");
+            }
+        }
+    }
+    assert!(folds >= 2 && late_ms.is_none(), "{folds} folds");
+}
+
 /// A stiffer material, gravity and other fixed nodes while a hand holds the organ at 8 mm: nothing is published before the touch is
 /// known in the new model, and then it has the force of a session that began with it.
 #[test]

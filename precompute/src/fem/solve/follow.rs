@@ -27,6 +27,8 @@ pub struct FollowOptions {
     pub residual: f64,
     /// Largest number of steps with one factor.
     pub max_frozen_steps: u32,
+    /// Largest number of all steps.
+    pub max_steps: u32,
     /// X is good enough below this relative residual.
     pub sensitivity: f64,
     /// Largest number of sweeps for it.
@@ -37,14 +39,19 @@ pub struct FollowOptions {
 
 impl Default for FollowOptions {
     fn default() -> Self {
-        Self { residual: 1e-3, max_frozen_steps: 8, sensitivity: 1e-2, max_sweeps: 6, worst_sensitivity: 0.3 }
+        Self {
+            residual: 1e-3,
+            max_frozen_steps: 8,
+            max_steps: 30,
+            sensitivity: 1e-2,
+            max_sweeps: 6,
+            worst_sensitivity: 0.3,
+        }
     }
 }
 
 /// Accuracy of X after a new factorisation for it.
 pub(super) const FRESH: Accuracy = Accuracy::new(1e-4, 1e-2);
-/// Largest number of steps of a continuation.
-const MAX_STEPS: u32 = 30;
 
 /// Work of a continuation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -162,7 +169,7 @@ impl Solver {
             if residual_n <= enough_n && !(is_fresh && count.factorisations == 0) {
                 return Ok(residual_n);
             }
-            if count.steps >= MAX_STEPS {
+            if count.steps >= options.max_steps {
                 return failed(FailureReason::MaxIterations, count.steps);
             }
             count.steps += 1;

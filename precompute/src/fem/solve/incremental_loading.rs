@@ -159,7 +159,7 @@ impl Solver {
     }
 
     /// Adds a pseudo-random displacement to every node; `number` determines the sequence.
-    fn perturb(&self, state: &mut [f64], number: u32) {
+    pub(super) fn perturb(&self, state: &mut [f64], number: u32) {
         let size = MAX_PERTURBATION * self.problem.body.edge_m;
         let mut bits = 0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(u64::from(number));
         for value in &mut state[..self.problem.body.displacement_len()] {

@@ -19,6 +19,7 @@
 use super::follow::{FRESH, FollowCount, Followed};
 use super::{FailureReason, Seed, SolveFailure, Solver};
 use crate::fem::boundary::Pose;
+use crate::num::vector::distance;
 
 /// Start of a, in units of the stiffness scale.
 const FIRST_DAMPING: f64 = 0.03;
@@ -27,6 +28,8 @@ const LAST_DAMPING: f64 = 1e-3;
 /// Factors of a after a step that counts, and after one that does not.
 const LESS: f64 = 0.4;
 const MORE: f64 = 5.0;
+/// Longest step of the tool, m.
+const RAMP_M: f64 = 2e-3;
 /// Most steps.
 const MAX_STEPS: u32 = 80;
 /// The body rests if its residual is below this share of the force scale.
@@ -34,8 +37,9 @@ const RESIDUAL: f64 = 1e-4;
 
 impl Solver {
     /// The equilibrium with the tool at `control_m` in which the body comes to rest from the state of `from`,
-    /// written into `to`, whose vectors have the lengths of those of `from`. Makes a factorisation a step; the
-    /// last one is that of the equilibrium.
+    /// written into `to`, whose vectors have the lengths of those of `from`. The body is first moved a little, so
+    /// that it leaves an equilibrium that is not stable; the tool goes there in short steps. Makes a factorisation
+    /// a step; the last one is that of the equilibrium.
     ///
     /// # Errors
     ///
@@ -56,10 +60,22 @@ impl Solver {
         let n = problem.unknowns();
         let unit = problem.body.stiffness_scale_n_m();
         let mut count = FollowCount::default();
-        self.state.copy_from_slice(&from.state);
-        self.prescribe(&pose);
+        let mut state = std::mem::take(&mut self.state);
+        state.copy_from_slice(&from.state);
+        self.perturb(&mut state, 1);
+        self.state = state;
         self.history.clear();
         let mut damping = FIRST_DAMPING * unit;
+        // An element at a held node would invert if it went there at once.
+        let way_m = distance(from.pose.displacement_m, control_m);
+        let steps = (way_m / RAMP_M).ceil();
+        for step in 1..steps as u32 {
+            self.prescribe(&from.pose.towards(&pose, f64::from(step) / steps));
+            self.evaluate(true);
+            (count.steps, count.factorisations) = (count.steps + 1, count.factorisations + 1);
+            damping *= if self.damped_step(damping) { 1.0 } else { MORE };
+        }
+        self.prescribe(&pose);
         let mut residual_n = self.evaluate(true);
         while residual_n > RESIDUAL * self.scale_n() || damping >= LAST_DAMPING * unit {
             let failed = |reason| Err(SolveFailure { reason, iterations: count.steps, residual_n });

@@ -39,6 +39,8 @@ pub(super) struct Outcome {
     extrapolated_share: f64,
     landings: u64,
     lost: u64,
+    /// Jumps of the true force.
+    folds: Vec<Fold>,
     checked: usize,
     #[serde(skip)]
     rows: Vec<Row>,
@@ -48,17 +50,19 @@ pub(super) struct Outcome {
 #[derive(Debug, Clone, Copy)]
 struct Row {
     ms: usize,
+    /// Whether the body has landed on another branch since the row before.
+    lands: bool,
     control_m: V,
     felt_n: V,
     true_n: V,
 }
 
 impl Outcome {
-    pub(super) const HEAD: &str = "hand      peak mm/s  solves x ms (longest)  busy %  error mN: mean   p99   max  not felt %  hand-over mN  pumped mJ of    extrapolated %  landings lost";
+    pub(super) const HEAD: &str = "hand      peak mm/s  solves x ms (longest)  busy %  error mN: mean   p99   max  not felt %  hand-over mN  pumped mJ of    extrapolated %  landings lost  folds: ms late, jump, error at most mN";
 
     pub(super) fn line(&self) -> String {
         format!(
-            "{:9} {:9.0}  {:6} x {:<5.1} ({:>5.1})  {:6.1}  {:14.1} {:5.1} {:5.1}  {:10.2}  {:12.1}  {:9.3} {:<6.1} {:10.2}  {:8} {:4}",
+            "{:9} {:9.0}  {:6} x {:<5.1} ({:>5.1})  {:6.1}  {:14.1} {:5.1} {:5.1}  {:10.2}  {:12.1}  {:9.3} {:<6.1} {:10.2}  {:8} {:4}  {}",
             self.hand,
             self.peak_mm_s,
             self.jets,
@@ -75,7 +79,66 @@ impl Outcome {
             100.0 * self.extrapolated_share,
             self.landings,
             self.lost,
+            self.folds_line(),
         )
+    }
+
+    /// Number of folds, the latest landing, the largest jump and the largest error there.
+    fn folds_line(&self) -> String {
+        let largest = |of: fn(&Fold) -> f64| self.folds.iter().map(of).fold(0.0, f64::max);
+        match self.folds.len() {
+            0 => "-".into(),
+            n => format!(
+                "{n}: {:.0}, {:.0}, {:.0}",
+                largest(|fold| fold.landed_ms as f64),
+                largest(|fold| fold.jump_mn),
+                largest(|fold| fold.error_max_mn.max(fold.before_max_mn))
+            ),
+        }
+    }
+}
+
+/// A jump of the true force to another branch.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Fold {
+    ms: usize,
+    /// The step of the true force beyond that of the motion.
+    jump_mn: f64,
+    /// Time until the error of the felt force is not felt.
+    landed_ms: usize,
+    /// Largest error until then, and in the time before the jump.
+    error_max_mn: f64,
+    before_max_mn: f64,
+}
+
+/// Time before a jump in which the felt force may already change, ms.
+const BEFORE_MS: usize = 100;
+
+impl Fold {
+    /// The folds in these rows.
+    fn all(rows: &[Row]) -> Vec<Self> {
+        let at = |k: usize| Self::at(rows, k);
+        (2..rows.len()).filter(|&k| rows[k].lands).map(at).collect()
+    }
+
+    /// The fold before row k.
+    fn at(rows: &[Row], k: usize) -> Self {
+        let error = |row: &Row| (row.felt_n - row.true_n).norm();
+        let [earlier, before, now] = [&rows[k - 2], &rows[k - 1], &rows[k]];
+        let steady = before.true_n - earlier.true_n;
+        let is_unfelt = |row: &&Row| error(row) <= Tolerance::IMPERCEPTIBLE.of_size(row.true_n.norm());
+        let landed = rows[k..].iter().find(is_unfelt).or(rows.last()).unwrap_or(now);
+        let most = |from: usize, to: usize| {
+            let within = rows.iter().filter(|row| (from..to).contains(&row.ms));
+            1e3 * within.map(error).fold(0.0, f64::max)
+        };
+        Self {
+            ms: now.ms,
+            jump_mn: 1e3 * (now.true_n - before.true_n - steady).norm(),
+            landed_ms: landed.ms - now.ms,
+            error_max_mn: most(now.ms, landed.ms + 1),
+            before_max_mn: most(now.ms.saturating_sub(BEFORE_MS), now.ms),
+        }
     }
 }
 
@@ -192,6 +255,7 @@ pub(super) fn run(
         extrapolated_share: ticks.extrapolated as f64 / hand.control_m.len() as f64,
         landings: totals.landings,
         lost: totals.lost,
+        folds: Fold::all(&rows),
         checked: errors.len(),
         rows,
     })
@@ -232,8 +296,10 @@ fn truth(
         .step_by(every.max(1))
         .map(|ms| {
             let control_m = hand.control_m[ms];
+            let before = truth.landings();
             let true_n = truth.force_n(&touch(contact, &control_m)).map_err(Failure::work)?;
-            Ok(Row { ms, control_m, felt_n: felt_n[ms], true_n: true_n.into() })
+            let lands = truth.landings() > before;
+            Ok(Row { ms, lands, control_m, felt_n: felt_n[ms], true_n: true_n.into() })
         })
         .collect()
 }
