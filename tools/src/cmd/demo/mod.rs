@@ -11,11 +11,11 @@ use palpate_core::Method;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 
-/// Touch the bundled organ at once, then compare the force with full finite-element solutions.
+/// Touch the bundled organ at once, then check the force.
 ///
 /// A simulated hand touches a liver-like phantom (incompressible Mooney-Rivlin, quadratic elements) with a fingertip
 /// at 1 kHz, while a second process solves the model where the hand goes. Afterwards the positions that it visited
-/// are solved fully. With --precomputed the configuration spaces of two places are solved and packed before the
+/// are solved fully, and the forces are compared. With --precomputed the configuration spaces of two places are solved and packed before the
 /// touch. All files stay in the output folder.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {

@@ -51,13 +51,15 @@ pub(crate) struct Args {
     /// Solve N visited positions afterwards and report the error of the felt force; 0 for none
     #[arg(long, value_name = "N", default_value_t = 0)]
     check: usize,
-    /// Afterwards solve the visited contacts to the full tolerance into this file, which must not exist
+    /// Afterwards solve the visited contacts to the full tolerance into this new file
     ///
     /// Adaptive sampling solves the visited positions first, then those that it needs. Ctrl-C ends it; `palpate
     /// precompute FILE.space` continues. `palpate pack` makes a blob of it.
     #[arg(long, value_name = "FILE.space")]
     keep: Option<PathBuf>,
-    /// Begin with the tables of this blob of the same model: what it holds is not solved again
+    /// Begin with the tables of this blob of the same model
+    ///
+    /// What it holds is not solved again. Contacts that are no vertices of the skin are left out.
     #[arg(long, value_name = "FILE.blob")]
     blob: Option<PathBuf>,
     /// Change a value of the scene, for example material.c10_pa=2600 or fixed.group=F2
