@@ -381,9 +381,13 @@ impl Search {
             candidate.leave_one_out =
                 missed.map(|((missed, jet), _)| norm(missed) / tolerance.at(jet.force_n)).collect();
         }
-        let best = (0..self.fits.len())
-            .min_by(|&a, &b| self.fits[a].mean_left_out().total_cmp(&self.fits[b].mean_left_out()));
-        self.chosen = best.unwrap_or(0);
+        // Given positions have no errors that compare the lengths.
+        let are_all_given = self.is_given.len() > 1 && self.is_given.iter().all(|is_given| *is_given);
+        if !are_all_given || self.chosen >= self.fits.len() {
+            let best = (0..self.fits.len())
+                .min_by(|&a, &b| self.fits[a].mean_left_out().total_cmp(&self.fits[b].mean_left_out()));
+            self.chosen = best.unwrap_or(0);
+        }
         let CandidateFit { system, leave_one_out } = &self.fits[self.chosen];
         self.fitted.fit = system.fit.clone();
         self.fitted.leave_one_out.clone_from(leave_one_out);

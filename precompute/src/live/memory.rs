@@ -112,6 +112,8 @@ pub(super) struct Known {
     jets: Vec<(Trust, u32)>,
     /// |S| at rest, N/m; 0 before the first jet.
     rest_n_m: f64,
+    /// Distance from a jet up to which its branch is known by tables, m.
+    tabled_m: f64,
 }
 
 impl Known {
@@ -131,11 +133,16 @@ impl Known {
         (*of == branch).then(|| (nearest, distance(nearest.jet.control_m, control_m)))
     }
 
+    /// The jets are those of tables, which lie no farther apart than twice this distance, m.
+    pub(super) fn are_tabled(&mut self, within_m: f64) {
+        self.tabled_m = within_m;
+    }
+
     /// Whether a jet of a branch lies within a distance, and within the share of its trust where it is known.
     pub(super) fn has_near(&self, control_m: [f64; 3], branch: u32, within_m: f64) -> bool {
         let is_near = |(trust, of): &(Trust, u32)| {
-            *of == branch
-                && distance(trust.jet.control_m, control_m) < within_m.min(KNOWN_TRUST * trust.radius_m)
+            let within_m = within_m.min(KNOWN_TRUST * trust.radius_m).max(self.tabled_m);
+            *of == branch && distance(trust.jet.control_m, control_m) < within_m
         };
         self.jets.iter().any(is_near)
     }

@@ -96,7 +96,7 @@ impl Skin {
     }
 
     /// Whether a contact can be solved.
-    pub(super) fn is_free(&self, contact: u16) -> bool {
+    pub fn is_free(&self, contact: u16) -> bool {
         self.is_free.get(usize::from(contact)).is_some_and(|is_free| *is_free)
     }
 

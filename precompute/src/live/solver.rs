@@ -5,7 +5,7 @@ mod solving;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use palpate_core::Organ;
+use palpate_core::{Method, Organ, Space};
 
 use super::branches::{Branches, REST};
 use super::choice::{Choice, HEADING_M, LostPositions};
@@ -19,6 +19,7 @@ use super::tabled;
 use super::task::{Aim, Task};
 use super::workers::Workers;
 use crate::fem::{Body, Constraints, FreeBody, Problem, Seed};
+use crate::num::jet::EnergyJet;
 use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
 
@@ -41,8 +42,9 @@ pub struct LiveSolver {
     free: Arc<Problem>,
     problems: Vec<(u16, Arc<Problem>)>,
     workers: Workers,
-    /// The body without a contact, whose factor gives the jets at rest; made by the first one.
-    free_body: Option<FreeBody>,
+    /// The body without a contact, whose factor gives the jets at rest; made by the first one, and `None` in it if
+    /// its tangent is singular.
+    free_body: Option<Option<FreeBody>>,
     states: States,
     known: Vec<Known>,
     growth: Growth,
@@ -55,8 +57,10 @@ pub struct LiveSolver {
     near: Vec<(f64, u16)>,
     /// Jets that were not taken yet.
     outbox: VecDeque<Published>,
-    /// Contacts with jets of a blob that the loop has not got.
-    unsent: Vec<u16>,
+    /// Contacts with jets of a blob that the loop has not got, and whether those near rest are on their way.
+    unsent: Vec<(u16, bool)>,
+    /// These jets, which wait for the solved ones.
+    tabled: VecDeque<Published>,
     /// Number of the model, and the rest state of the first one.
     model: u32,
     first_rest: Vec<f64>,
@@ -99,6 +103,7 @@ impl LiveSolver {
             totals: Totals::default(),
             outbox: VecDeque::with_capacity(OUTBOX),
             unsent: Vec::new(),
+            tabled: VecDeque::new(),
             model: 0,
             first_rest,
             holds_back: false,
@@ -127,7 +132,8 @@ impl LiveSolver {
     ///
     /// # Errors
     ///
-    /// [`LiveError::OtherBlob`], by mesh, tool, law, and the stiffness of one contact at rest, which is solved.
+    /// [`LiveError::OtherBlob`], by mesh, tool, law, and by what is solved at one contact: the stiffness at rest, and the
+    /// force on the way to the largest one of its tables.
     pub fn begin_with(
         &mut self,
         organ: &Organ<'_>,
@@ -137,26 +143,53 @@ impl LiveSolver {
         let (mut contacts, mut count) = (0, 0);
         for space in &organ.spaces {
             let Some(contact) = tabled::contact_of(&self.skin, space) else { continue };
-            let jets = tabled::jets(space, method, scene.max_force_n);
-            let Some(rest) = jets.first() else { continue };
+            let (jets, within_m) = tabled::jets(space, method, scene.max_force_n);
+            if jets.is_empty() {
+                continue;
+            }
             if contacts == 0 {
-                self.solve(Task { contact, control_m: [0.0; 3], aim: Aim::Renewal });
-                let solved = self.known[usize::from(contact)].jets().next();
-                if solved.is_some_and(|solved| !tabled::is_of_model(rest, solved)) {
-                    return Err(LiveError::OtherBlob("another stiffness"));
-                }
+                self.check_tables(contact, space, method, &jets)?;
             }
             let known = &mut self.known[usize::from(contact)];
             for jet in &jets {
                 let trust = known.trust(*jet);
                 known.add(trust, REST, false);
             }
+            known.are_tabled(within_m);
             contacts += 1;
             count += jets.len();
-            self.unsent.push(contact);
+            self.unsent.push((contact, false));
         }
-        self.outbox.reserve(count);
+        self.tabled.reserve(count);
         Ok((contacts, count))
+    }
+
+    /// Solves a contact at rest and where its tables have the largest force, and compares.
+    fn check_tables(
+        &mut self,
+        contact: u16,
+        space: &Space<'_>,
+        method: Method,
+        jets: &[EnergyJet],
+    ) -> Result<(), LiveError> {
+        let other = |what| Err(LiveError::OtherBlob(what));
+        self.solve(Task { contact, control_m: [0.0; 3], aim: Aim::Renewal });
+        let solved = self.known[usize::from(contact)].jets().next();
+        if !solved.is_some_and(|solved| tabled::is_of_model(&jets[0], solved)) {
+            return other("another stiffness");
+        }
+        let hardest = tabled::hardest(jets).map_or([0.0; 3], |jet| jet.control_m);
+        for share in [0.5, 1.0] {
+            let control_m = hardest.map(|x| share * x);
+            self.solve(Task { contact, control_m, aim: Aim::Ahead });
+            let nearest = self.states.nearest(contact, REST, control_m).map(|seed| seed.jet);
+            let compared =
+                nearest.and_then(|jet| Some((tabled::jet(space, method, jet.control_m)?, jet.force_n)));
+            if !compared.is_some_and(|(table, solved_n)| tabled::is_force_of_model(&table, solved_n)) {
+                return other("another force");
+            }
+        }
+        Ok(())
     }
 
     /// Number of equations.
@@ -198,6 +231,7 @@ impl LiveSolver {
         self.branches.forget_folds();
         self.outbox.clear();
         self.unsent.clear();
+        self.tabled.clear();
         self.model += 1;
         (self.holds_back, self.held_solves) = (true, 0);
         Ok(())
@@ -226,18 +260,30 @@ impl LiveSolver {
         if self.unsent.is_empty() {
             return;
         }
-        let Self { skin, known, near, unsent, outbox, model, .. } = self;
+        let Self { skin, known, near, unsent, tabled, model, .. } = self;
+        let mut send = |contact: u16, is_deep: bool, from_m: [f64; 3]| {
+            let first = tabled.len();
+            let is_wanted = |jet: &Published| (jet.distance_m([0.0; 3]) > tabled::NEAR_REST_M) == is_deep;
+            tabled.extend(as_new(&known[usize::from(contact)], contact, *model).filter(is_wanted));
+            let jets = &mut tabled.make_contiguous()[first..];
+            jets.sort_unstable_by(|a, b| a.distance_m(from_m).total_cmp(&b.distance_m(from_m)));
+        };
         skin.near(hand.hip_m, HEADING_M, near);
-        let touched = hand.touch.iter().flat_map(|touch| touch.contacts.map(|(contact, _)| contact));
-        let control_m = hand.touch.as_ref().map_or([0.0; 3], |touch| touch.control_m);
-        for contact in touched.chain(near.iter().map(|&(_, contact)| contact)) {
-            let Some(at) = unsent.iter().position(|of| *of == contact) else { continue };
-            unsent.swap_remove(at);
-            let first = outbox.len();
-            outbox.extend(as_new(&known[usize::from(contact)], contact, *model));
-            let jets = &mut outbox.make_contiguous()[first..];
-            jets.sort_unstable_by(|a, b| a.distance_m(control_m).total_cmp(&b.distance_m(control_m)));
-        }
+        let touched = |contact: u16| {
+            let of = |touch: &Touch| touch.contacts.iter().any(|&(of, weight)| of == contact && weight > 0.0);
+            hand.touch.as_ref().filter(|touch| of(touch)).map(|touch| touch.control_m)
+        };
+        unsent.retain_mut(|(contact, is_begun)| {
+            let control_m = touched(*contact);
+            let comes = control_m.is_some() || near.iter().any(|(_, near)| near == contact);
+            if comes && !std::mem::replace(is_begun, true) {
+                send(*contact, false, control_m.unwrap_or_default());
+            }
+            if let Some(control_m) = control_m {
+                send(*contact, true, control_m);
+            }
+            control_m.is_none()
+        });
     }
 
     /// Solves at one position, if there is one that is worth it, or goes over to the branch behind a fold that the
@@ -270,7 +316,7 @@ impl LiveSolver {
 
     /// The next jet for the loop. After a change of the model there is none until the present touch is known.
     pub fn published(&mut self) -> Option<Published> {
-        if self.holds_back { None } else { self.outbox.pop_front() }
+        if self.holds_back { None } else { self.outbox.pop_front().or_else(|| self.tabled.pop_front()) }
     }
 
     /// Whether every contact of a touch is known there, or cannot be.

@@ -14,9 +14,16 @@ use crate::num::jet::{EnergyJet, THIRD_INDICES};
 use crate::num::vector::{distance, dot, norm};
 use crate::pack::{Place, fingertip};
 use crate::scene::ResolvedScene;
+use crate::spec::Tolerance;
 
 /// Spacing of the lattice, m, and its growth while there are too many points.
 const SPACING_M: f64 = 7e-3;
+/// Half the diagonal of its cells, in its spacing.
+const HALF_DIAGONAL: f64 = 0.87;
+/// Jets at rest and near it are sent before the tool touches, m.
+pub(super) const NEAR_REST_M: f64 = 8e-3;
+/// The model is checked where the tables have the largest force within this distance from rest, m.
+const CHECKED_M: f64 = 0.025;
 const COARSER: f64 = 1.15;
 /// Most jets of a contact: the memory of the loop has room for those of the session too.
 const MOST: usize = 192;
@@ -25,7 +32,7 @@ const STEP_M: f64 = 1.5e-3;
 /// A contact of the blob is one of the session if their positions at rest agree to this, m.
 const SAME_M: f64 = 1e-5;
 /// A table whose stiffness at rest differs by this share is of another model.
-const SAME_STIFFNESS: f64 = 0.05;
+const SAME_STIFFNESS: f64 = 0.02;
 
 /// The contact of a session that has the tables of a space.
 pub(super) fn contact_of(skin: &Skin, space: &Space<'_>) -> Option<u16> {
@@ -90,10 +97,11 @@ pub(super) fn jet(space: &Space<'_>, method: Method, control_m: [f64; 3]) -> Opt
     jet.is_finite().then_some(jet)
 }
 
-/// Jets of a table where the tool presses with at most `max_force_n`, that at rest first.
-pub(super) fn jets(space: &Space<'_>, method: Method, max_force_n: f64) -> Vec<EnergyJet> {
+/// Jets of a table where the tool presses with at most `max_force_n`, that at rest first, and the distance within
+/// which every position between them has one, m.
+pub(super) fn jets(space: &Space<'_>, method: Method, max_force_n: f64) -> (Vec<EnergyJet>, f64) {
     let normal = space.active.outward_normal.map(f64::from);
-    let Some(rest) = jet(space, method, [0.0; 3]) else { return Vec::new() };
+    let Some(rest) = jet(space, method, [0.0; 3]) else { return (Vec::new(), 0.0) };
     let mut spacing_m = SPACING_M;
     loop {
         let reach = (f64::from(space.lattice().radius_m()) / spacing_m).floor() as i32;
@@ -106,10 +114,21 @@ pub(super) fn jets(space: &Space<'_>, method: Method, max_force_n: f64) -> Vec<E
         let mut found = vec![rest];
         found.extend(places.filter_map(|at_m| jet(space, method, at_m)).filter(presses).take(MOST));
         if found.len() <= MOST {
-            return found;
+            return (found, HALF_DIAGONAL * spacing_m);
         }
         spacing_m *= COARSER;
     }
+}
+
+/// The jet with the largest force within the distance where the model is checked.
+pub(super) fn hardest(jets: &[EnergyJet]) -> Option<&EnergyJet> {
+    let within = jets.iter().filter(|jet| norm(jet.control_m) <= CHECKED_M);
+    within.max_by(|a, b| norm(a.force_n).total_cmp(&norm(b.force_n)))
+}
+
+/// Whether a table has the force of the model, as far as it can be felt.
+pub(super) fn is_force_of_model(table: &EnergyJet, solved_n: [f64; 3]) -> bool {
+    distance(table.force_n, solved_n) <= Tolerance::IMPERCEPTIBLE.at(solved_n)
 }
 
 /// Whether a table's jet at rest is that of the model, by its stiffness.

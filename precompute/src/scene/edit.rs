@@ -5,7 +5,6 @@ use toml::{Table, Value};
 
 use super::Scene;
 use crate::error::InputError;
-use crate::num::vector::norm;
 
 /// A contact that a hand has visited.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,8 +50,7 @@ impl Scene {
     }
 
     /// The scene with these contacts as its active nodes. Adaptive sampling solves the visited displacements first;
-    /// a lattice becomes a sampling of what cannot be felt. The radius of the sampling contains them, and is
-    /// `radius_m` in a scene without a grid.
+    /// a lattice becomes a sampling of what cannot be felt, within `radius_m`.
     ///
     /// # Errors
     ///
@@ -79,13 +77,7 @@ impl Scene {
         {
             grid.insert("cannot_be_felt".to_owned(), Value::Boolean(true));
         }
-        let farthest_m = contacts
-            .iter()
-            .flat_map(|contact| &contact.visited_m)
-            .map(|at_m| norm(*at_m))
-            .fold(0.0, f64::max);
-        let own_m = grid.get("radius_m").and_then(|value| value.as_float()).unwrap_or(radius_m);
-        grid.insert("radius_m".to_owned(), Value::Float(own_m.max(farthest_m)));
+        grid.insert("radius_m".to_owned(), Value::Float(radius_m));
         let text = toml::to_string(&table).expect("a table of plain values");
         Self::parse(&self.place.path, text)
     }
@@ -158,7 +150,7 @@ mod tests {
             contact("A1", VisitedPlace::Node(3), 0.01),
             contact("P", VisitedPlace::Point([0.1, 0.2, 0.3]), 0.03),
         ];
-        let text = scene.expect("a scene").with_visits(&visited, 0.05).expect("accepted").place.text;
+        let text = scene.expect("a scene").with_visits(&visited, 0.035).expect("accepted").place.text;
         for words in [
             "node = 3",
             "point = [0.1, 0.2, 0.3]",
@@ -167,7 +159,7 @@ mod tests {
         ] {
             assert!(text.contains(words), "{words}: {text}");
         }
-        assert!(!text.contains("514") && text.contains("radius_m = 0.030"), "{text}");
+        assert!(!text.contains("514") && text.contains("radius_m = 0.035"), "{text}");
     }
 
     #[test]

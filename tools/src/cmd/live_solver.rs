@@ -26,6 +26,8 @@ const BEAT: Duration = Duration::from_millis(20);
 const LONGEST_SOLVE: Duration = Duration::from_secs(120);
 /// Time before jets that the loop lacks are sent once more.
 const RESEND: Duration = Duration::from_millis(200);
+/// Jets that are sent between two solves.
+const SENT: usize = 32;
 /// Jets of a contact that are sent once more, the nearest ones: the loop keeps four times as many.
 const RESENT: usize = 64;
 
@@ -158,7 +160,7 @@ impl Solving {
                 self.change(setting);
             }
             self.show(&seen);
-            if self.resend(&hand, |missing| missing).is_err() {
+            if self.send().is_err() || self.resend(&hand, |missing| missing).is_err() {
                 return;
             }
             self.solving_ns.store(monotonic_ns(), Ordering::Relaxed);
@@ -221,9 +223,9 @@ impl Solving {
         Ok(())
     }
 
-    /// Sends the jets that are ready.
+    /// Sends jets that are ready; not all at once, because the loop takes one a tick.
     fn send(&mut self) -> Result<(), SessionEnded> {
-        while let Some(published) = self.solver.published() {
+        for published in std::iter::from_fn(|| self.solver.published()).take(SENT) {
             self.sequence += 1;
             self.serving.end.send(&published.jet(self.sequence))?;
         }

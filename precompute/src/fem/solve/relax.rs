@@ -68,7 +68,7 @@ impl Solver {
         let mut damping = FIRST_DAMPING * unit;
         // An element at a held node would invert if it went there at once.
         let way_m = distance(from.pose.displacement_m, control_m);
-        let steps = (way_m / RAMP_M).ceil();
+        let steps = (way_m / RAMP_M).ceil().min(f64::from(MAX_STEPS / 2));
         for step in 1..steps as u32 {
             self.prescribe(&from.pose.towards(&pose, f64::from(step) / steps));
             self.evaluate(true);

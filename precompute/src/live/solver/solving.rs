@@ -166,10 +166,8 @@ impl LiveSolver {
         if task.aim == Aim::Renewal || task.control_m != [0.0; 3] {
             return None;
         }
-        if self.free_body.is_none() {
-            self.free_body = FreeBody::new(&self.free);
-        }
-        self.workers.present().solver.rest_by(self.free_body.as_mut()?, to).ok()
+        let free_body = self.free_body.get_or_insert_with(|| FreeBody::new(&self.free));
+        self.workers.present().solver.rest_by(free_body.as_mut()?, to).ok()
     }
 
     /// Continues to the task's position, over half of the way if that fails. Then the body lands if the hand is

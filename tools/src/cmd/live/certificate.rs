@@ -111,10 +111,12 @@ impl Certificate {
             lines.push(format!("             {} positions could not be solved", self.unsolved));
         }
         if self.loops > 0 {
-            lines.push(format!(
-                "energy       at most {:+.2} mJ to the hand round a touch, of {:.1} mJ exchanged in it",
-                self.loop_pumped_mj, self.loop_exchanged_mj
-            ));
+            let (pumped_mj, exchanged_mj) = (self.loop_pumped_mj, self.loop_exchanged_mj);
+            lines.push(if pumped_mj > 0.0 {
+                format!("energy       at most {pumped_mj:.2} mJ given to the hand round a touch, of {exchanged_mj:.1} mJ exchanged in it")
+            } else {
+                format!("energy       none given to the hand: every touch took at least {:.2} mJ from it", -pumped_mj)
+            });
         }
         if let Some(first_s) = self.first_force_s {
             lines.push(format!("first force  {first_s:.2} s after the command, without the way of the hand"));

@@ -1,5 +1,6 @@
 //! `--check`: full solutions at visited positions, to compare the felt force with.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
@@ -93,7 +94,15 @@ impl Checked {
                 Ok(Ok(None)) => checked.unsolved += 1,
                 Ok(Err(failure)) => return Err(failure),
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Disconnected) => {
+                    let done = checked.compared.len() + checked.unsolved;
+                    if done < wanted {
+                        return Err(Failure::work(format!(
+                            "the check ended after {done} of {wanted} positions"
+                        )));
+                    }
+                    break;
+                }
             }
             if stop.load(Ordering::Relaxed) {
                 checked.is_cut = true;
@@ -110,7 +119,7 @@ impl Checked {
         let mut errors: Vec<f64> = self.compared.iter().map(Compared::error_n).collect();
         errors.sort_by(f64::total_cmp);
         let largest = *errors.last()?;
-        let p99 = errors[((errors.len() - 1) as f64 * 0.99) as usize];
+        let p99 = errors[(errors.len() as f64 * 0.99).ceil() as usize - 1];
         Some([errors.iter().sum::<f64>() / errors.len() as f64, p99, largest])
     }
 
@@ -126,17 +135,24 @@ impl Checked {
 /// `None` where there is no equilibrium.
 type Found = Result<Option<Compared>, Failure>;
 
-/// Solves the places of each model in their order.
+/// Solves the places of each model in their order. The contacts of all models have the numbers of the first one, as
+/// in the session.
 fn solve(
-    path: &std::path::Path,
+    path: &Path,
     settings: &[Vec<String>],
     places: Vec<Place>,
     sender: &Sender<Found>,
 ) -> Result<(), Failure> {
+    let resolved = |changes: usize| Ok::<_, Failure>(scene(path, &settings[changes])?.resolve()?);
+    let mut live = solver(path, &resolved(0)?)?;
+    let mut present = 0;
     let mut places = places.into_iter().peekable();
     while let Some(first) = places.peek() {
         let changes = first.visit.changes;
-        let live = solver(path, &scene(path, &settings[changes])?.resolve()?)?;
+        if changes != present {
+            live.change(&resolved(changes)?).map_err(Failure::input)?;
+            present = changes;
+        }
         let mut truth = Truth::new(&live);
         while let Some(Place { visit, begins, compares }) =
             places.next_if(|place| place.visit.changes == changes)
@@ -151,8 +167,10 @@ fn solve(
                 contacts: visit.weights.map(|node| (node.space, f64::from(node.weight))),
                 control_m: visit.control_m.map(f64::from),
             };
-            let found = truth.force_n(&touch).ok().map(|true_n| Compared { visit, true_n });
-            if sender.send(Ok(found)).is_err() {
+            // A vertex that a change has fixed cannot be displaced.
+            let is_free = |&(contact, weight): &(u16, f64)| weight <= 0.0 || live.skin().is_free(contact);
+            let solved = touch.contacts.iter().all(is_free).then(|| truth.force_n(&touch).ok()).flatten();
+            if sender.send(Ok(solved.map(|true_n| Compared { visit, true_n }))).is_err() {
                 return Ok(());
             }
         }

@@ -5,13 +5,16 @@
 //! until its predictions hold. The result depends on the visited positions alone.
 
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
 
 use palpate_core::Organ;
 use palpate_precompute::num::{distance, norm};
 use palpate_precompute::pipeline::Run;
 use palpate_precompute::scene::{ResolvedScene, Scene, VisitedContact, VisitedPlace};
+use palpate_precompute::space::TagCounts;
 use serde::Serialize;
 
 use super::super::live_solver::scene;
@@ -22,8 +25,15 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output};
 use crate::progress::WorkProgress;
 
-/// Smallest distance of two kept positions of a contact, and from rest, m.
-const APART_M: f64 = 5e-3;
+/// How often the wait for the solves looks at the stop flag.
+const LOOK: Duration = Duration::from_millis(20);
+/// Smallest distance of two kept positions of a contact, and from rest: this share of the farthest one, at most so much,
+/// m.
+const APART: f64 = 0.2;
+const MAX_APART_M: f64 = 5e-3;
+/// The sampling reaches this much farther than the hand, in whole tenths of a millimetre.
+const MARGIN: f64 = 1.2;
+const TENTH_M: f64 = 1e-4;
 /// Most positions of a contact.
 const MOST: usize = 64;
 /// A contact counts as touched where its weight in the blend is at least this.
@@ -55,13 +65,10 @@ pub(super) fn output(files: &mut Files, path: &Path, scene: &Scene) -> Result<Ou
     let node = *resolved.active.first().map_or(&0, |active| &active.node);
     let contact = VisitedContact { name: "A".into(), place: VisitedPlace::Node(node), visited_m: Vec::new() };
     if resolved.tool.fingertip().is_none() {
-        scene.with_visits(&[contact], REACH_M)?.resolve()?;
+        scene.with_visits(&[contact], TENTH_M)?.resolve()?;
     }
     Ok(file)
 }
-
-/// Radius of the sampling in a scene without a grid, m.
-const REACH_M: f64 = 0.03;
 
 impl Kept {
     /// Solves the contacts of these visits of the first model into a new space. Without a touch there is none.
@@ -70,30 +77,49 @@ impl Kept {
         organ: &Organ<'_, N>,
         visits: &[Visit],
         file: &Output,
-        stop: &AtomicBool,
+        stop: &Arc<AtomicBool>,
     ) -> Result<Option<Self>, Failure> {
         let (path, begun) = (model.scene, Instant::now());
         let scene = scene(path, &model.settings(0))?;
         let contacts = visited(organ, &scene.resolve()?, visits);
         if contacts.is_empty() {
-            eprintln!("palpate: nothing was touched, so there is no {}", file.path().display());
+            let shown = file.path().display();
+            eprintln!("palpate: nothing was touched before a change of the scene, so there is no {shown}");
             return Ok(None);
         }
-        let visited = contacts.iter().map(|contact| contact.visited_m.len()).sum();
-        let bench = analysis::of_scene(path, scene.with_visits(&contacts, REACH_M)?.resolve()?)?;
+        let (count, visited) = (contacts.len(), contacts.iter().map(|contact| contact.visited_m.len()).sum());
+        let all_m = contacts.iter().flat_map(|contact| &contact.visited_m);
+        let farthest_m = all_m.map(|at_m| norm(*at_m)).fold(0.0, f64::max);
+        let radius_m = TENTH_M * (MARGIN * farthest_m / TENTH_M).ceil();
+        let bench = analysis::of_scene(path, scene.with_visits(&contacts, radius_m)?.resolve()?)?;
         let store = open_space(&bench, file, false)?;
         let all: Vec<usize> = (0..contacts.len()).collect();
-        let mut progress = WorkProgress::new("keep", "solves");
-        let run = Run { threads: threads(None)?, stop };
-        let solved = bench.solve(&all, &store, run, |p| progress.spaces(p));
-        progress.finish();
+        let (threads, flag) = (threads(None)?, Arc::clone(stop));
+        let (sender, result) = channel();
+        // A solve is not interrupted, so its thread is left behind when the user ends it: what is solved is saved.
+        std::thread::spawn(move || {
+            let mut progress = WorkProgress::new("keep", "solves");
+            let solved = bench.solve(&all, &store, Run { threads, stop: &flag }, |p| progress.spaces(p));
+            progress.finish();
+            // Nobody may wait any more.
+            let _ = sender.send(solved);
+        });
+        let solved = loop {
+            match result.recv_timeout(LOOK) {
+                Ok(solved) => break Some(solved),
+                Err(RecvTimeoutError::Timeout) if !stop.load(Ordering::Relaxed) => {}
+                Err(_) => break None,
+            }
+        };
         let (is_cut, configurations) = match solved {
-            Ok(counts) => (false, counts.iter().map(|counts| counts.solved()).sum()),
-            Err(_) if stop.load(std::sync::atomic::Ordering::Relaxed) => (true, 0),
-            Err(error) => return Err(error.into()),
+            Some(Ok(counts)) => (false, counts.iter().map(TagCounts::solved).sum()),
+            Some(Err(error)) if !stop.load(Ordering::Relaxed) => return Err(error.into()),
+            Some(Err(_)) => (true, 0),
+            None if stop.load(Ordering::Relaxed) => (true, 0),
+            None => return Err(Failure::work("the solves ended without a result")),
         };
         Ok(Some(Self {
-            contacts: contacts.len(),
+            contacts: count,
             visited,
             configurations,
             seconds: begun.elapsed().as_secs_f64(),
@@ -130,18 +156,16 @@ fn visited<const N: usize>(
 ) -> Vec<VisitedContact> {
     let mut found: Vec<(u16, Vec<[f64; 3]>)> = Vec::new();
     for visit in visits.iter().filter(|visit| visit.changes == 0) {
-        let at_m = visit.control_m.map(f64::from);
         for node in visit.weights.iter().filter(|node| node.weight >= WEIGHT) {
             let index = found.iter().position(|(contact, _)| *contact == node.space).unwrap_or_else(|| {
                 found.push((node.space, Vec::new()));
                 found.len() - 1
             });
-            let kept = &mut found[index].1;
-            let is_apart = norm(at_m) > APART_M && kept.iter().all(|other| distance(*other, at_m) > APART_M);
-            if is_apart && kept.len() < MOST {
-                kept.push(at_m);
-            }
+            found[index].1.push(visit.control_m.map(f64::from));
         }
+    }
+    for (_, all_m) in &mut found {
+        *all_m = apart(all_m);
     }
     found.retain(|(_, visited_m)| !visited_m.is_empty());
     let contact = |(contact, visited_m): (u16, Vec<[f64; 3]>)| {
@@ -156,4 +180,36 @@ fn visited<const N: usize>(
         VisitedContact { name, place, visited_m }
     };
     found.into_iter().map(contact).collect()
+}
+
+/// The farthest of some positions, and those that lie apart from it, from rest and from each other.
+fn apart(all_m: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let farthest = all_m.iter().copied().max_by(|a, b| norm(*a).total_cmp(&norm(*b)));
+    let Some(farthest) = farthest.filter(|at_m| norm(*at_m) > 0.0) else { return Vec::new() };
+    let apart_m = (APART * norm(farthest)).min(MAX_APART_M);
+    let mut kept = vec![farthest];
+    for &at_m in all_m {
+        let is_apart = norm(at_m) > apart_m && kept.iter().all(|other| distance(*other, at_m) > apart_m);
+        if is_apart && kept.len() < MOST {
+            kept.push(at_m);
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_light_touch_is_kept_too() {
+        let press = |deepest_m: f64| -> Vec<[f64; 3]> {
+            (0..=100).map(|n| [0.0, 0.0, -0.01 * f64::from(n) * deepest_m]).collect()
+        };
+        for (deepest_m, count) in [(8e-4, 4), (0.02, 4), (0.05, 9), (0.0, 0)] {
+            let kept = apart(&press(deepest_m));
+            assert!(kept.len().abs_diff(count) <= 1, "{deepest_m}: {kept:?}");
+            assert!(kept.first().is_none_or(|first| (first[2] + deepest_m).abs() < 1e-12));
+        }
+    }
 }

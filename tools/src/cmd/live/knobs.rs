@@ -104,16 +104,23 @@ impl Knobs {
     /// Goes to the next value of a knob.
     fn turn(&mut self, index: usize) {
         let Some(knob) = self.knobs.get_mut(index).filter(|knob| knob.values.len() > 1) else { return };
-        knob.at = (knob.at + 1) % knob.values.len();
-        let setting = format!("{}={}", knob.key, knob.values[knob.at]);
-        self.tell(&setting);
+        let next = (knob.at + 1) % knob.values.len();
+        let setting = format!("{}={}", knob.key, knob.values[next]);
+        if self.tell(&setting) {
+            self.knobs[index].at = next;
+        }
     }
 
-    fn tell(&mut self, setting: &str) {
-        // A solver that is gone has its fault in the loop, and one that is busy for long does not listen.
-        if self.process.as_ref().is_some_and(|process| process.tell(setting).unwrap_or(false)) {
+    /// Asks the solver for a change; whether it was taken. A solver that is gone has its fault in the loop.
+    fn tell(&mut self, setting: &str) -> bool {
+        let Some(process) = &self.process else { return true };
+        let is_taken = process.tell(setting).unwrap_or(false);
+        if is_taken {
             self.asked.push_back(setting.into());
+        } else {
+            eprintln!("palpate: {setting}: not taken, the solver is busy with earlier changes; ask again");
         }
+        is_taken
     }
 }
 
