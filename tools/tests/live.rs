@@ -239,39 +239,33 @@ fn the_scene_changes_while_a_hand_touches() {
 fn ctrl_c_ends_it_at_once() {
     let _alone = quiet();
     let large = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-large.toml");
+    let interrupt = |session: Session, what: &str| {
+        let interrupted = Instant::now();
+        kill(Pid::from_raw(session.child.id() as i32), Signal::SIGINT).expect("it lives");
+        let (code, told, said) = session.end();
+        let took = interrupted.elapsed();
+        println!("{what} ended in {took:?}");
+        assert!(took < Duration::from_secs(2), "{what}: {took:?}: {said}");
+        (code, told)
+    };
     for (scene, after_ms) in [(large, 60), (SCENE, 1_500)] {
         let session = Session::start(&[scene]);
         std::thread::sleep(Duration::from_millis(after_ms));
-        let interrupted = Instant::now();
-        kill(Pid::from_raw(session.child.id() as i32), Signal::SIGINT).expect("it lives");
-        let (_, _, said) = session.end();
-        let took = interrupted.elapsed();
-        println!("{after_ms} ms after the start it ended in {took:?}");
-        assert!(took < Duration::from_secs(2), "{took:?}: {said}");
+        interrupt(session, &format!("{after_ms} ms after the start it"));
     }
     // Also a check, which then reports what it has.
     let mut session = Session::start(&[large, "--seconds", "4", "--check", "1000"]);
     session.wait_for("check: full solutions");
-    let interrupted = Instant::now();
-    kill(Pid::from_raw(session.child.id() as i32), Signal::SIGINT).expect("it lives");
-    let (code, told, said) = session.end();
-    let took = interrupted.elapsed();
-    println!("a check ended in {took:?}");
-    assert!(took < Duration::from_secs(2), "{took:?}: {said}");
-    assert!(code == Some(0) && told.contains("ended by Ctrl-C"), "{told}{said}");
+    let (code, told) = interrupt(session, "a check");
+    assert!(code == Some(0) && told.contains("ended by Ctrl-C"), "{told}");
     // And the solves of what was touched, which go on with the file.
     let folder = tempfile::tempdir().expect("a folder");
     let space = folder.path().join("a.space");
     let mut session = Session::start(&[large, "--seconds", "3", "--keep", text(&space)]);
     session.wait_for("keep: ");
     std::thread::sleep(Duration::from_millis(300));
-    let interrupted = Instant::now();
-    kill(Pid::from_raw(session.child.id() as i32), Signal::SIGINT).expect("it lives");
-    let (code, told, said) = session.end();
-    let took = interrupted.elapsed();
-    println!("the solves to keep ended in {took:?}");
-    assert!(took < Duration::from_secs(2), "{took:?}: {said}");
-    assert!(code == Some(0) && told.contains("continue with `palpate precompute"), "{told}{said}");
+    let (code, told) = interrupt(session, "the solves to keep");
+    assert!(code == Some(0) && told.contains("continue with `palpate precompute"), "{told}");
 }
 
 #[test]

@@ -1,11 +1,12 @@
 //! Which position to solve next.
 //!
-//! In this order: the first jet of every contact that is touched, the position of the hand, the position where it
-//! will be when the solve is done, and the first jets of the contacts it heads for. If all are known, the factor is
-//! renewed once it has become old and the hand leaves time for it; then the second position is solved to a finer
+//! In this order: the first jet of every contact that is touched, the landing of a fold that the hand has passed, the
+//! position of the hand, a fold that it passes soon, the position where it will be when the solve is done, the folds on
+//! its way, and the first jets of the contacts beside. If all are known, the factor is renewed once it has become old
+//! and the hand leaves time for it; then folds are looked for ahead, the position after the solve is solved to a finer
 //! limit, and last the state near the hand if none is kept there: the picture shows it, and the next positions are
-//! continued from it. Prediction farther ahead does not pay: a jet that is trusted for 10 to 24 mm covers the path of many
-//! solves, and what is known already is worth more.
+//! continued from it. Prediction farther ahead does not pay without folds: a jet that is trusted for 10 to 24 mm
+//! covers the path of many solves, and what is known already is worth more.
 
 use super::branches::Branches;
 use super::hand::{Hand, Touch};
