@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use assert_no_alloc::assert_no_alloc;
-use palpate_precompute::fem::{Constraints, FollowOptions, Handle, Problem, Seed, Solver};
+use palpate_precompute::fem::{Constraints, DESCENT_STEPS, FollowOptions, Handle, Problem, Seed, Solver};
 use palpate_precompute::live::{Hand, LiveSolver, Step, Touch};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 
@@ -33,7 +33,7 @@ fn continuation_descent_and_change_of_contact_do_not_allocate() {
                 found.expect("a step of 2 mm");
                 std::mem::swap(&mut from, &mut to);
             }
-            solver.relax(&from, [0.0, 0.001, -0.005], &mut to).expect("it rests");
+            solver.relax(&from, [0.0, 0.001, -0.005], DESCENT_STEPS, &mut to).expect("it rests");
         }
     };
     // The first use takes the memory.

@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 56] = [
+const PRECOMPUTE: [&str; 58] = [
     "error",
     "files",
     "num",
@@ -125,6 +125,8 @@ const PRECOMPUTE: [&str; 56] = [
     "live::error",
     "live::hand",
     "live::task",
+    "live::times",
+    "live::renewals",
     "live::branches",
     "live::skin",
     "live::memory",

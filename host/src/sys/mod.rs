@@ -202,7 +202,7 @@ mod socket;
 pub mod usb;
 
 use linux as platform;
-pub use linux::{allowed_cpus, monotonic_ns, sleep_until_ns, timer_resolution_ns};
+pub use linux::{allowed_cpus, cpu_ns, lower_priority, monotonic_ns, sleep_until_ns, timer_resolution_ns};
 pub use process::{
     Ended, FDS, duplicate_non_blocking, pidfd, receive_fds, send_fds, send_now, wait_any, wait_readable,
     write,

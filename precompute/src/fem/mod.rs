@@ -22,6 +22,6 @@ pub use pad::{Fingertip, Pad, PadProfile};
 pub use pressure::PressurePair;
 pub use solvability::PressureFault;
 pub use solve::{
-    Configuration, FailureReason, FollowCount, FollowOptions, Followed, FreeBody, IterationProfile,
-    NewtonOptions, Problem, Seed, SolveFailure, Solver, solve_body_force,
+    Configuration, DESCENT_STEPS, FailureReason, FollowCount, FollowOptions, Followed, FreeBody,
+    IterationProfile, NewtonOptions, Problem, Renewal, Seed, SolveFailure, Solver, solve_body_force,
 };

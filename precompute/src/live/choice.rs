@@ -1,9 +1,10 @@
 //! Which position to solve next.
 //!
 //! In this order: the first jet of every contact that is touched, the landing of a fold that the hand has passed, the
-//! position of the hand, a fold that it passes soon, the position where it will be when the solve is done, the folds on
-//! its way, and the first jets of the contacts beside. If all are known, the factor is renewed once it has become old
-//! and the hand leaves time for it; then folds are looked for ahead, the position after the solve is solved to a finer
+//! position of the hand, a fold that it passes soon, the position where it will be when the solve is done, a new factor
+//! if it is made beside the steps and the one at hand has become old, the folds on the way, and the first jets of the
+//! contacts beside. If all are known and the steps make the factors, an old one is renewed if the hand leaves time for
+//! it; then folds are looked for ahead, the position after the solve is solved to a finer
 //! limit, and last the state near the hand if none is kept there: the picture shows it, and the next positions are
 //! continued from it. Prediction farther ahead does not pay without folds: a jet that is trusted for 10 to 24 mm
 //! covers the path of many solves, and what is known already is worth more.
@@ -11,15 +12,19 @@
 use super::branches::Branches;
 use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
+use super::renewals::Renewals;
 use super::skin::Skin;
 use super::states::States;
 use super::task::{Aim, Task};
+use super::times::SolveTimes;
 use super::workers::Workers;
 use crate::num::vector::{distance, norm};
 
 /// The prediction looks ahead by this multiple of the time of a solve,
 const AHEAD: f64 = 1.5;
-/// but by at most this distance, m.
+/// but by at most this time, s, because nobody knows a hand longer,
+const MAX_AHEAD_S: f64 = 0.3;
+/// and by at most this distance, m.
 const MAX_AHEAD_M: f64 = 0.02;
 /// The first jets of contacts within this distance of a free tool are solved, m,
 pub(super) const HEADING_M: f64 = 0.03;
@@ -46,6 +51,10 @@ const SEARCH_M: f64 = 3e-3;
 const SEARCH_SOLVES: f64 = 4.0;
 /// The end of a branch is checked where the hand will be after this time, s.
 pub(super) const CHECK_S: f64 = 0.02;
+/// Where nobody waits for a factor, a touch is prepared by presses of these depths, m,
+const PRESSES_M: [f64; 2] = [0.012, 0.024];
+/// at so many contacts: the corners of a triangle.
+const PRESSED: usize = 3;
 /// Number of such positions.
 const LOST: usize = 16;
 
@@ -81,9 +90,12 @@ pub(super) struct Choice<'s> {
     pub(super) lost: &'s LostPositions,
     pub(super) branches: &'s Branches,
     pub(super) workers: &'s Workers,
+    /// `None` if the steps make all factors.
+    pub(super) renewals: Option<&'s Renewals>,
+    /// A contact whose kept state has turned out to be unstable.
+    pub(super) doubted: Option<u16>,
     pub(super) states: &'s States,
-    /// Mean time of a solve with the factor at hand, and with a new one, s.
-    pub(super) solve_s: [f64; 2],
+    pub(super) times: &'s SolveTimes,
 }
 
 impl Choice<'_> {
@@ -101,7 +113,7 @@ impl Choice<'_> {
         let touched = || contacts.into_iter().filter(|(_, weight)| *weight > 0.0);
         let of_any = |find: &dyn Fn(u16) -> Option<Task>| touched().find_map(|(contact, _)| find(contact));
         let here_m = touch.control_m;
-        let [frozen_s, renewed_s] = self.solve_s;
+        let (frozen_s, renewed_s) = (self.times.frozen_s(), self.times.renewed_s());
         let after = |seconds: f64| {
             let ahead = hand.velocity_m_s.map(|v| v * seconds);
             let reduced = (MAX_AHEAD_M / norm(ahead)).min(1.0);
@@ -112,24 +124,27 @@ impl Choice<'_> {
             touched()
                 .find_map(|(contact, weight)| self.position(Task { contact, control_m, aim }, weight, limit))
         };
-        let next_m = after(AHEAD * frozen_s);
+        let next_m = after((AHEAD * frozen_s).min(MAX_AHEAD_S));
         let there_m = after(SEARCH_S + SEARCH_FACTORS * renewed_s);
         let soon_m = after(CHECK_S);
         of_any(&|contact| self.first(contact))
+            .or_else(|| of_any(&|contact| self.doubt(contact, here_m)))
             .or_else(|| of_any(&|contact| self.branches.overdue(contact, here_m)))
             .or_else(|| unknown(here_m, Limit::Unknown))
             .or_else(|| of_any(&|contact| self.branches.check(contact, soon_m)))
             .or_else(|| unknown(next_m, Limit::Unknown))
+            .or_else(|| of_any(&|contact| self.renewal_beside(contact, here_m)))
             .or_else(|| of_any(&|contact| self.branches.work(contact, there_m)))
             .or_else(|| touched().find_map(|(contact, _)| self.beside(contact, found)))
             .or_else(|| {
-                let has_time = unknown(after(AHEAD * renewed_s), Limit::Unknown).is_none();
-                has_time.then(|| self.renewal(contacts[0].0, here_m))?
+                let has_time = || unknown(after(AHEAD * renewed_s), Limit::Unknown).is_none();
+                (!self.waits_for_factors() && has_time()).then(|| self.renewal(contacts[0].0, here_m))?
             })
             .or_else(|| {
                 let within_m = SEARCH_M.max(SEARCH_SOLVES * renewed_s * norm(hand.velocity_m_s));
                 of_any(&|contact| self.search(contact, there_m, within_m))
             })
+            .or_else(|| PRESSES_M.iter().find_map(|&depth_m| of_any(&|contact| self.press(contact, depth_m))))
             .or_else(|| unknown(next_m, Limit::Rough))
             .or_else(|| self.state(contacts[0].0, here_m))
     }
@@ -137,7 +152,7 @@ impl Choice<'_> {
     /// The branch of a contact is followed ahead of the hand to find its end, unless it is known near there.
     fn search(&self, contact: u16, control_m: [f64; 3], within_m: f64) -> Option<Task> {
         let known = self.known.get(usize::from(contact))?;
-        let may_fold = self.solve_s[1] < CHEAP_S || self.branches.have_folded();
+        let may_fold = self.times.renewed_s() < CHEAP_S || self.branches.have_folded();
         let needs = may_fold
             && !known.is_empty()
             && self.skin.is_free(contact)
@@ -182,7 +197,24 @@ impl Choice<'_> {
         let reduced = (HEADING_M / norm(travel)).min(1.0);
         let there_m = std::array::from_fn(|axis| hand.hip_m[axis] + reduced * travel[axis]);
         self.skin.near(there_m, HEADING_M, found);
-        found.iter().find_map(|&(_, contact)| self.first(contact))
+        let of_any = |most: usize, find: &dyn Fn(u16) -> Option<Task>| {
+            found.iter().take(most).find_map(|&(_, contact)| find(contact))
+        };
+        let [light_m, deep_m] = PRESSES_M;
+        of_any(PRESSED, &|contact| self.first(contact))
+            .or_else(|| of_any(PRESSED, &|contact| self.press(contact, light_m)))
+            .or_else(|| of_any(usize::MAX, &|contact| self.first(contact)))
+            .or_else(|| of_any(PRESSED, &|contact| self.press(contact, deep_m)))
+    }
+
+    /// A press straight into the body, where a solve takes longer than a hand needs for it.
+    fn press(&self, contact: u16, depth_m: f64) -> Option<Task> {
+        if !self.waits_for_factors() {
+            return None;
+        }
+        let normal = self.skin.contacts.get(usize::from(contact))?.normal;
+        let control_m = normal.map(|n| -depth_m * n);
+        self.position(Task { contact, control_m, aim: Aim::Ahead }, 1.0, Limit::Unknown)
     }
 
     /// The state at the hand, if none is kept near it. Its jet is known, so no branch ends with it.
@@ -191,6 +223,34 @@ impl Choice<'_> {
         let is_near = nearest.is_some_and(|seed| distance(seed.jet.control_m, control_m) <= STATE_REACH_M);
         let needs = !is_near && self.skin.is_free(contact) && !self.lost.contains(contact, control_m);
         needs.then_some(Task { contact, control_m, aim: Aim::Ahead })
+    }
+
+    /// A new factor at the hand if the state near it is unstable: the body lands elsewhere.
+    fn doubt(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
+        let is_tried = self.doubted == Some(contact) && self.skin.is_free(contact);
+        is_tried.then_some(Task { contact, control_m, aim: Aim::Renewal })
+    }
+
+    /// Whether the steps go on with the factors at hand, because a new one takes too long to wait for it.
+    fn waits_for_factors(&self) -> bool {
+        self.renewals.is_some() && self.times.factor_is_long()
+    }
+
+    /// A new factor of the state nearest to the hand, if that of the contact is farther away.
+    fn renewal_beside(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
+        if !self.waits_for_factors() || self.renewals.is_some_and(Renewals::is_busy) {
+            return None;
+        }
+        let seed = self.states.nearest(contact, self.branches.of(contact), control_m)?;
+        let from_m = seed.jet.control_m;
+        let gains = match self.workers.factor_of(contact) {
+            None => true,
+            Some(at_m) => {
+                distance(at_m, control_m) > FACTOR_REACH_M
+                    && distance(from_m, control_m) < 0.5 * distance(at_m, control_m)
+            }
+        };
+        gains.then_some(Task { contact, control_m: from_m, aim: Aim::Renewal })
     }
 
     /// A new factor at the hand, if the last one is far. The solve also gives a jet.

@@ -20,11 +20,13 @@ mod error;
 mod hand;
 mod memory;
 mod published;
+mod renewals;
 mod skin;
 mod solver;
 mod states;
 mod tabled;
 mod task;
+mod times;
 mod truth;
 mod workers;
 

@@ -62,6 +62,8 @@ pub enum Step {
     Idle,
     /// A jet was solved; the solver publishes it at once or with others.
     Solved,
+    /// A new factor is being made beside the steps from now on.
+    Renewing,
     /// No equilibrium was found where the hand is.
     Lost {
         /// The contact.

@@ -1,5 +1,6 @@
 //! The live solver: in every step it chooses a position, solves there and publishes the jet.
 
+mod renewing;
 mod solving;
 
 use std::collections::VecDeque;
@@ -13,10 +14,12 @@ use super::error::LiveError;
 use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
+use super::renewals::Renewals;
 use super::skin::Skin;
 use super::states::States;
 use super::tabled;
 use super::task::{Aim, Task};
+use super::times::SolveTimes;
 use super::workers::Workers;
 use crate::fem::{Body, Constraints, FreeBody, Problem, Seed};
 use crate::num::jet::EnergyJet;
@@ -29,10 +32,6 @@ const PROBLEMS: usize = 256;
 const OUTBOX: usize = 16;
 /// Solves after a change of the model for which its jets may wait: a hand that moves fast is never known.
 const MAX_HELD: u32 = 12;
-/// Weight of the last solve in the mean time of a solve.
-const NEWEST_SHARE: f64 = 0.2;
-/// Mean time of a solve before the first one, s.
-const FIRST_SOLVE_S: f64 = 5e-3;
 
 /// The solver of one live session.
 #[derive(Debug)]
@@ -50,9 +49,10 @@ pub struct LiveSolver {
     growth: Growth,
     lost: LostPositions,
     branches: Branches,
-    solve_s: [f64; 2],
-    /// To which of these times the last step belongs; a search for a fold belongs to none.
-    timed: Option<usize>,
+    times: SolveTimes,
+    renewals: Option<Renewals>,
+    /// A contact whose kept state has turned out to be unstable.
+    doubted: Option<u16>,
     totals: Totals,
     near: Vec<(f64, u16)>,
     /// Jets that were not taken yet.
@@ -98,8 +98,9 @@ impl LiveSolver {
             growth: Growth::default(),
             lost: LostPositions::default(),
             branches: Branches::default(),
-            solve_s: [FIRST_SOLVE_S; 2],
-            timed: None,
+            times: SolveTimes::default(),
+            renewals: None,
+            doubted: None,
             totals: Totals::default(),
             outbox: VecDeque::with_capacity(OUTBOX),
             unsent: Vec::new(),
@@ -192,6 +193,17 @@ impl LiveSolver {
         Ok(())
     }
 
+    /// From now on new factors that take long are made on a thread of their own, which first calls `begin`: it may
+    /// lower its priority. Without this the steps are the same in every run.
+    pub fn renew_beside(&mut self, begin: fn()) {
+        self.renewals = Some(Renewals::new(&self.free, begin));
+    }
+
+    /// Whether a factor is being made beside the steps.
+    pub fn is_renewing(&self) -> bool {
+        self.renewals.as_ref().is_some_and(Renewals::is_busy)
+    }
+
     /// Number of equations.
     pub fn unknowns(&self) -> usize {
         self.free.unknowns()
@@ -225,7 +237,8 @@ impl LiveSolver {
         self.body = body;
         self.problems.clear();
         self.workers = Workers::new(&Arc::new(self.free.at(self.skin.touch(first, &self.body))));
-        self.free_body = None;
+        self.renewals = self.renewals.take().map(|old| old.for_problem(&self.free));
+        (self.free_body, self.doubted) = (None, None);
         self.known.fill(Known::default());
         (self.growth, self.lost) = (Growth::default(), LostPositions::default());
         self.branches.forget_folds();
@@ -250,9 +263,7 @@ impl LiveSolver {
 
     /// States how long the last step took, s.
     pub fn took(&mut self, seconds: f64) {
-        let Some(timed) = self.timed else { return };
-        let mean_s = &mut self.solve_s[timed];
-        *mean_s += NEWEST_SHARE * (seconds - *mean_s);
+        self.times.took(seconds);
     }
 
     /// Publishes the jets of a blob's contacts that the tool touches or comes near.
@@ -289,7 +300,8 @@ impl LiveSolver {
     /// Solves at one position, if there is one that is worth it, or goes over to the branch behind a fold that the
     /// hand has passed.
     pub fn step(&mut self, hand: &Hand) -> Step {
-        self.timed = None;
+        self.times.begin(None);
+        self.take_renewal();
         self.send_known(hand);
         self.branches.release_but(hand.touch.as_ref());
         let step = if self.passes_fold(hand) { Step::Solved } else { self.solve_next(hand) };
@@ -301,9 +313,12 @@ impl LiveSolver {
     }
 
     fn solve_next(&mut self, hand: &Hand) -> Step {
-        let Self { skin, known, growth, lost, branches, workers, states, solve_s, near, .. } = self;
-        let choice = Choice { skin, known, growth, lost, branches, workers, states, solve_s: *solve_s };
+        let Self { skin, known, growth, lost, branches, workers, states, times, near, .. } = self;
+        let (renewals, doubted) = (self.renewals.as_ref(), self.doubted);
+        let choice =
+            Choice { skin, known, growth, lost, branches, workers, renewals, doubted, states, times };
         match choice.next(hand, near) {
+            Some(task) if task.aim == Aim::Renewal && self.begin_renewal(&task) => Step::Renewing,
             Some(task) => self.solve(task),
             None => Step::Idle,
         }

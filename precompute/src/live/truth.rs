@@ -9,7 +9,7 @@ use std::sync::Arc;
 use super::branches::joins;
 use super::hand::Touch;
 use super::solver::LiveSolver;
-use crate::fem::{FollowOptions, Problem, Seed, SolveFailure, Solver};
+use crate::fem::{DESCENT_STEPS, FollowOptions, Problem, Seed, SolveFailure, Solver};
 use crate::num::vector::distance;
 use crate::spec::Tolerance;
 
@@ -28,6 +28,7 @@ const OPTIONS: FollowOptions = FollowOptions {
     sensitivity: 1e-2,
     max_sweeps: 6,
     worst_sensitivity: 0.3,
+    renews: true,
 };
 
 /// The true force along a path.
@@ -127,7 +128,7 @@ impl<'l> Truth<'l> {
             else {
                 continue;
             };
-            solver.relax(seed, end_m, &mut to)?;
+            solver.relax(seed, end_m, DESCENT_STEPS, &mut to)?;
             let limit_n = Tolerance::IMPERCEPTIBLE.at(seed.jet.force_n);
             let is_same = distance(seed.jet.force_n, to.jet.force_n) < limit_n;
             self.landings += u32::from(!is_same);

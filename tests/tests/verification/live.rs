@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 use palpate_core::{AlignedBytes, Field, JetMemory, Method, NodeWeight, Organ};
 use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::fem::{
-    Body, Constraints, FollowOptions, Followed, FreeBody, Handle, Model, Pad, Problem, Seed, SolveFailure,
-    Solver,
+    Body, Constraints, DESCENT_STEPS, FollowOptions, Followed, FreeBody, Handle, Model, Pad, Problem,
+    Renewal, Seed, SolveFailure, Solver,
 };
 use palpate_precompute::live::{Hand, LiveSolver, Published, Step, Touch, Truth};
 use palpate_precompute::num::EnergyJet;
@@ -84,6 +84,92 @@ fn the_free_body_has_the_jets_at_rest_of_all_contacts() {
         println!("{:46} {s:9.1e} {third:9.1e}   {} sweeps", case.name, found.count.sweeps);
         assert!(s < 2e-3 && third < 0.02, "{}: {s:.1e} {third:.1e}", case.name);
         assert_eq!((found.count.factorisations, found.unstable_modes), (0, None), "{}", case.name);
+    }
+}
+
+/// The factor of the free body leads 6 mm into the body without another factorisation, and one that was made apart from there on.
+#[test]
+fn steps_make_no_factor_where_others_are_lent() {
+    let single = |case: &Case| case.contact.handle().is_none_or(|handle| handle.nodes.len() == 1);
+    for case in with_elimination().filter(single) {
+        let mut own = solver(&case);
+        let rest = own.rest().expect("the beam is fixed");
+        let wanted = own.advance(&rest.seed, D_M).expect("the beam converges");
+        let free = Arc::new(Problem::with(case.body.clone(), None, Constraints::Elimination));
+        let mut free_body = FreeBody::new(&free).expect("the beam is fixed");
+        let problem = Arc::new(free.at(case.contact.clone()));
+        let mut solver = Solver::new(problem.clone());
+        let (mut from, mut to) = (Seed::at_rest(&case.body), Seed::at_rest(&case.body));
+        solver.rest_by(&mut free_body, &mut from).expect("it serves");
+        assert!(solver.borrow_factor(&mut free_body), "{}", case.name);
+        let (residual, sensitivity) = (1e-5, 1e-3);
+        let options = FollowOptions {
+            residual,
+            sensitivity,
+            max_sweeps: 12,
+            renews: false,
+            ..FollowOptions::default()
+        };
+        let mut goes_on = |solver: &mut Solver, from: &Seed, share: f64| {
+            let found = solver.follow(from, D_M.map(|x| share * x), false, &options, &mut to);
+            let found = found.unwrap_or_else(|failure| panic!("{}: {failure:?}", case.name));
+            assert_eq!(found.count.factorisations, 0, "{}", case.name);
+            shown(&case.name, differences(&to.jet, wanted.jet()), &found);
+            to.clone()
+        };
+        let from = goes_on(&mut solver, &from, 0.7);
+        let mut renewal = Renewal::like(&problem);
+        solver.lend(&from, &mut renewal);
+        renewal.make();
+        assert!(renewal.serves(), "{}", case.name);
+        solver.renew_by(&mut renewal);
+        let found = goes_on(&mut solver, &from, 1.0);
+        let all = differences(&found.jet, wanted.jet());
+        let [w, h, s, third] = all;
+        assert!(w < 1e-5 && h < 2e-4 && s < 2e-2 && third < 0.08, "{}: {all:?}", case.name);
+    }
+}
+
+/// A press of 20 mm with factors that are made on a thread of their own has the force of full solutions.
+#[test]
+fn factors_are_made_beside_the_steps() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
+    let scene = Scene::load(&path).and_then(|scene| scene.resolve()).expect("a bundled scene");
+    let mut solver = LiveSolver::new(&scene).expect("it can be touched");
+    solver.renew_beside(|| ());
+    let node = scene.active[0].node;
+    let contact = solver.skin().contacts.iter().position(|place| place.node == node).expect("on the skin");
+    let normal = solver.skin().contacts[contact].normal;
+    let touch = |mm: i32| alone(contact as u16, normal.map(|n| -1e-3 * f64::from(mm) * n));
+    let (mut memory, mut begun) = (Box::<JetMemory<8, 256>>::default(), 0);
+    for mm in 0..=20 {
+        let hand = Hand { touch: Some(touch(mm)), ..Hand::default() };
+        loop {
+            let step = solver.step(&hand);
+            // As on a slow CPU: nobody waits for such a factor.
+            solver.took(0.5);
+            begun += u32::from(step == Step::Renewing);
+            while let Some(published) = solver.published() {
+                memory.insert(&published.jet(0));
+            }
+            if step == Step::Idle && !solver.is_renewing() {
+                break;
+            }
+        }
+    }
+    assert!(begun > 0 && solver.totals().factorisations > 0, "{begun} factors, {:?}", solver.totals());
+    let mut weights = [NodeWeight::default(); 3];
+    weights[0] = NodeWeight { space: contact as u16, weight: 1.0 };
+    let mut truth = Truth::new(&solver);
+    for (tick, mm) in (0..=20).enumerate() {
+        let wanted_n = Vector3::from(truth.force_n(&touch(mm)).expect("it converges"));
+        let displacement_m = touch(mm).control_m.map(|x| x as f32);
+        // Long after the last change of the jet.
+        let now_us = 1_000_000 * tick as u64;
+        let touch = palpate_core::Touch { now_us, weights, displacement_m, hip_m: displacement_m };
+        let felt_n = Vector3::from(memory.force(&touch).expect("it always answers").force_n.map(f64::from));
+        let error_n = (felt_n - wanted_n).norm();
+        assert!(error_n < Tolerance::IMPERCEPTIBLE.of_size(wanted_n.norm()), "{mm} mm: {error_n} N");
     }
 }
 
@@ -189,7 +275,7 @@ fn step(
     // A factor of every place: its inertia belongs to it.
     match solver.follow(from, d, true, &FollowOptions::default(), to) {
         Ok(_) => Ok(None),
-        Err(_) => solver.relax(from, d, to).map(Some),
+        Err(_) => solver.relax(from, d, DESCENT_STEPS, to).map(Some),
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use palpate_host::live::{Counters, Hand, Heart, Service, Serving, SessionEnded, Work};
-use palpate_host::sys::monotonic_ns;
+use palpate_host::sys::{cpu_ns, lower_priority, monotonic_ns};
 use palpate_precompute::live::{Hand as Seen, LiveSolver, Step, Touch};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 
@@ -80,6 +80,7 @@ fn prepare(args: &Args, service: &Service) -> Result<(Scene, LiveSolver, Vec<u8>
         // The session may have ended.
         let _ = service.report(&line);
     }
+    solver.renew_beside(lower_priority);
     let (blob, nodes) = solver.organ(&resolved)?;
     Ok((scene, solver, blob, nodes))
 }
@@ -121,6 +122,8 @@ struct Solving {
     sequence: u32,
     resent: Option<(u16, Instant)>,
     counters: Counters,
+    /// CPU time of the process when the session began, ns.
+    begun_ns: u64,
     /// A change of the scene whose touch is not known yet, and when it began.
     changing: Option<(String, Instant)>,
     /// When the present solve began, CLOCK_MONOTONIC, ns; 0 between two.
@@ -143,6 +146,7 @@ impl Solving {
             sequence: 0,
             resent: None,
             counters: Counters::default(),
+            begun_ns: cpu_ns(),
             changing: None,
             solving_ns,
         }
@@ -169,8 +173,10 @@ impl Solving {
             let step = self.solver.step(&seen);
             let took = begun.elapsed();
             self.solving_ns.store(0, Ordering::Relaxed);
+            self.counters.busy_ns = cpu_ns() - self.begun_ns;
             if step == Step::Idle {
                 self.serving.end.set_work(Work::Idle);
+                self.serving.end.set_counters(self.counters);
                 // What is known here and not there was given up for other jets.
                 let lacks = hand.is_engaged && hand.is_extrapolated;
                 if lacks && self.resend(&hand, |_| true).is_err() {
@@ -180,10 +186,10 @@ impl Solving {
                 continue;
             }
             self.solver.took(took.as_secs_f64());
-            self.counters.busy_ns += took.as_nanos() as u64;
             match step {
                 Step::Solved => self.counters.solves += 1,
-                Step::Lost { .. } | Step::Idle => self.counters.lost += 1,
+                Step::Lost { .. } => self.counters.lost += 1,
+                Step::Renewing | Step::Idle => {}
             }
             if self.send().is_err() {
                 return;

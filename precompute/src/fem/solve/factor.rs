@@ -20,6 +20,7 @@ use faer::prelude::Solve;
 use faer::sparse::linalg::cholesky::{LdltRef, LltRef, SymbolicCholeskyRaw, supernodal};
 use faer::sparse::{SparseColMat, SparseColMatRef, SymbolicSparseColMatRef, Triplet};
 use faer::{Conj, Mat, MatMut, Par, Side};
+use nalgebra::{Matrix3, Vector3};
 
 use symbolic::Route;
 pub(super) use symbolic::SymbolicFactor;
@@ -84,6 +85,34 @@ pub(super) struct Factor {
     correction: Vec<f64>,
     route: Route,
     pivoted: Option<Box<faer::sparse::linalg::solvers::Lu<usize, f64>>>,
+    /// Holds a node that the factorised matrix leaves free.
+    held: Option<Box<HeldByLoads>>,
+}
+
+/// Three equations whose solution is held at zero by loads on them, x = M^-1 r - Y (E' Y)^-1 E' M^-1 r.
+struct HeldByLoads {
+    equations: [usize; 3],
+    /// Y = M^-1 E, column after column.
+    unit_loads: Vec<f64>,
+    /// (E' Y)^-1.
+    stiffness: Matrix3<f64>,
+}
+
+impl HeldByLoads {
+    /// Changes the columns M^-1 r to those with the equations held.
+    fn hold(&self, columns: &mut [f64]) {
+        let n = self.unit_loads.len() / 3;
+        for x in columns.chunks_mut(n) {
+            let loads = self.stiffness * Vector3::from(self.equations.map(|equation| x[equation]));
+            for (load, column) in loads.iter().zip(self.unit_loads.chunks(n)) {
+                for (x, y) in x.iter_mut().zip(column) {
+                    *x -= load * y;
+                }
+            }
+            // Without the rounding.
+            self.equations.iter().for_each(|&equation| x[equation] = 0.0);
+        }
+    }
 }
 
 impl std::fmt::Debug for Factor {
@@ -110,14 +139,38 @@ impl Factor {
             correction: vec![0.0; n],
             route: Route::Pivoted,
             pivoted: None,
+            held: None,
         }
+    }
+
+    /// Becomes a copy of another factor of the same analysis; whether that has one to copy.
+    pub(super) fn copy_from(&mut self, other: &Self) -> bool {
+        (self.route, self.pivoted, self.held) = (other.route, None, None);
+        if other.route == Route::Pivoted {
+            return false;
+        }
+        self.values.copy_from_slice(&other.values);
+        true
+    }
+
+    /// Holds three equations at zero from now on, by the solutions Y for unit loads on them; whether these can.
+    pub(super) fn hold(&mut self, equations: [usize; 3], unit_loads: &[f64]) -> bool {
+        let n = self.product.len();
+        let flexibility = Matrix3::from_fn(|row, column| unit_loads[column * n + equations[row]]);
+        let held = flexibility.try_inverse().map(|stiffness| HeldByLoads {
+            equations,
+            unit_loads: unit_loads.to_vec(),
+            stiffness,
+        });
+        self.held = held.map(Box::new);
+        self.held.is_some()
     }
 
     /// Factorises a matrix by one kind of factorisation. Non-finite values show in the residual, which every
     /// solve checks.
     fn factorise(&mut self, matrix: Matrix<'_>, route: Route) -> bool {
         self.route = route;
-        self.pivoted = None;
+        (self.pivoted, self.held) = (None, None);
         if route == Route::Pivoted {
             return self.factorise_pivoted(matrix);
         }
@@ -189,6 +242,9 @@ impl Factor {
                 factor.solve_in_place_with_conj(Conj::No, rhs, Par::Seq, stack);
             }
         }
+        if let Some(held) = &self.held {
+            held.hold(&mut self.correction[..length]);
+        }
     }
 
     /// Whether there is a factor to solve with.
@@ -232,7 +288,7 @@ impl Factor {
     ) -> f64 {
         let n = self.product.len();
         let mut worst = 0.0f64;
-        for (column, square) in squares.iter().enumerate() {
+        for (column, square) in squares.iter().enumerate().take(x.len() / n) {
             let span = column * n..(column + 1) * n;
             let (residual, image) = (&mut self.residual[span.clone()], &image[span.clone()]);
             let share = inner(residual, image) / square;

@@ -14,6 +14,7 @@
 //! X does not.
 
 use super::factor::Accuracy;
+use super::residual_steps::MAX_STEPS;
 use super::{FailureReason, Seed, SolveFailure, Solver};
 use crate::fem::assembly::third_derivatives;
 use crate::fem::boundary::Pose;
@@ -35,6 +36,9 @@ pub struct FollowOptions {
     pub max_sweeps: u32,
     /// Above this relative residual after the sweeps a new factor is made.
     pub worst_sensitivity: f64,
+    /// Whether a new factor is made where the one at hand does not serve for Broyden steps and sweeps. If not,
+    /// Newton steps are solved with it by generalised conjugate residuals.
+    pub renews: bool,
 }
 
 impl Default for FollowOptions {
@@ -46,12 +50,18 @@ impl Default for FollowOptions {
             sensitivity: 1e-2,
             max_sweeps: 6,
             worst_sensitivity: 0.3,
+            renews: true,
         }
     }
 }
 
 /// Accuracy of X after a new factorisation for it.
 pub(super) const FRESH: Accuracy = Accuracy::new(1e-4, 1e-2);
+
+/// A Newton step that is solved with a factor of another tangent ends below this relative residual,
+const STEP_RESIDUAL: f64 = 0.03;
+/// and is taken below this one.
+const WORST_STEP_RESIDUAL: f64 = 0.5;
 
 /// Work of a continuation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -60,7 +70,7 @@ pub struct FollowCount {
     pub steps: u32,
     /// Factorisations.
     pub factorisations: u32,
-    /// Sweeps of refinement of the sensitivities.
+    /// Sweeps of refinement of the sensitivities, and of Newton steps.
     pub sweeps: u32,
 }
 
@@ -157,6 +167,7 @@ impl Solver {
         self.prescribe(pose);
         self.history.clear();
         let mut is_fresh = refresh || !self.factor.is_ready();
+        let renews = options.renews || is_fresh;
         let mut frozen = 0;
         let mut residual_n = self.evaluate(is_fresh);
         loop {
@@ -166,7 +177,7 @@ impl Solver {
             }
             let enough_n = options.residual * self.scale_n();
             // A factor that is asked for is made in any case: it serves the sensitivities and later jets.
-            if residual_n <= enough_n && !(is_fresh && count.factorisations == 0) {
+            if residual_n <= enough_n && !(is_fresh && renews && count.factorisations == 0) {
                 return Ok(residual_n);
             }
             if count.steps >= options.max_steps {
@@ -174,8 +185,13 @@ impl Solver {
             }
             count.steps += 1;
             if is_fresh {
-                count.factorisations += 1;
-                if !self.newton_step() {
+                let is_solved = if renews {
+                    count.factorisations += 1;
+                    self.newton_step()
+                } else {
+                    self.newton_step_by_residual_steps(&mut count.sweeps)
+                };
+                if !is_solved {
                     return failed(FailureReason::SingularTangent, count.steps);
                 }
                 let Some((reached, full)) = self.line_search(residual_n, count.steps == 1) else {
@@ -186,10 +202,13 @@ impl Solver {
                     return failed(FailureReason::LineSearch, count.steps);
                 };
                 self.history.clear();
-                if full {
+                if full && renews {
                     self.history.push(&self.step);
                 }
-                (residual_n, is_fresh, frozen) = (reached, false, 0);
+                (residual_n, is_fresh, frozen) = (reached, !renews, 0);
+                if is_fresh && residual_n > enough_n {
+                    self.evaluate(true);
+                }
                 continue;
             }
             frozen += 1;
@@ -207,6 +226,17 @@ impl Solver {
                 _ => self.evaluate(true),
             };
         }
+    }
+
+    /// A Newton step with a factor of another tangent; whether it is solved well enough.
+    fn newton_step_by_residual_steps(&mut self, sweeps: &mut u32) -> bool {
+        self.negate_residual();
+        self.step.fill(0.0);
+        let matrix = self.problem.matrix(&self.assembled.tangent);
+        let (right, goal) = (&self.right[..self.residual.len()], (STEP_RESIDUAL, MAX_STEPS));
+        let (left, steps) = self.residual_steps.refine(&mut self.factor, matrix, right, &mut self.step, goal);
+        *sweeps += steps;
+        left <= WORST_STEP_RESIDUAL
     }
 
     /// Brings the columns X from those of a seed to the tangent at hand; returns their largest relative residual.
@@ -234,8 +264,11 @@ impl Solver {
         let goal = (options.sensitivity, options.max_sweeps as usize);
         let (mut residual, sweeps) =
             self.residual_steps.refine(&mut self.factor, matrix, &self.right, &mut self.columns, goal);
-        count.sweeps = sweeps;
+        count.sweeps += sweeps;
         if residual.is_nan() || residual > options.worst_sensitivity {
+            if !options.renews {
+                return None;
+            }
             count.factorisations += 1;
             let solved = self.factor.factorise_and_solve(matrix, &self.right, &mut self.columns, FRESH);
             residual = solved.ok()?;

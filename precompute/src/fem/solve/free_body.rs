@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use nalgebra::Matrix3;
 
-use super::factor::{Accuracy, RIGHT_SIDES};
+use super::factor::{Accuracy, Factor, RIGHT_SIDES};
 use super::follow::{FollowCount, Followed};
 use super::residual_steps::MAX_STEPS;
 use super::{FailureReason, Problem, Seed, SolveFailure, Solver};
@@ -37,6 +37,15 @@ impl FreeBody {
         solver.evaluate(true);
         let is_regular = solver.factor.factorise_first(problem.matrix(&solver.assembled.tangent));
         is_regular.then_some(Self { solver })
+    }
+
+    /// Copies the factor, with these equations held; whether it serves.
+    pub(super) fn lend_factor(&mut self, held: Option<[usize; 3]>, to: &mut Factor) -> bool {
+        to.copy_from(&self.solver.factor)
+            && held.is_none_or(|equations| {
+                let (is_accurate, unit_loads) = self.unit_loads(equations);
+                is_accurate && to.hold(equations, unit_loads)
+            })
     }
 
     /// Y for these equations; the first value is whether it is accurate.

@@ -15,6 +15,7 @@ mod newton;
 mod profile;
 mod quasi_newton;
 mod relax;
+mod renewal;
 mod residual_steps;
 
 #[cfg(test)]
@@ -28,6 +29,8 @@ pub use free_body::FreeBody;
 pub(crate) use incremental_loading::LoadingOptions;
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;
+pub use relax::DESCENT_STEPS;
+pub use renewal::Renewal;
 
 use crate::fem::assembly::{Assembled, HandleCoupling, Pattern};
 use crate::fem::body::Body;

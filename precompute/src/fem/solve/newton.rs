@@ -311,7 +311,7 @@ impl Solver {
     }
 
     /// right = -residual.
-    fn negate_residual(&mut self) {
+    pub(super) fn negate_residual(&mut self) {
         for (right, r) in self.right.iter_mut().zip(&self.residual) {
             *right = -r;
         }

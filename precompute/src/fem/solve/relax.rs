@@ -30,16 +30,17 @@ const LESS: f64 = 0.4;
 const MORE: f64 = 5.0;
 /// Longest step of the tool, m.
 const RAMP_M: f64 = 2e-3;
-/// Most steps.
-const MAX_STEPS: u32 = 80;
 /// The body rests if its residual is below this share of the force scale.
 const RESIDUAL: f64 = 1e-4;
+
+/// Steps that are enough for every descent that was met.
+pub const DESCENT_STEPS: u32 = 80;
 
 impl Solver {
     /// The equilibrium with the tool at `control_m` in which the body comes to rest from the state of `from`,
     /// written into `to`, whose vectors have the lengths of those of `from`. The body is first moved a little, so
-    /// that it leaves an equilibrium that is not stable; the tool goes there in short steps. Makes a factorisation
-    /// a step; the last one is that of the equilibrium.
+    /// that it leaves an equilibrium that is not stable; the tool goes there in short steps, half of `max_steps` at
+    /// most. Makes a factorisation a step; the last one is that of the equilibrium.
     ///
     /// # Errors
     ///
@@ -52,6 +53,7 @@ impl Solver {
         &mut self,
         from: &Seed,
         control_m: [f64; 3],
+        max_steps: u32,
         to: &mut Seed,
     ) -> Result<Followed, SolveFailure> {
         assert!(self.problem.dofs.multipliers.is_empty(), "a descent needs elimination");
@@ -68,7 +70,7 @@ impl Solver {
         let mut damping = FIRST_DAMPING * unit;
         // An element at a held node would invert if it went there at once.
         let way_m = distance(from.pose.displacement_m, control_m);
-        let steps = (way_m / RAMP_M).ceil().min(f64::from(MAX_STEPS / 2));
+        let steps = (way_m / RAMP_M).ceil().min(f64::from(max_steps / 2));
         for step in 1..steps as u32 {
             self.prescribe(&from.pose.towards(&pose, f64::from(step) / steps));
             self.evaluate(true);
@@ -82,7 +84,7 @@ impl Solver {
             if !residual_n.is_finite() {
                 return failed(FailureReason::NotFinite);
             }
-            if count.steps >= MAX_STEPS {
+            if count.steps >= max_steps {
                 return failed(FailureReason::MaxIterations);
             }
             count.steps += 1;

@@ -30,7 +30,7 @@ impl ResidualSteps {
         Self { directions: room(), images: room(), squares: [[0.0; RIGHT_SIDES]; MAX_STEPS] }
     }
 
-    /// Improves the solutions `x` of K x = right by at most `most` steps, until the largest relative residual is
+    /// Improves the solutions `x` of K x = right, at most three columns, by at most `most` steps, until the largest relative residual is
     /// below `target`. Returns it and the number of steps.
     pub(super) fn refine(
         &mut self,
@@ -49,7 +49,7 @@ impl ResidualSteps {
             }
             let (before, rest) = self.directions.split_at_mut(step);
             let (images, others) = self.images.split_at_mut(step);
-            let (direction, image) = (&mut rest[0], &mut others[0]);
+            let (direction, image) = (&mut rest[0][..x.len()], &mut others[0][..x.len()]);
             factor.correct(matrix, direction);
             for ((z, w), column) in direction.chunks_mut(n).zip(image.chunks_mut(n)).zip(0..) {
                 matrix.pattern.multiply(matrix.values, z, w);

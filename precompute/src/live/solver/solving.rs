@@ -6,8 +6,9 @@ use super::super::hand::Hand;
 use super::super::published::{Published, Step};
 use super::super::states::Start;
 use super::super::task::{Aim, Task};
+use super::super::workers::Made;
 use super::LiveSolver;
-use crate::fem::{FollowOptions, Followed, FreeBody, Seed};
+use crate::fem::{DESCENT_STEPS, FollowOptions, Followed, FreeBody, Seed};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, norm};
 use crate::spec::Tolerance;
@@ -23,7 +24,10 @@ const OPTIONS: FollowOptions = FollowOptions {
     sensitivity: 1e-2,
     max_sweeps: 8,
     worst_sensitivity: 0.3,
+    renews: true,
 };
+/// Most sweeps where no new factor is made.
+const MAX_SWEEPS_FROZEN: u32 = 12;
 /// Most steps of a continuation where the hand is not.
 const MAX_STEPS_AHEAD: u32 = 6;
 /// A branch that is not found at the hand within this distance from its last state has ended, m.
@@ -32,6 +36,10 @@ const NEAR_M: f64 = 1e-3;
 const HALVINGS: u32 = 2;
 /// A branch that was met before is known again from its states within this distance, m.
 const SAME_BRANCH_M: f64 = 5e-3;
+/// A descent ends after this time, s,
+const LONGEST_DESCENT_S: f64 = 5.0;
+/// and is not begun where it could not make so many steps.
+const MIN_DESCENT: u32 = 12;
 /// The touch changes its branch this time before the hand is at the fold, s: half the time constant in which the loop
 /// fades.
 const LEAD_S: f64 = 0.005;
@@ -76,10 +84,11 @@ impl LiveSolver {
     pub(super) fn solve(&mut self, task: Task) -> Step {
         let contact = task.contact;
         let is_first = self.known[usize::from(contact)].is_empty();
-        let moves = self.go_to(contact);
+        let moves = self.go_to(contact, is_first);
         let from = self.start(&task, is_first);
         let branch = if is_first { REST } else { self.branches.of(contact) };
         let factorisations = self.totals.factorisations;
+        let is_begun = self.free_body.is_some();
         let mut to = self.states.room();
         let at_rest = if is_first { self.first(&task, &mut to) } else { None };
         let found = match task.aim {
@@ -88,8 +97,9 @@ impl LiveSolver {
             Aim::Bisection(index) => self.enclose(index, &task, &from, moves, &mut to),
             Aim::Hand | Aim::Renewal | Aim::Ahead => self.reach(&from, &task, moves, &mut to),
         };
-        let factors = (self.totals.factorisations - factorisations) as usize;
-        self.timed = (matches!(found, Found::Joined(_)) && factors < 2).then_some(factors);
+        let factors =
+            self.totals.factorisations - factorisations + u64::from(self.free_body.is_some() != is_begun);
+        self.times.begin(if matches!(found, Found::Joined(_)) { Some(factors) } else { None });
         let is_lost = matches!(found, Found::Nothing) && task.aim.is_at_hand();
         let leads_on = match found {
             Found::Joined(found) => {
@@ -143,7 +153,7 @@ impl LiveSolver {
             let mut to = self.states.room();
             let worker = self.workers.present();
             let found = worker.solver.follow(&rest, [0.0; 3], true, &FollowOptions::default(), &mut to);
-            worker.factor = found.is_ok().then_some((task.contact, [0.0; 3]));
+            worker.factor = if found.is_ok() { Made::At(task.contact, [0.0; 3]) } else { Made::Unknown };
             if found.is_ok() {
                 std::mem::swap(&mut rest, &mut to);
             }
@@ -152,13 +162,34 @@ impl LiveSolver {
         Start { seed: rest, is_guess: false }
     }
 
-    /// Moves the solver to a contact; whether its factor no longer serves.
-    fn go_to(&mut self, contact: u16) -> bool {
+    /// Moves the solver to a contact; whether it needs a new factor.
+    fn go_to(&mut self, contact: u16, is_first: bool) -> bool {
         let problem = self.problem(contact);
+        if is_first {
+            self.workers.rest_at(problem);
+            return true;
+        }
         self.workers.go_to(contact, problem);
-        let Some((of, _)) = self.workers.present().factor else { return true };
         let radius_m = self.skin.tip().map_or(0.0, |tip| tip.radius_m);
-        self.skin.distance_m(of, contact) > NEIGHBOUR_RADII * radius_m
+        let waits = self.waits_for_factors();
+        let worker = self.workers.present();
+        let serves = match worker.factor {
+            Made::Unknown => false,
+            Made::Free => true,
+            Made::At(of, _) => self.skin.distance_m(of, contact) <= NEIGHBOUR_RADII * radius_m,
+        };
+        if serves {
+            return false;
+        }
+        worker.factor = Made::Unknown;
+        if waits
+            && let Some(Some(free_body)) = &mut self.free_body
+            && worker.solver.borrow_factor(free_body)
+        {
+            let is_held = self.skin.tip().is_none();
+            worker.factor = if is_held { Made::At(contact, [0.0; 3]) } else { Made::Free };
+        }
+        worker.factor == Made::Unknown
     }
 
     /// The contact at rest, by the factor of the free body; `None` if that does not serve.
@@ -214,12 +245,20 @@ impl LiveSolver {
         renews: bool,
         to: &mut Seed,
     ) -> Option<Followed> {
-        let max_steps = if task.aim.is_at_hand() { OPTIONS.max_steps } else { MAX_STEPS_AHEAD };
-        let options = FollowOptions { max_steps, ..OPTIONS };
+        let options = if self.waits_for_factors() {
+            FollowOptions { max_sweeps: MAX_SWEEPS_FROZEN, renews: false, ..OPTIONS }
+        } else if task.aim.is_at_hand() {
+            OPTIONS
+        } else {
+            FollowOptions { max_steps: MAX_STEPS_AHEAD, ..OPTIONS }
+        };
+        let renews = renews && (options.renews || self.workers.present().factor == Made::Unknown);
         let worker = self.workers.present();
         let Ok(found) = worker.solver.follow(&from.seed, control_m, renews, &options, to) else {
             // What the attempt factorised is unknown.
-            worker.factor = None;
+            if options.renews {
+                worker.factor = Made::Unknown;
+            }
             return None;
         };
         self.count(task.contact, control_m, &found);
@@ -230,9 +269,15 @@ impl LiveSolver {
 
     /// Lands where the hand is.
     fn land(&mut self, from: &Start, task: &Task, to: &mut Seed) -> Found {
+        let most = (LONGEST_DESCENT_S / self.times.renewed_s()).min(f64::from(DESCENT_STEPS)) as u32;
+        if most < MIN_DESCENT {
+            return Found::Nothing;
+        }
         let worker = self.workers.present();
-        worker.factor = None;
-        let Ok(found) = worker.solver.relax(&from.seed, task.control_m, to) else { return Found::Nothing };
+        worker.factor = Made::Unknown;
+        let Ok(found) = worker.solver.relax(&from.seed, task.control_m, most, to) else {
+            return Found::Nothing;
+        };
         self.count(task.contact, task.control_m, &found);
         let before = &from.seed.jet;
         let is_other = before.control_m == task.control_m || !joins(before, &to.jet);
@@ -255,7 +300,7 @@ impl LiveSolver {
         let limit_n = Tolerance::IMPERCEPTIBLE.at(before.force_n);
         let is_same = found.is_ok() && distance(back.jet.force_n, before.force_n) < limit_n;
         self.states.give_back(back);
-        self.workers.present().factor = None;
+        self.workers.present().factor = Made::Unknown;
         is_same
     }
 
@@ -351,7 +396,7 @@ impl LiveSolver {
     fn count(&mut self, contact: u16, control_m: [f64; 3], found: &Followed) {
         self.totals.factorisations += u64::from(found.count.factorisations);
         if found.count.factorisations > 0 {
-            self.workers.present().factor = Some((contact, control_m));
+            self.workers.present().factor = Made::At(contact, control_m);
         }
     }
 
