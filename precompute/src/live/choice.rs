@@ -90,7 +90,7 @@ pub(super) struct Choice<'s> {
     pub(super) lost: &'s LostPositions,
     pub(super) branches: &'s Branches,
     pub(super) workers: &'s Workers,
-    /// `None` if the steps make all factors.
+    /// `None` if the steps make their factors; else nobody waits for one.
     pub(super) renewals: Option<&'s Renewals>,
     /// A contact whose kept state has turned out to be unstable.
     pub(super) doubted: Option<u16>,
@@ -138,7 +138,7 @@ impl Choice<'_> {
             .or_else(|| touched().find_map(|(contact, _)| self.beside(contact, found)))
             .or_else(|| {
                 let has_time = || unknown(after(AHEAD * renewed_s), Limit::Unknown).is_none();
-                (!self.waits_for_factors() && has_time()).then(|| self.renewal(contacts[0].0, here_m))?
+                (self.renewals.is_none() && has_time()).then(|| self.renewal(contacts[0].0, here_m))?
             })
             .or_else(|| {
                 let within_m = SEARCH_M.max(SEARCH_SOLVES * renewed_s * norm(hand.velocity_m_s));
@@ -209,9 +209,7 @@ impl Choice<'_> {
 
     /// A press straight into the body, where a solve takes longer than a hand needs for it.
     fn press(&self, contact: u16, depth_m: f64) -> Option<Task> {
-        if !self.waits_for_factors() {
-            return None;
-        }
+        self.renewals?;
         let normal = self.skin.contacts.get(usize::from(contact))?.normal;
         let control_m = normal.map(|n| -depth_m * n);
         self.position(Task { contact, control_m, aim: Aim::Ahead }, 1.0, Limit::Unknown)
@@ -231,14 +229,9 @@ impl Choice<'_> {
         is_tried.then_some(Task { contact, control_m, aim: Aim::Renewal })
     }
 
-    /// Whether the steps go on with the factors at hand, because a new one takes too long to wait for it.
-    fn waits_for_factors(&self) -> bool {
-        self.renewals.is_some() && self.times.factor_is_long()
-    }
-
     /// A new factor of the state nearest to the hand, if that of the contact is farther away.
     fn renewal_beside(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
-        if !self.waits_for_factors() || self.renewals.is_some_and(Renewals::is_busy) {
+        if self.renewals?.is_busy() {
             return None;
         }
         let seed = self.states.nearest(contact, self.branches.of(contact), control_m)?;

@@ -4,7 +4,7 @@
 //! it one: on a core that it shares with the steps it uses the time that they leave.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 
 use crate::fem::{Problem, Renewal};
 
@@ -16,6 +16,10 @@ pub(super) struct Order {
     pub(super) control_m: [f64; 3],
     pub(super) branch: u32,
 }
+
+/// The thread has ended: no factor comes from it any more.
+#[derive(Debug)]
+pub(super) struct Ended;
 
 /// The thread, and the memory of a factor that goes there and back.
 #[derive(Debug)]
@@ -63,13 +67,17 @@ impl Renewals {
 
     /// Begins to make a factor.
     pub(super) fn begin(&mut self, order: Box<Order>) {
-        // The thread ends with this value only.
+        // Fails if the thread has ended, which `ready` says.
         let _ = self.orders.send(order);
     }
 
-    /// The order that is ready, if one is; to be given back.
-    pub(super) fn ready(&mut self) -> Option<Box<Order>> {
-        self.made.try_recv().ok()
+    /// The order that is ready, if one is; to be given back. The thread may have ended.
+    pub(super) fn ready(&mut self) -> Result<Option<Box<Order>>, Ended> {
+        match self.made.try_recv() {
+            Ok(order) => Ok(Some(order)),
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(Ended),
+        }
     }
 
     /// Gives the memory back.

@@ -314,7 +314,8 @@ impl LiveSolver {
 
     fn solve_next(&mut self, hand: &Hand) -> Step {
         let Self { skin, known, growth, lost, branches, workers, states, times, near, .. } = self;
-        let (renewals, doubted) = (self.renewals.as_ref(), self.doubted);
+        let renewals = self.renewals.as_ref().filter(|_| times.factor_is_long());
+        let doubted = self.doubted;
         let choice =
             Choice { skin, known, growth, lost, branches, workers, renewals, doubted, states, times };
         match choice.next(hand, near) {

@@ -115,6 +115,12 @@ impl HeldByLoads {
     }
 }
 
+/// (E' Y)^-1 of the solutions Y for unit loads on three equations: the loads that displace these by one.
+pub(super) fn held_stiffness(equations: [usize; 3], unit_loads: &[f64]) -> Option<Matrix3<f64>> {
+    let n = unit_loads.len() / 3;
+    Matrix3::from_fn(|row, column| unit_loads[column * n + equations[row]]).try_inverse()
+}
+
 impl std::fmt::Debug for Factor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Factor").field("entries", &self.values.len()).field("route", &self.route).finish()
@@ -155,9 +161,7 @@ impl Factor {
 
     /// Holds three equations at zero from now on, by the solutions Y for unit loads on them; whether these can.
     pub(super) fn hold(&mut self, equations: [usize; 3], unit_loads: &[f64]) -> bool {
-        let n = self.product.len();
-        let flexibility = Matrix3::from_fn(|row, column| unit_loads[column * n + equations[row]]);
-        let held = flexibility.try_inverse().map(|stiffness| HeldByLoads {
+        let held = held_stiffness(equations, unit_loads).map(|stiffness| HeldByLoads {
             equations,
             unit_loads: unit_loads.to_vec(),
             stiffness,

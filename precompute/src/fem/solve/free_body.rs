@@ -10,9 +10,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::Matrix3;
-
-use super::factor::{Accuracy, Factor, RIGHT_SIDES};
+use super::factor::{Accuracy, Factor, RIGHT_SIDES, held_stiffness};
 use super::follow::{FollowCount, Followed};
 use super::residual_steps::MAX_STEPS;
 use super::{FailureReason, Problem, Seed, SolveFailure, Solver};
@@ -105,8 +103,7 @@ impl Solver {
     /// X = Y (E' Y)^-1 into the columns; whether E' Y is regular.
     fn hold(&mut self, unit_loads: &[f64], equations: [usize; 3]) -> bool {
         let n = self.problem.unknowns();
-        let flexibility = Matrix3::from_fn(|row, column| unit_loads[column * n + equations[row]]);
-        let Some(stiffness) = flexibility.try_inverse() else { return false };
+        let Some(stiffness) = held_stiffness(equations, unit_loads) else { return false };
         for column in 0..RIGHT_SIDES {
             for equation in 0..n {
                 let terms = (0..RIGHT_SIDES).map(|k| unit_loads[k * n + equation] * stiffness[(k, column)]);

@@ -1,5 +1,6 @@
 //! Factors that are made beside the steps.
 
+use super::super::renewals::Ended;
 use super::super::task::Task;
 use super::super::workers::Made;
 use super::LiveSolver;
@@ -40,7 +41,15 @@ impl LiveSolver {
     /// solved once more.
     pub(super) fn take_renewal(&mut self) {
         let Some(renewals) = &mut self.renewals else { return };
-        let Some(mut order) = renewals.ready() else { return };
+        let mut order = match renewals.ready() {
+            Ok(Some(order)) => order,
+            Ok(None) => return,
+            Err(Ended) => {
+                // The steps make all factors from now on.
+                self.renewals = None;
+                return;
+            }
+        };
         if order.branch == self.branches.of(order.contact)
             && let Some(worker) = self.workers.of(order.contact)
         {
