@@ -6,6 +6,7 @@
 //!
 //! o += h_old(d) - h_new(d),   o *= exp(-dt / tau)
 //!
+//! so does the difference of the energies, which tell the tool where to slip,//!
 //! with tau = 10 ms, and 100 ms after a change of the body's model. A jump of the body has no time of its own: its true
 //! force jumps at once.
 
@@ -24,6 +25,8 @@ const SAME_M: f32 = 1e-6;
 const UNUSED: (f32, f32) = (1e9, 1e12);
 /// An offset below this is set to zero, newtons.
 const NOTHING_N: f32 = 1e-5;
+/// The same, joules.
+const NOTHING_J: f32 = 1e-8;
 /// A jet contradicts another one at its control beyond this force, newtons.
 const CONTRADICTION_N: f32 = 0.1;
 /// The same, as a share of the force.
@@ -85,7 +88,9 @@ pub(super) struct Table<const JETS: usize> {
     search: Search<JETS>,
     active: Option<Active>,
     offset_n: Vec3,
-    /// How fast the offset decays.
+    /// The same of the energy.
+    offset_j: f32,
+    /// How fast the offsets decay.
     fade: Fade,
     /// How the next hand-over fades: the model of the body may have changed since the last tick.
     next: Fade,
@@ -114,6 +119,7 @@ impl<const JETS: usize> Table<JETS> {
             search,
             active: None,
             offset_n: vec3::ZERO,
+            offset_j: 0.0,
             fade: Fade::Fast,
             next: Fade::Fast,
             model: 0,
@@ -235,7 +241,7 @@ impl<const JETS: usize> Table<JETS> {
         let next = core::mem::replace(&mut self.next, Fade::Fast);
         let (slot, squared) = self.nearest(d)?;
         if before.is_none() {
-            (self.offset_n, self.fade) = (vec3::ZERO, Fade::Fast);
+            (self.offset_n, self.offset_j, self.fade) = (vec3::ZERO, 0.0, Fade::Fast);
         }
         let is_kept = |active: &Active| {
             let is_known = active.slot < self.len && self.stamps.get(active.slot) == Some(&active.stamp);
@@ -249,13 +255,15 @@ impl<const JETS: usize> Table<JETS> {
         let sample = active.jet.force(d);
         let faded_n = vec3::scale(self.offset_n, 1.0 - decay.of(self.fade));
         self.offset_n = vec3::scale(self.offset_n, decay.of(self.fade));
-        if vec3::max_abs(self.offset_n) < NOTHING_N {
-            (self.offset_n, self.fade) = (vec3::ZERO, Fade::Fast);
+        self.offset_j *= decay.of(self.fade);
+        if vec3::max_abs(self.offset_n) < NOTHING_N && self.offset_j.abs() < NOTHING_J {
+            (self.offset_n, self.offset_j, self.fade) = (vec3::ZERO, 0.0, Fade::Fast);
         }
         let left = if kept.is_none() { before } else { None };
         if let Some(left) = &left {
             let difference_n = vec3::sub(left.jet.force(d).force_n, sample.force_n);
             self.offset_n = vec3::add(self.offset_n, difference_n);
+            self.offset_j += left.jet.energy_j(d) - active.jet.energy_j(d);
             self.fade = self.fade.max(next);
         }
         self.active = Some(active);
@@ -264,11 +272,12 @@ impl<const JETS: usize> Table<JETS> {
         Some(Answer { sample: ForceSample { force_n, ..sample }, is_handed_over, faded_n })
     }
 
-    /// W of the active jet if the point is touched, otherwise of the nearest one; `None` without jets.
+    /// W of the active jet with its fade if the point is touched, otherwise of the nearest one; `None` without jets.
     pub(super) fn energy_j(&self, displacement_m: Vec3, is_touched: bool) -> Option<f32> {
         let active = self.active.as_ref().map(|active| &active.jet).filter(|_| is_touched);
         let nearest = || self.jets.get(self.nearest(limited(displacement_m).unwrap_or_default())?.0);
-        Some(active.or_else(nearest)?.energy_j(displacement_m))
+        let faded_j = if active.is_some() { self.offset_j } else { 0.0 };
+        Some(active.or_else(nearest)?.energy_j(displacement_m) + faded_j)
     }
 
     /// (|d - d_k| / rho_k)^2

@@ -1,8 +1,28 @@
 //! A change of the body's model while the tool touches.
 
-use palpate_core::{Coverage, Jet};
+use palpate_core::{Coverage, Field, Jet};
 
 use crate::common::jets::{Tool, flat};
+
+/// The energy tells the tool where to slip: a step of it would throw the contact over the skin.
+#[test]
+fn the_energy_goes_over_to_a_new_model_without_a_step() {
+    let mut tool = Tool::<3, 8>::new(&[(0, 1.0)]);
+    let with = |model, energy_j| Jet { model, energy_j, ..flat(0, [0.0; 3], [1.0, 0.0, 0.0]) };
+    let place = [0.002, 0.0, 0.0];
+    tool.learn([with(0, 5e-3)]);
+    tool.at(place);
+    let before_j = tool.memory.energy_j(0, place).expect("a jet");
+    tool.learn([with(1, 9e-3)]);
+    tool.at(place);
+    let after_j = tool.memory.energy_j(0, place).expect("a jet");
+    assert!((after_j - before_j).abs() < 1e-6, "{before_j} {after_j}");
+    for _ in 0..2_000 {
+        tool.at(place);
+    }
+    let late_j = tool.memory.energy_j(0, place).expect("a jet");
+    assert!((late_j - before_j - 4e-3).abs() < 1e-6, "{before_j} {late_j}");
+}
 
 #[test]
 fn the_force_goes_over_to_a_new_model_without_a_step() {

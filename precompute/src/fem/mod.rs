@@ -13,6 +13,7 @@ pub(crate) mod pad;
 pub(crate) mod pressure;
 pub(crate) mod solvability;
 pub(crate) mod solve;
+pub(crate) mod sphere;
 
 pub use assembly::volume_ratios;
 pub use body::{Body, Model, Region};
@@ -23,5 +24,7 @@ pub use pressure::PressurePair;
 pub use solvability::PressureFault;
 pub use solve::{
     Configuration, DESCENT_STEPS, FailureReason, FollowCount, FollowOptions, Followed, FreeBody,
-    IterationProfile, NewtonOptions, Problem, Renewal, Seed, SolveFailure, Solver, solve_body_force,
+    IterationProfile, NewtonOptions, Pressed, Problem, Renewal, Seed, SolveFailure, Solver, SphereSolver,
+    solve_body_force,
 };
+pub use sphere::Sphere;

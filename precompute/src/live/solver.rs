@@ -79,6 +79,9 @@ impl LiveSolver {
         if scene.order == ElementOrder::NearTool {
             return Err(LiveError::NearTool);
         }
+        if scene.tool.sphere().is_some() {
+            return Err(LiveError::Sphere);
+        }
         let body = Arc::new(scene.body().map_err(|error| LiveError::Body(error.to_string()))?);
         let skin = Skin::new(&scene.mesh, &body, &scene.tool)?;
         let free = Arc::new(Problem::with(body.clone(), None, Constraints::Elimination));

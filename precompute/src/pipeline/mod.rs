@@ -163,6 +163,10 @@ impl Analysis {
 
     /// The positions that the scene requests.
     pub fn sampling(&self) -> Result<Sampling, PipelineError> {
+        if self.scene.tool.sphere().is_some() {
+            let what = "a sphere has no configuration space";
+            return Err(InputError::new(&self.path, what, "solve its force with `palpate path`").into());
+        }
         let none = || InputError::new(&self.path, "no [grid]", "add radius_m and spacing_m").into();
         self.scene.grid.ok_or_else(none)
     }

@@ -23,7 +23,8 @@ pub(super) struct SceneFile {
     pub(super) mesh: Spanned<MeshTable>,
     pub(super) material: Spanned<OneOrMany<MaterialTable>>,
     pub(super) fixed: Spanned<FixedTable>,
-    pub(super) active: Spanned<OneOrMany<ActiveTable>>,
+    /// Where a point or a fingertip touches; a sphere touches anywhere.
+    pub(super) active: Option<Spanned<OneOrMany<ActiveTable>>>,
     pub(super) grid: Option<Spanned<GridTable>>,
     pub(super) device: Option<Spanned<DeviceTable>>,
     pub(super) body_force: Option<Spanned<BodyForceTable>>,
@@ -234,6 +235,11 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
 }
 
 impl SceneFile {
+    /// The active tables.
+    pub(super) fn active(&self) -> Vec<Located<'_, ActiveTable>> {
+        self.active.as_ref().map(tables).unwrap_or_default()
+    }
+
     /// Parses the tables of the file.
     pub(super) fn parse(place: &Place) -> Result<Self, InputError> {
         toml::from_str(&place.text).map_err(|error| place.explain(&error))

@@ -3,9 +3,9 @@
 use toml::Spanned;
 
 use super::GRID_POINTS;
-use super::file::{ActiveTable, GridTable, OneOrMany, tables};
+use super::file::{ActiveTable, GridTable};
 use super::lookup::Lookup;
-use super::place::positive;
+use super::place::{Located, positive};
 use crate::error::InputError;
 use crate::num::vector::norm;
 use crate::spec::{
@@ -68,10 +68,10 @@ impl Lookup<'_> {
     /// Displacements to solve first are for adaptive sampling, and lie within its radius.
     pub(super) fn check_visited(
         &self,
-        active: &Spanned<OneOrMany<ActiveTable>>,
+        active: Vec<Located<'_, ActiveTable>>,
         grid: Option<&Sampling>,
     ) -> Result<(), InputError> {
-        for table in tables(active) {
+        for table in active {
             let Some(visited) = &table.table.visited_m else { continue };
             let error = |what: String, fix: &str| Err(self.place.error(visited.span(), what, fix));
             let Some(Sampling::Scattered(scattered)) = grid else {

@@ -6,7 +6,7 @@ use palpate_core::{Limits, SPACE_NAME_LEN};
 use toml::Spanned;
 
 use super::cover::Cover;
-use super::file::{ActiveTable, BoxTable, FixedTable, tables};
+use super::file::{ActiveTable, BoxTable, FixedTable};
 use super::lookup::Lookup;
 use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
@@ -134,11 +134,9 @@ impl Lookup<'_> {
         fixed: &[u32],
         workspace: Option<&Workspace>,
     ) -> Result<Touchable, InputError> {
-        let tables = tables(&scene.file.active);
-        if tables.is_empty() {
-            let what = "the scene has no active node";
-            return Err(self.place.error(scene.file.active.span(), what, "add an [[active]] table"));
-        }
+        let tables = scene.file.active();
+        let span = scene.file.active.as_ref().map_or(0..0, Spanned::span);
+        self.check_tables(&tables, span.clone(), tool)?;
         let (mut all, mut unreachable): (Vec<ActiveNode>, _) = (Vec::new(), Unreachable::default());
         let (pieces, mut edges_m, mut cover) = (surface::pieces(self.mesh), Vec::new(), None);
         let mut named: Vec<(String, u32)> = Vec::new();
@@ -202,9 +200,29 @@ impl Lookup<'_> {
         if all.len() > limit {
             let what = format!("the scene has {} active nodes, and a blob holds {limit}", all.len());
             let fix = "choose a smaller group, a workspace, or split the scene in two";
-            return Err(self.place.error(scene.file.active.span(), what, fix));
+            return Err(self.place.error(span, what, fix));
         }
         Ok(Touchable { active: all, cover, unreachable })
+    }
+
+    /// Refuses active nodes of a sphere, and a scene of another tool without one.
+    fn check_tables(
+        &self,
+        tables: &[Located<'_, ActiveTable>],
+        span: Range<usize>,
+        tool: &Tool,
+    ) -> Result<(), InputError> {
+        match (tool.sphere(), tables.is_empty()) {
+            (Some(_), false) => {
+                let what = "a sphere touches the whole skin and has no active node";
+                Err(self.place.error(span, what, "remove [[active]]"))
+            }
+            (None, true) => {
+                let what = "the scene has no active node";
+                Err(self.place.error(span, what, "add an [[active]] table"))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Excludes the unreachable nodes of a group; refuses an unreachable node that is named by itself.

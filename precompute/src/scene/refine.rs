@@ -4,7 +4,7 @@ use std::fmt;
 
 use toml::Spanned;
 
-use super::file::{Refine, tables};
+use super::file::Refine;
 use super::lookup::Lookup;
 use super::place::positive;
 use super::{ElementOrder, ResolvedScene, Scene, reach, regions, tool};
@@ -144,7 +144,7 @@ impl Lookup<'_> {
         let grid = scene.file.grid.as_ref().map(Spanned::get_ref);
         let workspace = grid.map_or(Ok(None), |table| reach::workspace(self.place, table))?;
         let mut places_m = Vec::new();
-        for table in tables(&scene.file.active) {
+        for table in scene.file.active() {
             let name = self.name(&table)?;
             let active = self.active(&table, name.get_ref(), fixed)?;
             let at = active.iter().map(|active| active.place_m(self.mesh));

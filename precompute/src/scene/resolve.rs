@@ -54,7 +54,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let only_push = file.needs.contact == Contact::Push;
     let grid =
         file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n, workspace)).transpose()?;
-    lookup.check_visited(&file.active, grid.as_ref())?;
+    lookup.check_visited(file.active(), grid.as_ref())?;
     if let (Some(_), Some(force), Some(table)) = (workspace, &file.body_force, grid_table) {
         let what = "a workspace refers to the undeformed mesh and cannot be combined with [body_force]";
         let span = table.workspace_min_m.as_ref().map_or(force.span(), Spanned::span);
@@ -62,7 +62,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     }
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
     let solver = solver(scene, order)?;
-    check_near_tool(scene, order, &tool)?;
+    check_tool(scene, order, &tool)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
     let mut warnings = lookup.warnings;
     if materials.iter().any(|region| region.material.rest_pressure_pa().is_some()) {
@@ -156,8 +156,12 @@ fn solver(scene: &Scene, order: ElementOrder) -> Result<SolverOptions, InputErro
     Ok(*table.get_ref())
 }
 
-/// Refuses what does not go with quadratic elements near the tool only.
-fn check_near_tool(scene: &Scene, order: ElementOrder, tool: &Tool) -> Result<(), InputError> {
+/// Refuses what does not go with a sphere, or with quadratic elements near the tool only.
+fn check_tool(scene: &Scene, order: ElementOrder, tool: &Tool) -> Result<(), InputError> {
+    if let (Some(table), Some(_)) = (&scene.file.grid, tool.sphere()) {
+        let what = "a sphere has no active nodes for a [grid] to surround";
+        return Err(scene.place.error(table.span(), what, "remove [grid]"));
+    }
     let Some(key) = scene.file.mesh.get_ref().order.as_ref().filter(|_| order == ElementOrder::NearTool)
     else {
         return Ok(());

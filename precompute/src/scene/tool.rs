@@ -1,4 +1,4 @@
-//! The tool of a scene: a point, or a fingertip with an elastic pad.
+//! The tool of a scene: a point, a fingertip with an elastic pad, or a rigid sphere.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use super::lookup::Lookup;
 use super::place::{Place, finite, positive};
 use crate::error::{InputError, count};
 use crate::fem::pad::under;
-use crate::fem::{Fingertip, PadProfile};
+use crate::fem::{Fingertip, PadProfile, Sphere};
 use crate::mesh::{SkinPoint, Surface, TetMesh};
 use crate::num::vector::distance;
 use crate::spec::{ActiveNode, Tool};
@@ -21,6 +21,8 @@ const PULP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile
 /// A pad whose radius is smaller than this share of the mean edge of the triangles under it cannot be
 /// integrated over them.
 const LEAST_RADIUS: f64 = 0.5;
+/// Smallest radius of a sphere, m.
+const LEAST_SPHERE_M: f64 = 1e-3;
 /// Largest distance of a given point from the skin, as a share of the body's diagonal.
 const LARGEST_DISTANCE: f64 = 0.25;
 
@@ -32,9 +34,17 @@ pub(super) fn tool(
 ) -> Result<Tool, InputError> {
     let Some(table) = table else { return Ok(Tool::Point) };
     let ToolTable { shape, radius_m, stiffness_pa_m, profile } = table.get_ref();
-    if shape.get_ref() != "fingertip" {
-        let what = format!("unknown shape \"{}\"", shape.get_ref());
-        return Err(place.error(shape.span(), what, "use \"fingertip\", or leave [tool] out for a point"));
+    let is_sphere = match shape.get_ref().as_str() {
+        "fingertip" => false,
+        "sphere" => true,
+        other => {
+            let what = format!("unknown shape \"{other}\"");
+            let fix = "use \"fingertip\" or \"sphere\", or leave [tool] out for a point";
+            return Err(place.error(shape.span(), what, fix));
+        }
+    };
+    if is_sphere {
+        return sphere(place, mesh, table).map(Tool::Sphere);
     }
     let number = |key, given: &Option<Spanned<f64>>, default| {
         given.as_ref().map_or(Ok(default), |given| positive(place, key, given))
@@ -54,6 +64,29 @@ pub(super) fn tool(
         return Err(place.error(span, what, "give `radius_m` in metres, or correct the unit of the mesh"));
     }
     Ok(Tool::Fingertip(tip))
+}
+
+fn sphere(place: &Place, mesh: &TetMesh, table: &Spanned<ToolTable>) -> Result<Sphere, InputError> {
+    let ToolTable { shape: _, radius_m, stiffness_pa_m, profile } = table.get_ref();
+    if stiffness_pa_m.is_some() || profile.is_some() {
+        let what = "a sphere is rigid: `stiffness_pa_m` and `profile` are keys of a fingertip";
+        return Err(place.error(table.span(), what, "remove them, or use shape = \"fingertip\""));
+    }
+    let Some(given) = radius_m else {
+        return Err(place.error(table.span(), "a sphere needs a `radius_m`", "add radius_m = 0.01 (metres)"));
+    };
+    let radius_m = positive(place, "radius_m", given)?;
+    let size_m = mesh.diagonal_m();
+    if radius_m < LEAST_SPHERE_M || 2.0 * radius_m > size_m {
+        let what =
+            format!("a sphere of {radius_m} m radius does not fit a body that is {size_m:.3} m across");
+        let fix = format!(
+            "give a radius from {LEAST_SPHERE_M} to {:.3} m, or correct the unit of the mesh",
+            0.5 * size_m
+        );
+        return Err(place.error(given.span(), what, fix));
+    }
+    Ok(Sphere { radius_m })
 }
 
 impl Lookup<'_> {

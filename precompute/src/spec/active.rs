@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::fem::{Body, Contact, Fingertip, Handle, Pad};
+use crate::fem::{Body, Contact, Fingertip, Handle, Pad, Sphere};
 use crate::mesh::{SkinPoint, Surface, TetMesh};
 use crate::num::vector::unit;
 
@@ -14,14 +14,24 @@ pub enum Tool {
     Point,
     /// It presses an elastic pad on the skin.
     Fingertip(Fingertip),
+    /// It is a rigid sphere without friction, which touches the skin anywhere.
+    Sphere(Sphere),
 }
 
 impl Tool {
     /// The fingertip, if it is one.
     pub fn fingertip(&self) -> Option<&Fingertip> {
         match self {
-            Self::Point => None,
             Self::Fingertip(tip) => Some(tip),
+            Self::Point | Self::Sphere(_) => None,
+        }
+    }
+
+    /// The sphere, if it is one.
+    pub fn sphere(&self) -> Option<&Sphere> {
+        match self {
+            Self::Sphere(sphere) => Some(sphere),
+            Self::Point | Self::Fingertip(_) => None,
         }
     }
 }

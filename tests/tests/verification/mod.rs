@@ -5,3 +5,4 @@ mod cook;
 mod golden;
 mod live;
 mod sphere;
+mod sphere_contact;

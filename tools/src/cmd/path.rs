@@ -1,11 +1,15 @@
 //! `palpate path`: the reaction along a loading path, solved step by step.
 
+mod loading;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::fem::{Configuration, Pose, SolveFailure, Solver};
+use loading::Loading;
+use palpate_precompute::fem::{Configuration, Pose, SolveFailure};
 use palpate_precompute::num::norm;
+use palpate_precompute::pipeline::Analysis;
 
 use crate::analysis;
 use crate::displacements::Displacements;
@@ -40,7 +44,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N")]
     steps: Option<u32>,
     /// Displacements from rest instead of a direction: a table with the columns x_m,y_m,z_m, or - for standard
-    /// input
+    /// input. Of a sphere the places of its centre
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["direction", "steps", "step_mm"])]
     controls: Option<PathBuf>,
     /// CSV file to write; standard output if not given, or -
@@ -114,6 +118,32 @@ fn controls(args: &Args) -> Result<Vec<[f64; 3]>, Failure> {
     Ok(controls)
 }
 
+/// Refuses options that do not go with the tool.
+fn check_tool(args: &Args, bench: &Analysis) -> Result<(), Failure> {
+    if bench.scene.tool.sphere().is_none() {
+        let (_, active) = bench.active(args.active.as_deref())?;
+        return match args.turn {
+            Some(_) if active.patch.is_empty() => Err(Failure::input(format!(
+                "--turn: active node {} is a single node and has no patch to rotate; give it a `patch` or `patch_radius_m`",
+                active.name
+            ))),
+            _ => Ok(()),
+        };
+    }
+    let given = [(args.active.is_some(), "--active"), (args.turn.is_some(), "--turn")];
+    if let Some((_, option)) = given.into_iter().find(|(is_given, _)| *is_given) {
+        return Err(Failure::input(format!(
+            "{option}: a sphere has no active node and does not turn; leave it out"
+        )));
+    }
+    match args.controls {
+        Some(_) => Ok(()),
+        None => Err(Failure::input(
+            "a sphere has no place of rest: give the places of its centre with --controls FILE.csv (x_m,y_m,z_m)",
+        )),
+    }
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let controls_m = controls(args)?;
@@ -126,21 +156,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut displacements = Displacements::new(args.displacements.as_deref(), &mut files)?;
     let stop = stop_flag()?;
     let bench = analysis::load(&args.scene)?;
-    let (_, active) = bench.active(args.active.as_deref())?;
-    if args.turn.is_some() && active.patch.is_empty() {
-        return Err(Failure::input(format!(
-            "--turn: active node {} is a single node and has no patch to rotate; give it a `patch` or `patch_radius_m`",
-            active.name
-        )));
-    }
-    let mut solver = Solver::new(bench.problem(active));
-    let mut here = solver.rest().map_err(|failure| {
-        Failure::input(format!("{}: the body cannot be solved at rest: {failure}", args.scene.display()))
-    })?;
+    check_tool(args, &bench)?;
+    let mut loading = Loading::begin(&bench, args.active.as_deref(), &args.scene, controls_m[0])?;
     let details = DETAILS.split(',').filter(|_| args.details);
     let mut table = Csv::new(HEADER.split(',').chain(details))?;
     let mut last = None;
-    let mut ended = displacements.add(0, 0.0, &bench.body, &here);
+    let mut ended = displacements.add(0, 0.0, &bench.body, loading.here());
     let mut progress = WorkProgress::new(&bench.scene.name, "steps");
     let steps = controls_m.len();
     for (step, &target) in (1..).zip(&controls_m) {
@@ -158,18 +179,18 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let share = f64::from(step) / steps as f64;
         let pose =
             Pose { displacement_m: target, rotation_rad: args.turn.unwrap_or_default().map(|x| x * share) };
-        match solver.advance_to(&here.seed, &pose) {
-            Ok(configuration) => {
-                push_row(&mut table, step, &configuration, args.details)?;
+        match loading.advance(&pose) {
+            Ok(()) => {
+                let configuration = loading.here();
+                push_row(&mut table, step, configuration, args.details)?;
                 if configuration.switched {
                     eprintln!(
                         "palpate: warning: step {step}: the body left its branch (snap-through, or Newton found another \
                          equilibrium): W, h and S do not continue those of the last step"
                     );
                 }
-                ended = displacements.add(step, length_mm, &bench.body, &configuration);
+                ended = displacements.add(step, length_mm, &bench.body, configuration);
                 last = Some((step, length_mm, norm(configuration.jet().force_n)));
-                here = configuration;
             }
             Err(failure) => {
                 push_failure(&mut table, step, target, &failure, args.details)?;

@@ -17,6 +17,7 @@ mod quasi_newton;
 mod relax;
 mod renewal;
 mod residual_steps;
+mod sphere;
 
 #[cfg(test)]
 mod tests;
@@ -31,6 +32,7 @@ pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;
 pub use relax::DESCENT_STEPS;
 pub use renewal::Renewal;
+pub use sphere::{Pressed, SphereSolver};
 
 use crate::fem::assembly::{Assembled, HandleCoupling, Pattern};
 use crate::fem::body::Body;

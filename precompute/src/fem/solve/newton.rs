@@ -61,6 +61,9 @@ pub enum FailureReason {
     /// The solution has inverted elements, and the options reject them.
     #[error("inverted")]
     Inverted,
+    /// A sphere overlaps skin whose nodes are all fixed.
+    #[error("fixed-part")]
+    FixedPart,
 }
 
 /// Error of a solve.

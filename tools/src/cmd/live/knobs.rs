@@ -14,8 +14,8 @@ use crate::touch::Between;
 
 /// Time between two looks for lines of the solver.
 const LOOK: Duration = Duration::from_millis(30);
-/// Time after a change in which the loop fades over to it.
-const FADE: Duration = Duration::from_millis(200);
+/// Time after a change in which the loop fades over to it: six of its time constants.
+const FADE: Duration = Duration::from_millis(600);
 /// Largest number of keys of the window.
 const KEYS: usize = 9;
 

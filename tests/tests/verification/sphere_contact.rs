@@ -1,0 +1,107 @@
+//! A rigid sphere against the skin: f, S and W_ijk are the derivatives of W(c), and the contact is one.
+
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use palpate_precompute::fem::{Body, Constraints, Model, Order, Pressed, Problem, SphereSolver};
+use palpate_precompute::num::{EnergyJet, THIRD_INDICES};
+use palpate_tests::{beam, livers, nodes_where};
+
+const RADIUS_M: f64 = 0.012;
+/// Of the centre over the top of the beam, whose middle is at (0.06, 0.02, 0.04) m, and pressed in by 4 mm.
+const PRESSED_M: [f64; 3] = [0.0531, 0.0227, 0.048];
+const STEP_M: f64 = 1e-5;
+
+fn pressed(body: &Arc<Body>) -> (SphereSolver, Pressed) {
+    let problem = Problem::with(body.clone(), None, Constraints::Elimination);
+    let mut solver = SphereSolver::new(Arc::new(problem), RADIUS_M);
+    let rest = solver.rest(PRESSED_M).expect("the beam is fixed");
+    assert_eq!(rest.contacts(), 0, "it begins beside the body");
+    let here = solver.advance(&rest, PRESSED_M).expect("4 mm into the beam");
+    (solver, here)
+}
+
+/// By central differences, for every law and both orders, while the features with a force are the same.
+#[test]
+fn the_derivatives_of_the_energy_of_a_sphere_are_its_differences() {
+    let mesh = beam();
+    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+    for (law, order) in
+        livers().into_iter().flat_map(|law| [(law.clone(), Order::Linear), (law, Order::Quadratic)])
+    {
+        let name = format!("{} {order:?}", law.name());
+        let model = Model { order, ..Model::uniform(law, &fixed) };
+        let body = Arc::new(Body::new(&mesh, &model).expect("every element has volume"));
+        let (mut solver, here) = pressed(&body);
+        let jet = *here.configuration.jet();
+        assert!(here.contacts() > 0 && jet.force_n[2] < -0.01, "{name}: {:?}", jet.force_n);
+        assert_eq!(here.configuration.unstable_modes, Some(0), "{name}");
+        let mut beside = |axis: usize, by_m: f64| -> EnergyJet {
+            let mut centre_m = PRESSED_M;
+            centre_m[axis] += by_m;
+            let found = solver.advance(&here, centre_m).expect("it is near");
+            assert_eq!(found.contacts(), here.contacts(), "{name}: another set");
+            *found.configuration.jet()
+        };
+        let mut worst = [0.0f64; 3];
+        let third = |i: usize, j: usize, k: usize| {
+            let mut at = [i, j, k];
+            at.sort_unstable();
+            jet.third_n_m2[THIRD_INDICES.iter().position(|triple| *triple == at).expect("a triple")]
+        };
+        let size = jet.third_n_m2.iter().fold(0.0f64, |m, t| m.max(t.abs()));
+        for axis in 0..3 {
+            let near = [-2.0, -1.0, 1.0, 2.0].map(|steps| beside(axis, steps * STEP_M));
+            // Of fourth order in the step.
+            let slope = |of: &dyn Fn(&EnergyJet) -> f64| {
+                let [a, b, c, d] = near.each_ref().map(of);
+                (8.0 * (c - b) - (d - a)) / (12.0 * STEP_M)
+            };
+            let force_n = Vector3::from(jet.force_n);
+            let energy = slope(&|jet| jet.energy_j) - force_n[axis];
+            worst[0] = worst[0].max(energy.abs() / force_n.norm());
+            for j in 0..3 {
+                let force = slope(&|jet| jet.force_n[j]) - jet.stiffness_n_m[(j, axis)];
+                worst[1] = worst[1].max(force.abs() / jet.stiffness_n_m.norm());
+                for k in 0..3 {
+                    let stiffness = slope(&|jet| jet.stiffness_n_m[(j, k)]) - third(axis, j, k);
+                    worst[2] = worst[2].max(stiffness.abs() / size);
+                }
+            }
+        }
+        println!(
+            "{name:46} {:9.1e} {:9.1e} {:9.1e}   {} contacts",
+            worst[0],
+            worst[1],
+            worst[2],
+            here.contacts()
+        );
+        // Fibres that begin to be stretched have no third derivative.
+        let limit = if name.starts_with("holzapfel") { 1e-3 } else { 1e-6 };
+        assert!(worst.iter().all(|error| *error < limit), "{name}: {worst:?}");
+    }
+}
+
+/// The force presses, no node is inside the sphere, and away from the body it is exactly zero.
+#[test]
+fn a_sphere_pushes_and_never_overlaps() {
+    let mesh = beam();
+    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+    let model = Model::uniform(livers().remove(0), &fixed);
+    let body = Arc::new(Body::new(&mesh, &model).expect("every element has volume"));
+    let (mut solver, mut here) = pressed(&body);
+    for step in 0..20 {
+        let centre_m = [PRESSED_M[0], PRESSED_M[1], PRESSED_M[2] - 2e-4 * f64::from(step)];
+        here = solver.advance(&here, centre_m).expect("it presses on");
+        let state = &here.configuration.seed.state;
+        for (node, x) in body.nodes_m.iter().enumerate() {
+            let at = Vector3::from(*x) + Vector3::from_column_slice(&state[3 * node..3 * node + 3]);
+            let away_m = (at - Vector3::from(centre_m)).norm();
+            assert!(away_m > RADIUS_M * (1.0 - 1e-8), "node {node} is {away_m} m from the centre");
+        }
+        assert!(here.configuration.jet().force_n[2] < 0.0);
+    }
+    let away = solver.advance(&here, [0.0531, 0.0227, 0.06]).expect("it leaves");
+    assert_eq!((away.contacts(), away.configuration.jet().force_n), (0, [0.0; 3]));
+    assert!(solver.is_inside([0.05, 0.02, 0.02]) && !solver.is_inside(PRESSED_M));
+}
