@@ -6,9 +6,8 @@
 //!
 //! o += h_old(d) - h_new(d),   o *= exp(-dt / tau)
 //!
-//! so does the difference of the energies, which tell the tool where to slip,//!
 //! with tau = 10 ms, and 100 ms after a change of the body's model. A jump of the body has no time of its own: its true
-//! force jumps at once.
+//! force jumps at once. The difference of the energies, by which the tool slips, decays alike.
 
 use super::frame::Jet;
 use super::trusted::limited;
