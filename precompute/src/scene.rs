@@ -33,7 +33,7 @@ use crate::fem::pad::{Fingertip, PadProfile};
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
-use crate::fem::sphere::Sphere;
+use crate::fem::sphere::{Layer, Sphere};
 use crate::mesh::{BISECTIONS_A_LEVEL, MeshFault, Near, Refined, Surface, TetMesh};
 pub use crate::spec::{ActiveNode, Tool};
 use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, Scattered, Tolerance};
@@ -381,9 +381,9 @@ impl ResolvedScene {
             });
             digest.numbers(&[*radius_m, *stiffness_pa_m]);
         }
-        if let Some(Sphere { radius_m }) = self.tool.sphere() {
+        if let Some(Sphere { radius_m, layer: Layer { thickness_m, pressure_pa } }) = self.tool.sphere() {
             digest.text("sphere");
-            digest.numbers(&[*radius_m]);
+            digest.numbers(&[*radius_m, *thickness_m, *pressure_pa]);
         }
         digest.finish()
     }

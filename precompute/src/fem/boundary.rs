@@ -13,6 +13,7 @@ use crate::fem::body::{ABSENT, Body};
 use crate::fem::element::{EDGES, Order};
 use crate::fem::ordering::nested_dissection;
 use crate::fem::pad::Pad;
+use crate::fem::sphere::CoatedSphere;
 
 /// Method that imposes prescribed displacements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -73,6 +74,8 @@ pub enum Contact {
     Held(Handle),
     /// It presses an elastic pad on the skin.
     Pad(Pad),
+    /// It is a sphere with an elastic layer.
+    Sphere(CoatedSphere),
 }
 
 impl From<Handle> for Contact {
@@ -87,19 +90,25 @@ impl From<Pad> for Contact {
     }
 }
 
+impl From<CoatedSphere> for Contact {
+    fn from(sphere: CoatedSphere) -> Self {
+        Self::Sphere(sphere)
+    }
+}
+
 impl Contact {
     /// The prescribed nodes, if there are any.
     pub fn handle(&self) -> Option<&Handle> {
         match self {
             Self::Held(handle) => Some(handle),
-            Self::Pad(_) => None,
+            Self::Pad(_) | Self::Sphere(_) => None,
         }
     }
 
     /// The pad, if it is one.
     pub fn pad(&self) -> Option<&Pad> {
         match self {
-            Self::Held(_) => None,
+            Self::Held(_) | Self::Sphere(_) => None,
             Self::Pad(pad) => Some(pad),
         }
     }

@@ -5,6 +5,7 @@ pub(crate) mod assembly;
 pub(crate) mod body;
 pub(crate) mod boundary;
 mod counterpart;
+pub(crate) mod elastic;
 pub(crate) mod element;
 pub(crate) mod kinematics;
 pub mod material;
@@ -27,4 +28,4 @@ pub use solve::{
     IterationProfile, NewtonOptions, Pressed, Problem, Renewal, Seed, SolveFailure, Solver, SphereSolver,
     solve_body_force,
 };
-pub use sphere::Sphere;
+pub use sphere::{CoatedSphere, Layer, Sphere};

@@ -22,10 +22,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::fem::body::Body;
+use crate::fem::elastic::ElasticState;
 use crate::mesh::nearest_on_triangle;
 use crate::num::vector::{cross, difference, distance, norm};
 
@@ -134,7 +135,7 @@ fn points() -> impl Iterator<Item = ([f64; 3], f64)> {
 }
 
 /// Values of the shape functions of a face with three or six nodes.
-fn shape_values(nodes: usize, [a, b, c]: [f64; 3]) -> [f64; 6] {
+pub(crate) fn shape_values(nodes: usize, [a, b, c]: [f64; 3]) -> [f64; 6] {
     if nodes == 3 {
         return [a, b, c, 0.0, 0.0, 0.0];
     }
@@ -231,60 +232,52 @@ pub(crate) fn under<'f>(
     }
 }
 
-/// What a pad does at a state of the skin.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct PadState {
-    /// k M v - k m d at each node of the pad, N: it is added to the equations.
-    pub nodal_n: Vec<[f64; 3]>,
-    /// Force h of the finger on the body, N.
-    pub force_n: [f64; 3],
-    /// Moment of the finger on the body about the current position of the contact point of the finger, N m.
-    pub torque_n_m: [f64; 3],
-    /// Energy of the springs, J.
-    pub energy_j: f64,
-}
-
-impl PadState {
-    /// The state without a pad; keeps its memory.
-    pub(crate) fn clear(&mut self) {
-        self.nodal_n.clear();
-        (self.force_n, self.torque_n_m, self.energy_j) = ([0.0; 3], [0.0; 3], 0.0);
-    }
-
-    /// Computes the forces at the state of a body with the finger displaced by `control_m`.
-    pub(crate) fn compute(&mut self, pad: &Pad, body: &Body, state: &[f64], control_m: [f64; 3]) {
+impl Pad {
+    /// The derivatives of the springs' energy at the state of a body with the finger displaced by `control_m`; those
+    /// of second order if `with_tangent`.
+    pub(crate) fn compute(
+        &self,
+        body: &Body,
+        state: &[f64],
+        control_m: [f64; 3],
+        with_tangent: bool,
+        to: &mut ElasticState,
+    ) {
         let from_rest = |node: u32| {
             let at = 3 * node as usize;
             Vector3::from_fn(|axis, _| state[at + axis] - body.rest_state[at + axis])
         };
         let d = Vector3::from(control_m);
-        self.nodal_n.clear();
-        self.nodal_n.extend(pad.nodes.iter().map(|node| <[f64; 3]>::from(-node.stiffness_n_m * d)));
-        let slot = |node: u32| pad.nodes.binary_search_by_key(&node, |n| n.node).expect("a node of the pad");
+        to.clear();
+        to.nodal_n.extend(self.nodes.iter().map(|node| (node.node, -node.stiffness_n_m * d)));
+        let slot = |node: u32| self.nodes.binary_search_by_key(&node, |n| n.node).expect("a node of the pad");
         // E = k/2 (v.M v - 2 d.m^T v + A d.d)
-        let mut energy_j = 0.5 * pad.stiffness_n_m * d.norm_squared();
-        for pair in &pad.pairs {
+        let mut energy_j = 0.5 * self.stiffness_n_m * d.norm_squared();
+        for pair in &self.pairs {
             let [i, j] = pair.nodes;
             let (vi, vj) = (from_rest(i), from_rest(j));
             let twice = if i == j { 1.0 } else { 2.0 };
             energy_j += 0.5 * twice * pair.stiffness_n_m * vi.dot(&vj);
-            let (at_i, at_j) = (slot(i), slot(j));
-            for axis in 0..3 {
-                self.nodal_n[at_i][axis] += pair.stiffness_n_m * vj[axis];
-                if i != j {
-                    self.nodal_n[at_j][axis] += pair.stiffness_n_m * vi[axis];
-                }
+            to.nodal_n[slot(i)].1 += pair.stiffness_n_m * vj;
+            if i != j {
+                to.nodal_n[slot(j)].1 += pair.stiffness_n_m * vi;
             }
         }
-        let (mut force, mut torque) = (pad.stiffness_n_m * d, Vector3::zeros());
-        for node in &pad.nodes {
+        to.force_n = self.stiffness_n_m * d;
+        for node in &self.nodes {
             let v = from_rest(node.node);
-            force -= node.stiffness_n_m * v;
+            to.force_n -= node.stiffness_n_m * v;
             // The springs act along d - v, so the arm may end at either end: arm x (d - v).
-            torque += Vector3::from(node.moment_n).cross(&(d - v));
+            to.torque_n_m += Vector3::from(node.moment_n).cross(&(d - v));
             energy_j -= node.stiffness_n_m * d.dot(&v);
         }
-        (self.force_n, self.torque_n_m, self.energy_j) = (force.into(), torque.into(), energy_j);
+        to.energy_j = energy_j;
+        if with_tangent {
+            let spring = Matrix3::from_diagonal_element;
+            to.own_n_m = spring(self.stiffness_n_m);
+            to.coupling_n_m.extend(self.nodes.iter().map(|node| (node.node, spring(node.stiffness_n_m))));
+            to.stiffness_n_m.extend(self.pairs.iter().map(|pair| (pair.nodes, spring(pair.stiffness_n_m))));
+        }
     }
 }
 
@@ -335,13 +328,13 @@ mod tests {
         let pad = Pad::new(&body, tip(PadProfile::Quartic), [0.03, 0.03, 0.02]).expect("on the skin");
         let d = [1e-3, -2e-3, 3e-3];
         let state: Vec<f64> = body.nodes_m.iter().flat_map(|_| d).collect();
-        let mut found = PadState::default();
-        found.compute(&pad, &body, &state, d);
-        assert!(norm(found.force_n) < 1e-12 && found.energy_j.abs() < 1e-15, "{found:?}");
-        assert!(found.nodal_n.iter().all(|force| norm(*force) < 1e-12));
-        found.compute(&pad, &body, &body.rest_state, d);
+        let mut found = ElasticState::default();
+        pad.compute(&body, &state, d, false, &mut found);
+        assert!(found.force_n.norm() < 1e-12 && found.energy_j.abs() < 1e-15, "{found:?}");
+        assert!(found.nodal_n.iter().all(|(_, force)| force.norm() < 1e-12));
+        pad.compute(&body, &body.rest_state, d, false, &mut found);
         let stiffness = pad.stiffness_n_m();
-        assert!((norm(found.force_n) / (stiffness * norm(d)) - 1.0).abs() < 1e-13);
+        assert!((found.force_n.norm() / (stiffness * norm(d)) - 1.0).abs() < 1e-13);
         assert!((found.energy_j / (0.5 * stiffness * norm(d).powi(2)) - 1.0).abs() < 1e-13);
     }
 

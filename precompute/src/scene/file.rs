@@ -99,6 +99,8 @@ pub(super) struct ToolTable {
     pub(super) radius_m: Option<Spanned<f64>>,
     pub(super) stiffness_pa_m: Option<Spanned<f64>>,
     pub(super) profile: Option<PadProfile>,
+    pub(super) layer_m: Option<Spanned<f64>>,
+    pub(super) layer_pa: Option<Spanned<f64>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

@@ -93,7 +93,7 @@ impl Problems {
                 let first = self.first.get_or_init(|| new(Contact::Pad(pad.clone())));
                 Arc::new(first.at(pad))
             }
-            held @ Contact::Held(_) => new(held),
+            other => new(other),
         }
     }
 

@@ -10,7 +10,7 @@ use super::lookup::Lookup;
 use super::place::{Place, finite, positive};
 use crate::error::{InputError, count};
 use crate::fem::pad::under;
-use crate::fem::{Fingertip, PadProfile, Sphere};
+use crate::fem::{Fingertip, Layer, PadProfile, Sphere};
 use crate::mesh::{SkinPoint, Surface, TetMesh};
 use crate::num::vector::distance;
 use crate::spec::{ActiveNode, Tool};
@@ -33,7 +33,7 @@ pub(super) fn tool(
     table: Option<&Spanned<ToolTable>>,
 ) -> Result<Tool, InputError> {
     let Some(table) = table else { return Ok(Tool::Point) };
-    let ToolTable { shape, radius_m, stiffness_pa_m, profile } = table.get_ref();
+    let ToolTable { shape, radius_m, stiffness_pa_m, profile, layer_m, layer_pa } = table.get_ref();
     let is_sphere = match shape.get_ref().as_str() {
         "fingertip" => false,
         "sphere" => true,
@@ -46,9 +46,11 @@ pub(super) fn tool(
     if is_sphere {
         return sphere(place, mesh, table).map(Tool::Sphere);
     }
-    let number = |key, given: &Option<Spanned<f64>>, default| {
-        given.as_ref().map_or(Ok(default), |given| positive(place, key, given))
-    };
+    if layer_m.is_some() || layer_pa.is_some() {
+        let what = "a fingertip has no layer: `layer_m` and `layer_pa` are keys of a sphere";
+        return Err(place.error(table.span(), what, "remove them, or use shape = \"sphere\""));
+    }
+    let number = |key, given, default| number(place, key, given, default);
     let tip = Fingertip {
         radius_m: number("radius_m", radius_m, PULP.radius_m)?,
         stiffness_pa_m: number("stiffness_pa_m", stiffness_pa_m, PULP.stiffness_pa_m)?,
@@ -66,8 +68,12 @@ pub(super) fn tool(
     Ok(Tool::Fingertip(tip))
 }
 
+fn number(place: &Place, key: &str, given: &Option<Spanned<f64>>, default: f64) -> Result<f64, InputError> {
+    given.as_ref().map_or(Ok(default), |given| positive(place, key, given))
+}
+
 fn sphere(place: &Place, mesh: &TetMesh, table: &Spanned<ToolTable>) -> Result<Sphere, InputError> {
-    let ToolTable { shape: _, radius_m, stiffness_pa_m, profile } = table.get_ref();
+    let ToolTable { shape: _, radius_m, stiffness_pa_m, profile, layer_m, layer_pa } = table.get_ref();
     if stiffness_pa_m.is_some() || profile.is_some() {
         let what = "a sphere is rigid: `stiffness_pa_m` and `profile` are keys of a fingertip";
         return Err(place.error(table.span(), what, "remove them, or use shape = \"fingertip\""));
@@ -86,7 +92,16 @@ fn sphere(place: &Place, mesh: &TetMesh, table: &Spanned<ToolTable>) -> Result<S
         );
         return Err(place.error(given.span(), what, fix));
     }
-    Ok(Sphere { radius_m })
+    let default = Layer::of(radius_m);
+    let layer = Layer {
+        thickness_m: number(place, "layer_m", layer_m, default.thickness_m)?,
+        pressure_pa: number(place, "layer_pa", layer_pa, default.pressure_pa)?,
+    };
+    if let Some(given) = layer_m.as_ref().filter(|_| layer.thickness_m > 0.5 * radius_m) {
+        let what = format!("a layer of {} m is thicker than half the radius", layer.thickness_m);
+        return Err(place.error(given.span(), what, "give a thinner `layer_m`, or leave it out"));
+    }
+    Ok(Sphere { radius_m, layer })
 }
 
 impl Lookup<'_> {

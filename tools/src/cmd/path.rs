@@ -47,6 +47,9 @@ pub(crate) struct Args {
     /// input. Of a sphere the places of its centre
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["direction", "steps", "step_mm"])]
     controls: Option<PathBuf>,
+    /// Solve a sphere with its elastic layer, as fields and live touch do, instead of exact contact
+    #[arg(long, requires = "controls")]
+    layer: bool,
     /// CSV file to write; standard output if not given, or -
     #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
@@ -121,6 +124,9 @@ fn controls(args: &Args) -> Result<Vec<[f64; 3]>, Failure> {
 /// Refuses options that do not go with the tool.
 fn check_tool(args: &Args, bench: &Analysis) -> Result<(), Failure> {
     if bench.scene.tool.sphere().is_none() {
+        if args.layer {
+            return Err(Failure::input("--layer: only a sphere has a layer; leave it out"));
+        }
         let (_, active) = bench.active(args.active.as_deref())?;
         return match args.turn {
             Some(_) if active.patch.is_empty() => Err(Failure::input(format!(
@@ -157,7 +163,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let bench = analysis::load(&args.scene)?;
     check_tool(args, &bench)?;
-    let mut loading = Loading::begin(&bench, args.active.as_deref(), &args.scene, controls_m[0])?;
+    let mut loading = Loading::begin(&bench, args.active.as_deref(), &args.scene, controls_m[0], args.layer)?;
     let details = DETAILS.split(',').filter(|_| args.details);
     let mut table = Csv::new(HEADER.split(',').chain(details))?;
     let mut last = None;

@@ -4,7 +4,6 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::factor::SENSITIVITY_ACCURACY;
 use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
-use crate::fem::assembly::third_derivatives;
 use crate::fem::boundary::{Contact, Pose};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::inner;
@@ -69,13 +68,13 @@ impl Solver {
         let unstable_modes = self.factor.unstable_modes(&problem.symbolic);
         let stiffness = self.condensed_stiffness(&problem);
         let sensitivity = self.sensitivity_of_state();
-        let third_n_m2 = third_derivatives(body, &self.state, &sensitivity);
+        let third_n_m2 = self.third(&sensitivity);
         let residual_n = self.final_correction(residual_n);
         let assembled = &self.assembled;
         if self.newton.reject_inverted && assembled.inverted > 0 {
             return fail(FailureReason::Inverted, residual_n);
         }
-        let energy_j = assembled.energy_j - body.rest_energy_j + self.pad.energy_j;
+        let energy_j = assembled.energy_j - body.rest_energy_j + self.elastic.energy_j;
         let (force_n, torque_n_m) = self.resultants(pose);
         // S is symmetric by definition; rounding makes the computed S unsymmetric in its last digits.
         let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());
@@ -103,15 +102,8 @@ impl Solver {
         let problem = &*self.problem;
         let n = problem.unknowns();
         let held = &problem.dofs.multipliers;
-        if let Some(pad) = problem.pad() {
-            self.right.fill(0.0);
-            for node in &pad.nodes {
-                for (axis, equation) in problem.dofs.displacement(node.node).into_iter().enumerate() {
-                    if (equation as usize) < n {
-                        self.right[axis * n + equation as usize] = node.stiffness_n_m;
-                    }
-                }
-            }
+        if problem.is_elastic() {
+            self.elastic_columns();
             return;
         }
         if held.is_empty() {
@@ -159,17 +151,17 @@ impl Solver {
 
     /// S from the solved columns x_j of the right-hand sides b_j and their residuals r_j = b_j - K x_j.
     ///
-    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j, with k A I for K_AA and b = k m for a pad. With the last term
+    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j, with Phi_dd for K_AA and b = -Phi_ud for an elastic tool. With the last term
     /// the error of S is of the order of the square of the error of x, so one solve without refinement
     /// suffices. With multipliers K_AA is zero.
     pub(super) fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
         let n = problem.unknowns();
         let column = |axis: usize| axis * n..(axis + 1) * n;
         let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());
-        let own = match problem.pad() {
-            Some(pad) => Matrix3::from_diagonal_element(pad.stiffness_n_m),
-            None if problem.dofs.multipliers.is_empty() => self.coupling.own,
-            None => Matrix3::zeros(),
+        let own = match problem.dofs.multipliers.is_empty() {
+            _ if problem.is_elastic() => self.elastic.own_n_m,
+            true => self.coupling.own,
+            false => Matrix3::zeros(),
         };
         own - Matrix3::from_fn(|i, j| {
             inner(&right[column(i)], &x[column(j)]) + inner(&x[column(i)], &residuals[column(j)])
@@ -179,8 +171,8 @@ impl Solver {
     /// Force on the handle, and moment about the current position of its centre.
     pub(super) fn resultants(&self, pose: &Pose) -> ([f64; 3], [f64; 3]) {
         let (problem, body) = (&*self.problem, &self.problem.body);
-        if problem.pad().is_some() {
-            return (self.pad.force_n, self.pad.torque_n_m);
+        if problem.is_elastic() {
+            return (self.elastic.force_n.into(), self.elastic.torque_n_m.into());
         }
         let Some(handle) = problem.contact.as_ref().and_then(Contact::handle) else {
             return ([0.0; 3], [0.0; 3]);

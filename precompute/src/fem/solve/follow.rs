@@ -16,7 +16,6 @@
 use super::factor::Accuracy;
 use super::residual_steps::MAX_STEPS;
 use super::{FailureReason, Seed, SolveFailure, Solver};
-use crate::fem::assembly::third_derivatives;
 use crate::fem::boundary::Pose;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::inner;
@@ -137,10 +136,10 @@ impl Solver {
         to.state.copy_from_slice(&self.state);
         to.jet = EnergyJet {
             control_m: pose.displacement_m,
-            energy_j: self.assembled.energy_j - problem.body.rest_energy_j + self.pad.energy_j,
+            energy_j: self.assembled.energy_j - problem.body.rest_energy_j + self.elastic.energy_j,
             force_n,
             stiffness_n_m: 0.5 * (stiffness + stiffness.transpose()),
-            third_n_m2: third_derivatives(&problem.body, &self.state, &to.sensitivity),
+            third_n_m2: self.third(&to.sensitivity),
         };
         if !to.jet.is_finite() {
             return Err(fail(FailureReason::NotFinite));

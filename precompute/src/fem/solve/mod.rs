@@ -6,6 +6,7 @@
 
 mod body_force;
 mod condensed;
+mod elastic;
 mod factor;
 mod follow;
 mod free_body;
@@ -37,8 +38,8 @@ pub use sphere::{Pressed, SphereSolver};
 use crate::fem::assembly::{Assembled, HandleCoupling, Pattern};
 use crate::fem::body::Body;
 use crate::fem::boundary::{Constraints, Contact, DofMap, Handle, Pose};
+use crate::fem::elastic::ElasticState;
 use crate::fem::element::Order;
-use crate::fem::pad::{Pad, PadPair, PadState};
 use crate::num::jet::EnergyJet;
 use factor::{Factor, Matrix, RIGHT_SIDES, SymbolicFactor};
 use held::HeldEntries;
@@ -59,8 +60,6 @@ pub struct Problem {
     symbolic: Arc<SymbolicFactor>,
     /// (equation, state position) of every unknown of the state.
     positions: Arc<[(usize, usize)]>,
-    /// Places in the tangent of the components of each pair of the pad.
-    pad_places: Vec<[usize; 3]>,
     /// Entries of a held node that was numbered like the others.
     held: Option<HeldEntries>,
 }
@@ -75,7 +74,7 @@ impl Problem {
     pub fn with(body: Arc<Body>, contact: Option<Contact>, constraints: Constraints) -> Self {
         let contact = contact.map(|contact| match contact {
             Contact::Held(handle) => Contact::Held(handle.on(&body)),
-            pad @ Contact::Pad(_) => pad,
+            elastic => elastic,
         });
         let dofs = DofMap::new(&body, contact.as_ref().and_then(Contact::handle), constraints);
         let pattern = Pattern::new(&body, &dofs);
@@ -94,14 +93,13 @@ impl Problem {
             pattern: Arc::new(pattern),
             symbolic: Arc::new(symbolic),
             positions,
-            pad_places: Vec::new(),
             held: None,
         };
         problem.touched_by(contact)
     }
 
-    /// The problem with another contact: the pad at another contact point, or another held node. It shares
-    /// numbering, pattern and analysis. A pad adds no equation and no entry; the equations of a held node stay
+    /// The problem with another contact: an elastic tool, the pad at another contact point, or another held node. It shares
+    /// numbering, pattern and analysis. An elastic tool adds no equation and no entry; the equations of a held node stay
     /// and have the solution zero.
     ///
     /// # Panics
@@ -132,7 +130,6 @@ impl Problem {
             pattern: pattern.clone(),
             symbolic: symbolic.clone(),
             positions: dofs.state_positions().filter(is_free).collect(),
-            pad_places: Vec::new(),
             held: held.map(|equations| HeldEntries::new(pattern, equations)),
         };
         shared.touched_by(Some(contact))
@@ -146,13 +143,7 @@ impl Problem {
                 .and_then(Contact::pad)
                 .is_none_or(|pad| !pad.nodes.iter().any(|n| follows(n.node)))
         );
-        let pairs = contact.as_ref().and_then(Contact::pad).map_or(&[][..], |pad| &pad.pairs);
-        let place = |pair: &PadPair| {
-            let [i, j] = pair.nodes.map(|node| self.dofs.displacement(node));
-            std::array::from_fn(|axis| self.pattern.place_or_nowhere(i[axis], j[axis]))
-        };
-        let pad_places = pairs.iter().map(place).collect();
-        Self { contact, pad_places, ..self }
+        Self { contact, ..self }
     }
 
     /// Number of equations.
@@ -179,8 +170,9 @@ impl Problem {
         self.contact.as_ref().and_then(Contact::handle).map_or(&[], |handle| &handle.nodes)
     }
 
-    fn pad(&self) -> Option<&Pad> {
-        self.contact.as_ref().and_then(Contact::pad)
+    /// Whether the tool adds a potential and prescribes no displacement.
+    fn is_elastic(&self) -> bool {
+        self.contact.as_ref().is_some_and(|contact| contact.handle().is_none())
     }
 }
 
@@ -299,8 +291,8 @@ pub struct Solver {
     step: Vec<f64>,
     columns: Vec<f64>,
     right: Vec<f64>,
-    /// The pad at the current state, and the displacement of its finger, m.
-    pad: PadState,
+    /// An elastic tool at the current state, and the displacement of the tool, m.
+    elastic: ElasticState,
     control_m: [f64; 3],
     /// Share of `step` in the last move of the state.
     moved_by: f64,
@@ -330,7 +322,7 @@ impl Solver {
             step: vec![0.0; n],
             columns: vec![0.0; RIGHT_SIDES * n],
             right: vec![0.0; RIGHT_SIDES * n],
-            pad: PadState::default(),
+            elastic: ElasticState::default(),
             control_m: [0.0; 3],
             moved_by: 0.0,
             iterations: 0,
@@ -352,7 +344,7 @@ impl Solver {
         // The components of a held node have no residual and no step.
         self.residual.fill(0.0);
         self.step.fill(0.0);
-        self.pad.clear();
+        self.elastic.clear();
     }
 
     /// The problem solved here.

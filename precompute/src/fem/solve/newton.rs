@@ -243,23 +243,8 @@ impl Solver {
             self.assembled.assemble_residual(&problem.body, &self.state);
         }
         self.assembled.residual_into(&problem.body, &problem.positions, &mut self.residual);
-        if let Some(pad) = problem.pad() {
-            self.pad.compute(pad, &problem.body, &self.state, self.control_m);
-            for (node, force) in pad.nodes.iter().zip(&self.pad.nodal_n) {
-                for (equation, force) in problem.dofs.displacement(node.node).into_iter().zip(force) {
-                    if let Some(residual) = self.residual.get_mut(equation as usize) {
-                        *residual += force;
-                    }
-                }
-            }
-            if with_tangent {
-                for (pair, places) in pad.pairs.iter().zip(&problem.pad_places) {
-                    for &place in places {
-                        self.assembled.tangent[place] += pair.stiffness_n_m;
-                    }
-                }
-            }
-        }
+        self.add_elastic(with_tangent);
+        let problem = &*self.problem;
         let scale = problem.body.stiffness_scale_n_m();
         if let Some(held) = problem.held.as_ref().filter(|_| with_tangent) {
             held.split(&mut self.assembled.tangent, &mut self.coupling, scale);
@@ -278,9 +263,10 @@ impl Solver {
     /// zero at rest.
     pub(super) fn scale_n(&self) -> f64 {
         let body = &self.problem.body;
-        let reaction_n = match self.problem.pad() {
-            Some(_) => magnitude(&self.pad.force_n),
-            None => magnitude(&self.assembled.force_on(self.problem.handle_nodes())),
+        let reaction_n = if self.problem.is_elastic() {
+            self.elastic.force_n.norm()
+        } else {
+            magnitude(&self.assembled.force_on(self.problem.handle_nodes()))
         };
         reaction_n
             + self.assembled.load_factor * magnitude(&body.external_force_n)

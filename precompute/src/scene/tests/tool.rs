@@ -1,7 +1,7 @@
 //! The tool of a scene: a point, or a fingertip and its contact points.
 
 use super::*;
-use crate::fem::PadProfile;
+use crate::fem::{Layer, PadProfile, Sphere};
 
 /// The scene with a `[tool]` table, and its first active node replaced.
 fn scene(tool: &str, active: &str) -> String {
@@ -110,6 +110,41 @@ fn a_tool_that_does_not_fit_is_refused() {
     let error =
         bench.resolve(&scene(good, face).replace("fingertip", "probe")).expect_err("refused").to_string();
     assert!(error.contains("unknown shape \"probe\"") && error.contains("\"fingertip\""), "{error}");
+}
+
+/// The scene with a sphere, without active nodes and a grid.
+fn sphere(tool: &str) -> String {
+    let start = SCENE.find("[[active]]").expect("a table");
+    let end = SCENE.find("[device]").expect("a table");
+    format!("{}{}[tool]\nshape = \"sphere\"\n{tool}", &SCENE[..start], &SCENE[end..])
+}
+
+#[test]
+fn a_sphere_has_a_radius_and_a_layer() {
+    let bench = Bench::new();
+    let found = |tool: &str| *bench.resolve(&sphere(tool)).expect("sound").tool.sphere().expect("a sphere");
+    assert_eq!(found("radius_m = 0.01"), Sphere { radius_m: 0.01, layer: Layer::of(0.01) });
+    let layer = found("radius_m = 0.01\nlayer_m = 0.002\nlayer_pa = 3e5").layer;
+    assert_eq!((layer.thickness_m, layer.pressure_pa), (0.002, 3e5));
+    let hash = |tool: &str| bench.resolve(&sphere(tool)).expect("sound").content_hash();
+    let first = hash("radius_m = 0.01");
+    assert!(first != hash("radius_m = 0.011") && first != hash("radius_m = 0.01\nlayer_m = 0.002"));
+    let refuses = |text: String, what: &str, fix: &str| {
+        let error = bench.resolve(&text).expect_err("refused").to_string();
+        assert!(error.contains(what) && error.contains(fix) && !error.contains('\n'), "{error}");
+    };
+    refuses(sphere(""), "a sphere needs a `radius_m`", "add radius_m");
+    refuses(sphere("radius_m = 0.0009"), "does not fit a body", "give a radius from 0.001");
+    refuses(sphere("radius_m = 0.27"), "does not fit a body", "correct the unit");
+    refuses(sphere("radius_m = 0.01\nprofile = \"hertz\""), "keys of a fingertip", "remove them");
+    refuses(sphere("radius_m = 0.01\nlayer_m = 0.006"), "thicker than half the radius", "a thinner");
+    refuses(sphere("radius_m = 0.01\nlayer_pa = 0.0"), "is not a positive number", "correct the value");
+    refuses(scene("layer_m = 0.001", "node = 63"), "a fingertip has no layer", "shape = \"sphere\"");
+    let tool = "[tool]\nshape = \"sphere\"\nradius_m = 0.01\n";
+    refuses(format!("{SCENE}{tool}"), "has no active node", "remove [[active]]");
+    let gridded =
+        sphere("radius_m = 0.01").replace("[device]", "[grid]\nradius_m = 0.05\nspacing_m = 0.01\n[device]");
+    refuses(gridded, "for a [grid] to surround", "remove [grid]");
 }
 
 #[test]

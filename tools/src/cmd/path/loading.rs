@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use palpate_precompute::fem::{
-    Configuration, Constraints, Pose, Pressed, Problem, SolveFailure, Solver, SphereSolver,
+    CoatedSphere, Configuration, Constraints, Pose, Pressed, Problem, SolveFailure, Solver, SphereSolver,
 };
 use palpate_precompute::pipeline::Analysis;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::failure::Failure;
 
 /// A solver and the last equilibrium.
 pub(super) enum Loading {
-    /// The pose is the displacement of the tool from rest.
+    /// The pose is the displacement of the tool from rest, or the place of the centre of a sphere with its layer.
     Held(Box<Solver>, Box<Configuration>),
     /// The pose is the place of the centre.
     Sphere(Box<SphereSolver>, Box<Pressed>),
@@ -25,6 +25,7 @@ impl Loading {
         active: Option<&str>,
         scene: &Path,
         first_m: [f64; 3],
+        with_layer: bool,
     ) -> Result<Self, Failure> {
         let no_rest = |failure: SolveFailure| {
             Failure::input(format!("{}: the body cannot be solved at rest: {failure}", scene.display()))
@@ -35,12 +36,19 @@ impl Loading {
             let rest = solver.rest().map_err(no_rest)?;
             return Ok(Self::Held(Box::new(solver), Box::new(rest)));
         };
-        let problem = Problem::with(analysis.body.clone(), None, Constraints::Elimination);
-        let mut solver = SphereSolver::new(Arc::new(problem), sphere.radius_m);
+        let problem = Arc::new(Problem::with(analysis.body.clone(), None, Constraints::Elimination));
+        let mut solver = SphereSolver::new(problem.clone(), sphere.radius_m);
         if solver.is_inside(first_m) {
             return Err(Failure::input(format!(
                 "--controls: the sphere begins at {first_m:?}, inside the body; begin outside (centres in metres)"
             )));
+        }
+        if with_layer {
+            let coated = CoatedSphere::new(&analysis.body, sphere.radius_m, sphere.layer, [0.0; 3]);
+            let mut solver = Solver::new(Arc::new(problem.at(coated)));
+            let first = Pose::translation(first_m);
+            let rest = solver.solve_at(&first, &analysis.body.rest_state).map_err(no_rest)?;
+            return Ok(Self::Held(Box::new(solver), Box::new(rest)));
         }
         let rest = solver.rest(first_m).map_err(no_rest)?;
         Ok(Self::Sphere(Box::new(solver), Box::new(rest)))

@@ -160,8 +160,7 @@ impl SphereSolver {
         let moved = contact.values.iter().zip(contact.gradients.chunks(n)).map(|(g, n)| g + inner(n, step));
         let open = DVector::from_iterator(contact.gaps.len(), moved) - &contact.compliance * &present;
         let warm: Vec<bool> = forces.iter().map(|force| force.force_n > 0.0).collect();
-        let found = complementary(&contact.compliance, &open, &warm)
-            .or_else(|| closed(&contact.compliance, &open, &warm))?;
+        let found = complementary(&contact.compliance, &open, &warm)?;
         for (change, column) in (&found - present).iter().zip(contact.responses.chunks(n)) {
             step.iter_mut().zip(column).for_each(|(s, y)| *s += change * y);
         }
@@ -179,18 +178,4 @@ impl SphereSolver {
         }
         false
     }
-}
-
-/// The forces that close the gaps of a set, without a test of the others: where an unstable state has no solution of
-/// the complementarity problem.
-fn closed(d: &DMatrix<f64>, q: &DVector<f64>, set: &[bool]) -> Option<DVector<f64>> {
-    let active: Vec<usize> = (0..q.len()).filter(|&k| set[k]).collect();
-    if active.is_empty() {
-        return None;
-    }
-    let part = DMatrix::from_fn(active.len(), active.len(), |i, j| d[(active[i], active[j])]);
-    let found = part.lu().solve(&DVector::from_fn(active.len(), |i, _| -q[active[i]]))?;
-    let mut forces = DVector::zeros(q.len());
-    active.iter().zip(found.iter()).for_each(|(&k, &force)| forces[k] = force.max(0.0));
-    Some(forces)
 }

@@ -23,9 +23,11 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::follow::FollowCount;
+use super::relax::DESCENT_STEPS;
 use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::fem::boundary::Pose;
-use crate::fem::sphere::{Feature, Gap, Skin};
+use crate::fem::sphere::{CoatedSphere, Feature, Gap, Layer, Skin};
 
 /// A state is an equilibrium if the residual is below this share of the contact force.
 const TOLERANCE: f64 = 1e-9;
@@ -35,6 +37,9 @@ const MAX_ITERATIONS: u32 = 25;
 const MAX_DIVISIONS: u32 = 8;
 /// Largest number of moves that free a sphere from the features that it overlaps at rest.
 const MAX_MOVES: u32 = 50;
+
+/// Shares of the thickness of the layers of a snap.
+const LAYERS: [f64; 4] = [1.0, 0.25, 0.06, 0.015];
 
 /// A feature, its contact force, N, and its foot relative to the centre, m.
 #[derive(Debug, Clone, Copy)]
@@ -110,12 +115,15 @@ impl SphereSolver {
         self.attempt(&rest, Vec::new(), centre.into())
     }
 
-    /// The equilibrium with the centre at a place, continued from another one. A way that fails is halved.
+    /// The equilibrium with the centre at a place, continued from another one. A way that fails is halved. Where it
+    /// ends, at a snap from one set of features to another, the rest of the way is gone with the elastic layer, and
+    /// the exact contact is solved from there.
     pub fn advance(&mut self, from: &Pressed, centre_m: [f64; 3]) -> Result<Pressed, SolveFailure> {
         let mut here = from.clone();
         let (mut done, mut step, mut divisions) = (0.0_f64, 1.0, 0);
         let start_m = from.configuration.seed.pose.displacement_m;
         let (mut iterations, mut factorisations, mut increments) = (0, 0, 0);
+        let mut switched = false;
         while done < 1.0 {
             let share = (done + step).min(1.0);
             let to_m = if share >= 1.0 {
@@ -133,7 +141,11 @@ impl SphereSolver {
                     step *= 2.0;
                 }
                 Err(failure) if divisions == MAX_DIVISIONS => {
-                    return Err(SolveFailure { iterations, ..failure });
+                    let landed = self.snap(&here.configuration.seed, centre_m);
+                    here = landed.map_err(|_| SolveFailure { iterations, ..failure })?;
+                    iterations += here.configuration.iterations;
+                    factorisations += here.configuration.factorisations;
+                    (done, increments, switched) = (1.0, increments + 1, true);
                 }
                 Err(_) => {
                     divisions += 1;
@@ -143,8 +155,29 @@ impl SphereSolver {
         }
         let configuration = &mut here.configuration;
         (configuration.iterations, configuration.factorisations) = (iterations, factorisations);
-        configuration.increments = increments;
+        (configuration.increments, configuration.switched) = (increments, switched);
         Ok(here)
+    }
+
+    /// The equilibrium in which the body comes to rest beyond a snap: with the elastic layer, then with thinner ones,
+    /// then without.
+    fn snap(&mut self, from: &Seed, centre_m: [f64; 3]) -> Result<Pressed, SolveFailure> {
+        let (mut here, mut next) = (from.clone(), from.clone());
+        let mut count = FollowCount::default();
+        for thinner in LAYERS {
+            let Layer { thickness_m, pressure_pa } = Layer::of(self.radius_m);
+            let layer = Layer { thickness_m: thickness_m * thinner, pressure_pa };
+            let coated = CoatedSphere::new(&self.solver.problem.body, self.radius_m, layer, [0.0; 3]);
+            let mut soft = Solver::new(Arc::new(self.solver.problem.at(coated)));
+            let rested = soft.relax(&here, centre_m, DESCENT_STEPS, &mut next)?;
+            count.steps += rested.count.steps;
+            count.factorisations += rested.count.factorisations;
+            std::mem::swap(&mut here, &mut next);
+        }
+        let mut landed = self.attempt(&here, Vec::new(), centre_m)?;
+        landed.configuration.iterations += count.steps;
+        landed.configuration.factorisations += count.factorisations;
+        Ok(landed)
     }
 
     fn attempt(

@@ -1,0 +1,61 @@
+//! The part of an elastic tool in the equations, in the sensitivities and in the third derivatives.
+
+use super::Solver;
+use crate::fem::assembly::third_derivatives;
+use crate::fem::boundary::Contact;
+use crate::num::jet::SymmetricThird;
+
+impl Solver {
+    /// Adds the derivatives of the tool's potential at the state to the residual and to the tangent.
+    pub(super) fn add_elastic(&mut self, with_tangent: bool) {
+        let Self { problem, elastic, state, control_m, residual, assembled, .. } = self;
+        match &problem.contact {
+            None | Some(Contact::Held(_)) => return,
+            Some(Contact::Pad(pad)) => pad.compute(&problem.body, state, *control_m, with_tangent, elastic),
+            Some(Contact::Sphere(sphere)) => {
+                sphere.compute(&problem.body, state, *control_m, with_tangent, elastic);
+            }
+        }
+        for (node, force) in &elastic.nodal_n {
+            for (equation, force) in problem.dofs.displacement(*node).into_iter().zip(force) {
+                if let Some(residual) = residual.get_mut(equation as usize) {
+                    *residual += force;
+                }
+            }
+        }
+        for ([one, other], block) in &elastic.stiffness_n_m {
+            let (rows, columns) = (problem.dofs.displacement(*one), problem.dofs.displacement(*other));
+            for (a, row) in rows.into_iter().enumerate() {
+                for (b, column) in columns.into_iter().enumerate() {
+                    if block[(a, b)] != 0.0 && !(one == other && b > a) {
+                        assembled.tangent[problem.pattern.place_or_nowhere(row, column)] += block[(a, b)];
+                    }
+                }
+            }
+        }
+    }
+
+    /// -Phi_ud at the last assembled tangent into the right-hand sides.
+    pub(super) fn elastic_columns(&mut self) {
+        let n = self.problem.unknowns();
+        self.right.fill(0.0);
+        for (node, block) in &self.elastic.coupling_n_m {
+            for (row, equation) in self.problem.dofs.displacement(*node).into_iter().enumerate() {
+                for axis in (0..3).filter(|_| (equation as usize) < n) {
+                    self.right[axis * n + equation as usize] += block[(row, axis)];
+                }
+            }
+        }
+    }
+
+    /// W_ijk of the state with these sensitivities. The springs of a pad have no third derivative.
+    pub(super) fn third(&self, sensitivity: &[Vec<f64>; 3]) -> SymmetricThird {
+        let body = &self.problem.body;
+        let mut third = third_derivatives(body, &self.state, sensitivity);
+        if let Some(Contact::Sphere(sphere)) = &self.problem.contact {
+            let own = sphere.third(body, &self.state, self.control_m, sensitivity);
+            third.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+        }
+        third
+    }
+}

@@ -1,0 +1,267 @@
+//! The elastic layer on a sphere.
+//!
+//! Contact of a rigid sphere with the triangles of a skin is only piecewise smooth, and can snap at their edges. A thin
+//! layer round the rigid sphere makes the energy smooth. With the reference area A_q and the place y_q of a point q of
+//! the skin, and its gap g_q = |y_q - c| - R, the layer of the thickness d stores
+//!
+//! Phi(u, c) = sum over q of A_q (k d / 4) max(0, t_q)^4,   t = 1 - g / d,   pressure k t^3 per reference area,
+//!
+//! whose third derivatives are continuous. The layer is compliance of the tool and not of the body: where the pressure
+//! is p, the gap is d (1 - (p / k)^(1/3)). The pressure grows without bound with the overlap.
+//!
+//! The points are the centres of k^2 equal parts of each face. With n = (y - c) / |y - c|, r = |y - c|, P = I - n n^T,
+//! phi = Phi / A as a function of r, and changes z of y - c:
+//!
+//! D phi = phi' n.z,   D2 phi = phi'' (n.z)(n.w) + phi' z.P w / r,
+//! D3 phi = phi''' (n.z)(n.w)(n.v) + (phi'' - phi' / r) / r  ((n.z) w.P v + (n.w) z.P v + (n.v) z.P w).
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::fem::body::Body;
+use crate::fem::elastic::ElasticState;
+use crate::fem::pad::shape_values;
+use crate::num::jet::{SymmetricThird, THIRD_INDICES};
+use crate::num::vector::{cross, difference, distance, norm};
+
+/// The elastic layer on a sphere.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Layer {
+    /// Thickness d, m.
+    pub thickness_m: f64,
+    /// Pressure k where the skin touches the rigid sphere, Pa.
+    pub pressure_pa: f64,
+}
+
+impl Layer {
+    /// The layer of a sphere of this radius, m: thin against the radius, and stiff against a soft organ.
+    pub fn of(radius_m: f64) -> Self {
+        Self { thickness_m: f64::min(0.75e-3, 0.25 * radius_m), pressure_pa: 1e5 }
+    }
+}
+
+/// A face of the skin.
+#[derive(Debug, Clone, PartialEq)]
+struct Face {
+    /// Its nodes; of a linear face the first three.
+    nodes: [u32; 6],
+    is_quadratic: bool,
+    /// Reference area of a point, m^2.
+    area_m2: f64,
+    /// Number k of parts of an edge.
+    parts: u32,
+}
+
+impl Face {
+    fn nodes(&self) -> &[u32] {
+        &self.nodes[..if self.is_quadratic { 6 } else { 3 }]
+    }
+}
+
+/// The skin of a body as a sphere with a layer touches it.
+#[derive(Debug, PartialEq)]
+struct Points {
+    faces: Vec<Face>,
+    /// Values of the shape functions at the points, by order and number of parts.
+    shapes: BTreeMap<(bool, u32), Vec<[f64; 6]>>,
+}
+
+/// A sphere with an elastic layer, beside a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoatedSphere {
+    /// Radius R of the rigid sphere, m.
+    pub radius_m: f64,
+    /// The layer round it.
+    pub layer: Layer,
+    /// Place of the centre where the displacement is zero, m.
+    pub start_m: [f64; 3],
+    points: Arc<Points>,
+}
+
+/// Values of the shape functions of a face at the centres of `parts`^2 parts.
+fn shapes(is_quadratic: bool, parts: u32) -> Vec<[f64; 6]> {
+    let nodes = if is_quadratic { 6 } else { 3 };
+    let size = f64::from(parts);
+    let at = |i: u32, j: u32, third: f64| {
+        let (a, b) = ((f64::from(i) + third) / size, (f64::from(j) + third) / size);
+        shape_values(nodes, [1.0 - a - b, a, b])
+    };
+    let upright = (0..parts).flat_map(|i| (0..parts - i).map(move |j| at(i, j, 1.0 / 3.0)));
+    let inverse = (1..parts).flat_map(|i| (1..=parts - i).map(move |j| at(i - 1, j - 1, 2.0 / 3.0)));
+    upright.chain(inverse).collect()
+}
+
+impl CoatedSphere {
+    /// On the skin of a body, without the faces that are wholly fixed. Points are closer than half the length
+    /// sqrt(2 R d) over which the layer is in touch with a plane.
+    pub fn new(body: &Body, radius_m: f64, layer: Layer, start_m: [f64; 3]) -> Self {
+        let spacing_m = 0.5 * (2.0 * radius_m * layer.thickness_m).sqrt();
+        let mut table = BTreeMap::new();
+        let is_free = |face: &&[u32]| face[..3].iter().any(|&node| body.fixed[node as usize] != [true; 3]);
+        let face = |face: &[u32]| {
+            let [a, b, c] = [0, 1, 2].map(|k| body.nodes_m[face[k] as usize]);
+            let longest_m = distance(a, b).max(distance(b, c)).max(distance(c, a));
+            let parts = (longest_m / spacing_m).ceil().max(1.0) as u32;
+            let is_quadratic = face.len() == 6;
+            table.entry((is_quadratic, parts)).or_insert_with(|| shapes(is_quadratic, parts));
+            let mut nodes = [face[0]; 6];
+            nodes[..face.len()].copy_from_slice(face);
+            let face_m2 = 0.5 * norm(cross(difference(b, a), difference(c, a)));
+            Face { nodes, is_quadratic, area_m2: face_m2 / f64::from(parts * parts), parts }
+        };
+        let faces = body.skin().filter(is_free).map(face).collect();
+        Self { radius_m, layer, start_m, points: Arc::new(Points { faces, shapes: table }) }
+    }
+
+    /// The same beside the same body, with another place of the centre where the displacement is zero.
+    #[must_use]
+    pub fn from(&self, start_m: [f64; 3]) -> Self {
+        Self { start_m, ..self.clone() }
+    }
+
+    /// Radius at which the layer begins, m.
+    fn outer_m(&self) -> f64 {
+        self.radius_m + self.layer.thickness_m
+    }
+
+    /// The faces that can reach the layer, with the places of their nodes relative to the centre.
+    fn near(
+        &self,
+        body: &Body,
+        state: &[f64],
+        displacement_m: [f64; 3],
+    ) -> impl Iterator<Item = (&Face, [Vector3<f64>; 6])> {
+        let centre = Vector3::from(self.start_m) + Vector3::from(displacement_m);
+        let placed = move |face: &'_ Face| {
+            let mut places = [Vector3::zeros(); 6];
+            for (place, &node) in places.iter_mut().zip(face.nodes()) {
+                let moved = Vector3::from_column_slice(&state[3 * node as usize..][..3]);
+                *place = Vector3::from(body.nodes_m[node as usize]) + moved - centre;
+            }
+            places
+        };
+        let placed = self.points.faces.iter().map(move |face| (face, placed(face)));
+        placed.filter(|(face, places)| self.is_near(places, face.is_quadratic))
+    }
+
+    /// The points of a face that overlap the layer.
+    fn touched<'a>(
+        &'a self,
+        face: &Face,
+        places: &'a [Vector3<f64>; 6],
+    ) -> impl Iterator<Item = Overlap<'a>> {
+        let all = self.points.shapes[&(face.is_quadratic, face.parts)].iter();
+        all.filter_map(|values| {
+            let arrow: Vector3<f64> = places.iter().zip(values).map(|(place, value)| place * *value).sum();
+            let distance_m = arrow.norm();
+            (distance_m < self.outer_m()).then(|| Overlap { values, distance_m, normal: arrow / distance_m })
+        })
+    }
+
+    /// Whether the box round the control points of a face, relative to the centre, reaches the sphere.
+    fn is_near(&self, places: &[Vector3<f64>; 6], is_quadratic: bool) -> bool {
+        let [a, b, c, ab, bc, ca] = *places;
+        let (mut low, mut high) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
+        if is_quadratic {
+            for (middle, one, other) in [(ab, a, b), (bc, b, c), (ca, c, a)] {
+                let control = 2.0 * middle - 0.5 * (one + other);
+                (low, high) = (low.inf(&control), high.sup(&control));
+            }
+        }
+        low.max() < self.outer_m() && high.min() > -self.outer_m()
+    }
+
+    /// phi and its first three derivatives by r, per area, at the distance r.
+    fn potential(&self, r: f64) -> [f64; 4] {
+        let (d, k) = (self.layer.thickness_m, self.layer.pressure_pa);
+        let t = (self.outer_m() - r) / d;
+        [0.25 * k * d * t.powi(4), -k * t.powi(3), 3.0 * k * t * t / d, -6.0 * k * t / (d * d)]
+    }
+
+    /// The derivatives of the potential at the state of a body; those of second order if `with_tangent`.
+    pub(crate) fn compute(
+        &self,
+        body: &Body,
+        state: &[f64],
+        displacement_m: [f64; 3],
+        with_tangent: bool,
+        to: &mut ElasticState,
+    ) {
+        to.clear();
+        for (face, places) in self.near(body, state, displacement_m) {
+            let mut nodal = [Vector3::zeros(); 6];
+            let (mut coupling, mut pairs) = ([Matrix3::zeros(); 6], [[Matrix3::zeros(); 6]; 6]);
+            for Overlap { values, distance_m, normal } in self.touched(face, &places) {
+                let [energy, slope, curvature, _] = self.potential(distance_m);
+                to.energy_j += face.area_m2 * energy;
+                let push = face.area_m2 * slope * normal;
+                to.force_n -= push;
+                nodal.iter_mut().zip(values).for_each(|(sum, value)| *sum += push * *value);
+                if with_tangent {
+                    let along = normal * normal.transpose();
+                    let across = Matrix3::identity() - along;
+                    let block = face.area_m2 * (curvature * along + slope / distance_m * across);
+                    to.own_n_m += block;
+                    for (i, value) in values[..face.nodes().len()].iter().enumerate() {
+                        let part = block * *value;
+                        coupling[i] += part;
+                        pairs[i][..=i].iter_mut().zip(values).for_each(|(sum, other)| *sum += part * *other);
+                    }
+                }
+            }
+            let nodes = face.nodes();
+            to.nodal_n.extend(nodes.iter().copied().zip(nodal));
+            if with_tangent {
+                to.coupling_n_m.extend(nodes.iter().copied().zip(coupling));
+                for (i, row) in pairs[..nodes.len()].iter().enumerate() {
+                    to.stiffness_n_m.extend((0..=i).map(|j| ([nodes[i], nodes[j]], row[j])));
+                }
+            }
+        }
+    }
+
+    /// The third derivatives of the potential along the changes of the state for each axis of the displacement.
+    pub(crate) fn third(
+        &self,
+        body: &Body,
+        state: &[f64],
+        displacement_m: [f64; 3],
+        sensitivity: &[Vec<f64>; 3],
+    ) -> SymmetricThird {
+        let mut sum = SymmetricThird::default();
+        for (face, places) in self.near(body, state, displacement_m) {
+            let of = |axis: usize, node: u32| {
+                Vector3::from_column_slice(&sensitivity[axis][3 * node as usize..][..3])
+            };
+            for Overlap { values, distance_m, normal } in self.touched(face, &places) {
+                let [_, slope, curvature, third] = self.potential(distance_m);
+                let changes: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
+                    let nodes = face.nodes().iter().zip(values);
+                    let moved: Vector3<f64> = nodes.map(|(&node, value)| of(axis, node) * *value).sum();
+                    moved - Vector3::ith(axis, 1.0)
+                });
+                let along = changes.map(|change| normal.dot(&change));
+                let across = |i: usize, j: usize| changes[i].dot(&changes[j]) - along[i] * along[j];
+                let turn = (curvature - slope / distance_m) / distance_m;
+                for (value, [i, j, k]) in sum.iter_mut().zip(THIRD_INDICES) {
+                    let turned = along[i] * across(j, k) + along[j] * across(i, k) + along[k] * across(i, j);
+                    *value += face.area_m2 * (third * along[i] * along[j] * along[k] + turn * turned);
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// A point of the skin in the layer.
+struct Overlap<'a> {
+    /// Values of the shape functions of its face.
+    values: &'a [f64; 6],
+    /// Its distance from the centre, m.
+    distance_m: f64,
+    /// Direction from the centre to it.
+    normal: Vector3<f64>,
+}
