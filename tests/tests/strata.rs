@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 59] = [
+const PRECOMPUTE: [&str; 60] = [
     "error",
     "files",
     "num",
@@ -93,12 +93,13 @@ const PRECOMPUTE: [&str; 59] = [
     "fem::pressure",
     "fem::ordering",
     "fem::body",
+    "fem::elastic",
     "fem::pad",
+    "fem::sphere",
     "fem::counterpart",
     "fem::boundary",
     "fem::solvability",
     "fem::assembly",
-    "fem::sphere",
     "fem::solve",
     "fem",
     "spec",

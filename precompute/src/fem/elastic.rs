@@ -25,12 +25,14 @@ pub(crate) struct ElasticState {
     pub coupling_n_m: Vec<(u32, Matrix3<f64>)>,
     /// Phi_dd, N/m.
     pub own_n_m: Matrix3<f64>,
+    /// Whether the skin is so deep inside the tool that it may come out on the other side.
+    pub is_pierced: bool,
 }
 
 impl ElasticState {
     /// The state without a tool; keeps its memory.
     pub(crate) fn clear(&mut self) {
-        self.energy_j = 0.0;
+        (self.energy_j, self.is_pierced) = (0.0, false);
         (self.force_n, self.torque_n_m) = (Vector3::zeros(), Vector3::zeros());
         self.own_n_m = Matrix3::zeros();
         self.nodal_n.clear();

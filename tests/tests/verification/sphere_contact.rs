@@ -3,7 +3,10 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::fem::{Body, Constraints, Model, Order, Pressed, Problem, SphereSolver};
+use palpate_precompute::fem::{
+    Body, CoatedSphere, Constraints, FailureReason, Layer, Model, Order, Pose, Pressed, Problem, Solver,
+    SphereSolver,
+};
 use palpate_precompute::num::{EnergyJet, THIRD_INDICES};
 use palpate_precompute::scene::Scene;
 use palpate_tests::{beam, documents, livers, mooney_rivlin, nodes_where};
@@ -105,6 +108,31 @@ fn a_sphere_pushes_and_never_overlaps() {
     let away = solver.advance(&here, [0.0531, 0.0227, 0.06]).expect("it leaves");
     assert_eq!((away.contacts(), away.configuration.jet().force_n), (0, [0.0; 3]));
     assert!(solver.is_inside([0.05, 0.02, 0.02]) && !solver.is_inside(PRESSED_M));
+}
+
+/// A wholly fixed face is a wall: the hard sphere has no equilibrium there, the layer one pushes back by itself.
+#[test]
+fn the_fixed_part_is_a_wall() {
+    let mesh = beam();
+    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+    let model = Model::uniform(mooney_rivlin(), &fixed);
+    let body = Arc::new(Body::new(&mesh, &model).expect("every element has volume"));
+    let problem = Arc::new(Problem::with(body.clone(), None, Constraints::Elimination));
+    let (beside_m, against_m) = ([-0.0131, 0.02, 0.02], [-0.0115, 0.02, 0.02]);
+    let mut hard = SphereSolver::new(problem.clone(), RADIUS_M);
+    let rest = hard.rest(beside_m).expect("the beam is fixed");
+    let failure = hard.advance(&rest, against_m).expect_err("a wall");
+    assert_eq!(failure.reason, FailureReason::FixedPart);
+    let coated = CoatedSphere::new(&body, RADIUS_M, Layer::of(RADIUS_M), [0.0; 3]);
+    let mut soft = Solver::new(Arc::new(problem.at(coated)));
+    let away = soft.solve_at(&Pose::translation(beside_m), &body.rest_state).expect("the beam is fixed");
+    assert_eq!(away.jet().force_n, [0.0; 3]);
+    let pressed = soft.advance(&away.seed, against_m).expect("the layer gives way");
+    assert!(pressed.jet().force_n[0] > 1.0, "{:?}", pressed.jet().force_n);
+    assert!(pressed.seed.state.iter().all(|u| u.abs() < 1e-12), "nothing moves");
+    let failure =
+        soft.advance(&pressed.seed, [-0.004, 0.02, 0.02]).expect_err("the wall is inside the sphere");
+    assert_eq!(failure.reason, FailureReason::Pierced);
 }
 
 /// Press o12 of the reference presses of a sphere of 5 mm: at its end a face leaves the contact and the body falls

@@ -7,8 +7,8 @@ use std::sync::atomic::Ordering;
 
 use clap::Args as ClapArgs;
 use loading::Loading;
-use palpate_precompute::fem::{Configuration, Pose, SolveFailure};
-use palpate_precompute::num::norm;
+use palpate_precompute::fem::{Configuration, FailureReason, Pose, SolveFailure};
+use palpate_precompute::num::{distance, norm};
 use palpate_precompute::pipeline::Analysis;
 
 use crate::analysis;
@@ -165,6 +165,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     check_tool(args, &bench)?;
     let mut loading = Loading::begin(&bench, args.active.as_deref(), &args.scene, controls_m[0], args.layer)?;
     let details = DETAILS.split(',').filter(|_| args.details);
+    let start_m = bench.scene.tool.sphere().map_or([0.0; 3], |_| controls_m[0]);
     let mut table = Csv::new(HEADER.split(',').chain(details))?;
     let mut last = None;
     let mut ended = displacements.add(0, 0.0, &bench.body, loading.here());
@@ -180,8 +181,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         if ended.is_err() {
             break;
         }
-        // Of a straight path the exact length; otherwise that of the displacement.
-        let length_mm = args.direction.map_or_else(|| 1e3 * norm(target), |_| f64::from(step) * args.step_mm);
+        // Of a straight path the exact length; otherwise the distance from its start.
+        let length_mm = args
+            .direction
+            .map_or_else(|| 1e3 * distance(target, start_m), |_| f64::from(step) * args.step_mm);
         let share = f64::from(step) / steps as f64;
         let pose =
             Pose { displacement_m: target, rotation_rad: args.turn.unwrap_or_default().map(|x| x * share) };
@@ -200,9 +203,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             }
             Err(failure) => {
                 push_failure(&mut table, step, target, &failure, args.details)?;
-                ended = Err(Failure::work(format!(
-                    "step {step} of {steps}: {failure}; the rows so far are kept"
-                )));
+                let what = match failure.reason {
+                    FailureReason::Pierced => {
+                        "the skin is deep inside the sphere, whose layer is too soft here".into()
+                    }
+                    FailureReason::FixedPart => {
+                        "the sphere presses on the fixed part, which cannot give way".into()
+                    }
+                    _ => failure.to_string(),
+                };
+                ended =
+                    Err(Failure::work(format!("step {step} of {steps}: {what}; the rows so far are kept")));
             }
         }
     }

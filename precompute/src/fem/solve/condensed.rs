@@ -74,6 +74,9 @@ impl Solver {
         if self.newton.reject_inverted && assembled.inverted > 0 {
             return fail(FailureReason::Inverted, residual_n);
         }
+        if self.elastic.is_pierced {
+            return fail(FailureReason::Pierced, residual_n);
+        }
         let energy_j = assembled.energy_j - body.rest_energy_j + self.elastic.energy_j;
         let (force_n, torque_n_m) = self.resultants(pose);
         // S is symmetric by definition; rounding makes the computed S unsymmetric in its last digits.

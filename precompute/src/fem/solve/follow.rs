@@ -125,6 +125,9 @@ impl Solver {
     ) -> Result<Followed, SolveFailure> {
         let fail = |reason| SolveFailure { reason, iterations: count.steps, residual_n };
         let sensitivity = sensitivity.ok_or(fail(FailureReason::SingularTangent))?;
+        if self.elastic.is_pierced {
+            return Err(fail(FailureReason::Pierced));
+        }
         let (problem, n) = (self.problem.clone(), self.problem.unknowns());
         let stiffness = self.condensed_stiffness(&problem);
         self.sensitivity_into(&mut to.sensitivity);

@@ -61,6 +61,9 @@ pub enum FailureReason {
     /// The solution has inverted elements, and the options reject them.
     #[error("inverted")]
     Inverted,
+    /// The skin is deep inside a sphere.
+    #[error("pierced")]
+    Pierced,
     /// A sphere overlaps skin whose nodes are all fixed.
     #[error("fixed-part")]
     FixedPart,

@@ -7,7 +7,8 @@
 //! Phi(u, c) = sum over q of A_q (k d / 4) max(0, t_q)^4,   t = 1 - g / d,   pressure k t^3 per reference area,
 //!
 //! whose third derivatives are continuous. The layer is compliance of the tool and not of the body: where the pressure
-//! is p, the gap is d (1 - (p / k)^(1/3)). The pressure grows without bound with the overlap.
+//! is p, the gap is d (1 - (p / k)^(1/3)). The pressure grows with the overlap, but only up to the centre: a state in which the skin is
+//! within half the radius from it counts as not solved.
 //!
 //! The points are the centres of k^2 equal parts of each face. With n = (y - c) / |y - c|, r = |y - c|, P = I - n n^T,
 //! phi = Phi / A as a function of r, and changes z of y - c:
@@ -42,6 +43,9 @@ impl Layer {
         Self { thickness_m: f64::min(0.75e-3, 0.25 * radius_m), pressure_pa: 1e5 }
     }
 }
+
+/// Skin within this share of the radius from the centre is pierced: the pressure there would fill the sphere.
+const PIERCED: f64 = 0.5;
 
 /// A face of the skin.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,12 +99,11 @@ fn shapes(is_quadratic: bool, parts: u32) -> Vec<[f64; 6]> {
 }
 
 impl CoatedSphere {
-    /// On the skin of a body, without the faces that are wholly fixed. Points are closer than half the length
-    /// sqrt(2 R d) over which the layer is in touch with a plane.
+    /// Against the skin of a body. Faces that are wholly fixed push back too: they are a wall behind the layer. Points
+    /// are closer than half the length sqrt(2 R d) over which the layer is in touch with a plane.
     pub fn new(body: &Body, radius_m: f64, layer: Layer, start_m: [f64; 3]) -> Self {
         let spacing_m = 0.5 * (2.0 * radius_m * layer.thickness_m).sqrt();
         let mut table = BTreeMap::new();
-        let is_free = |face: &&[u32]| face[..3].iter().any(|&node| body.fixed[node as usize] != [true; 3]);
         let face = |face: &[u32]| {
             let [a, b, c] = [0, 1, 2].map(|k| body.nodes_m[face[k] as usize]);
             let longest_m = distance(a, b).max(distance(b, c)).max(distance(c, a));
@@ -112,7 +115,7 @@ impl CoatedSphere {
             let face_m2 = 0.5 * norm(cross(difference(b, a), difference(c, a)));
             Face { nodes, is_quadratic, area_m2: face_m2 / f64::from(parts * parts), parts }
         };
-        let faces = body.skin().filter(is_free).map(face).collect();
+        let faces = body.skin().map(face).collect();
         Self { radius_m, layer, start_m, points: Arc::new(Points { faces, shapes: table }) }
     }
 
@@ -197,6 +200,7 @@ impl CoatedSphere {
             for Overlap { values, distance_m, normal } in self.touched(face, &places) {
                 let [energy, slope, curvature, _] = self.potential(distance_m);
                 to.energy_j += face.area_m2 * energy;
+                to.is_pierced |= distance_m < PIERCED * self.radius_m;
                 let push = face.area_m2 * slope * normal;
                 to.force_n -= push;
                 nodal.iter_mut().zip(values).for_each(|(sum, value)| *sum += push * *value);
