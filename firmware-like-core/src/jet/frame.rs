@@ -9,7 +9,7 @@
 //!  6      2      u16 length of the frame, 120
 //!  8      4      u32 sequence
 //! 12      2      u16 contact
-//! 14      2      u16 flags: 1 joined, 2 fresh, 4 unstable, 8 flush before; the others are 0
+//! 14      2      u16 flags: 1 joined, 2 fresh, 4 unstable, 8 flush before, 16 root; the others are 0
 //! 16      12     f32 control x, y, z, metres
 //! 28      4      f32 W, joules
 //! 32      12     f32 h x, y, z, newtons
@@ -19,6 +19,8 @@
 //! 112     4      u32 model: jets of an earlier one no longer count
 //! 116     4      u32 CRC-32 (ISO-HDLC) of all bytes before it
 //! ```
+//!
+//! With the flag *root* W, h, S and the third derivatives are those of s = sqrt(2 W), in sqrt(J) and its quotients.
 //!
 //! The length is a multiple of 8, so that a ring of 64-bit words can hold frames.
 
@@ -44,22 +46,34 @@ pub struct JetFlags {
     pub unstable: bool,
     /// The body has jumped: jets of the contact that contradict this one must be removed.
     pub flush_before: bool,
+    /// The expansion is that of s = sqrt(2 W) instead of W: h = max(0, s) ds/dd. A tool that begins to touch has an s
+    /// that rises from zero with a slope, and no force where s would be negative.
+    pub root: bool,
 }
 
 impl JetFlags {
     fn bits(self) -> u16 {
-        let Self { joined, fresh, unstable, flush_before } = self;
-        u16::from(joined) | u16::from(fresh) << 1 | u16::from(unstable) << 2 | u16::from(flush_before) << 3
+        let Self { joined, fresh, unstable, flush_before, root } = self;
+        [joined, fresh, unstable, flush_before, root]
+            .into_iter()
+            .rev()
+            .fold(0, |bits, flag| bits << 1 | u16::from(flag))
     }
 
     fn from_bits(bits: u16) -> Option<Self> {
         let flag = |bit: u16| bits & bit != 0;
-        let all = Self { joined: flag(1), fresh: flag(2), unstable: flag(4), flush_before: flag(8) };
-        (bits < 16).then_some(all)
+        let all = Self {
+            joined: flag(1),
+            fresh: flag(2),
+            unstable: flag(4),
+            flush_before: flag(8),
+            root: flag(16),
+        };
+        (bits < 32).then_some(all)
     }
 }
 
-/// The expansion of the energy W at one displacement of a contact point.
+/// The expansion of the energy W at one displacement of a contact point, or of its root ([`JetFlags::root`]).
 ///
 /// [`Jet::decode`] returns only jets whose numbers are finite and in range; the fields are public for the
 /// solver, which makes jets. [`super::JetMemory::insert`] refuses others.

@@ -209,12 +209,13 @@ impl<const JETS: usize> Table<JETS> {
 
     /// Removes the jets that contradict a new one at its control.
     fn flush(&mut self, new: &Jet) {
-        let most_n = CONTRADICTION_N.max(CONTRADICTION_SHARE * vec3::norm(new.force_n));
+        let new_n = new.force(new.control_m).force_n;
+        let most_n = CONTRADICTION_N.max(CONTRADICTION_SHARE * vec3::norm(new_n));
         let mut slot = self.len;
         // From the end: the jet that takes the place of a removed one was examined already.
         while let Some(before) = slot.checked_sub(1) {
             slot = before;
-            let differs = |jet: &Jet| vec3::distance(jet.force(new.control_m).force_n, new.force_n) > most_n;
+            let differs = |jet: &Jet| vec3::distance(jet.force(new.control_m).force_n, new_n) > most_n;
             if self.known().get(slot).is_some_and(differs) {
                 self.remove(slot);
             }

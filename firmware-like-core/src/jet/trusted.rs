@@ -6,6 +6,8 @@
 //!
 //! phi(s) = s - s^2 / 2L up to s = L = max(rho, 5 mm), then L / 2
 //!
+//! The expansion of a root s = sqrt(2 W) is continued alike, and h = max(0, s) ds/dd, W = max(0, s)^2 / 2.
+//!
 //! T_k are the third derivatives of the energy. The force is continuous with its derivatives at the radius. It
 //! is the gradient of the energy inside. Beyond, the polynomial would grow with the square of the distance; the
 //! continuation is bounded, and softer than the body where that stiffens.
@@ -45,29 +47,52 @@ impl Jet {
     /// Needs a jet that [`Jet::decode`] returned; the force is then finite.
     pub fn force(&self, displacement_m: Vec3) -> ForceSample {
         let Some(displacement_m) = limited(displacement_m) else {
-            return ForceSample { force_n: self.force_n, coverage: Coverage::Extrapolated };
+            return ForceSample {
+                force_n: self.force_of(self.force_n, self.energy_j),
+                coverage: Coverage::Extrapolated,
+            };
         };
         let at = self.place(displacement_m);
-        let inside_n = self.polynomial_n(at.from_control_m);
-        if at.beyond_m <= 0.0 {
-            return ForceSample { force_n: inside_n, coverage: Coverage::Scattered };
-        }
-        let slope_n_m = self.stiffness_times(at.from_control_m, at.outward);
-        let force_n = vec3::add(inside_n, vec3::scale(slope_n_m, self.levelled_m(at.beyond_m)));
-        ForceSample { force_n, coverage: Coverage::Extrapolated }
+        let gradient = self.gradient(&at);
+        let value = if self.flags.root { self.value(&at) } else { 0.0 };
+        let coverage = if at.beyond_m <= 0.0 { Coverage::Scattered } else { Coverage::Extrapolated };
+        ForceSample { force_n: self.force_of(gradient, value), coverage }
+    }
+
+    /// h from the gradient of the expansion and, of a root, its value.
+    fn force_of(&self, gradient: Vec3, value: f32) -> Vec3 {
+        if self.flags.root { vec3::scale(gradient, value.max(0.0)) } else { gradient }
     }
 
     /// |S| at the control, the root of the sum of squares of its components, N/m: at least its largest stiffness.
+    /// Of a root the bound |ds/dd|^2 + s |d2s/dd2|.
     pub(super) fn stiffness_size_n_m(&self) -> f32 {
         let [xx, xy, xz, yy, yz, zz] = self.stiffness_n_m;
         let [diagonal, other] = [[xx, yy, zz], [xy, xz, yz]].map(vec3::norm);
-        vec3::norm([diagonal, other, other])
+        let size = vec3::norm([diagonal, other, other]);
+        if self.flags.root { vec3::norm_squared(self.force_n) + self.energy_j.max(0.0) * size } else { size }
     }
 
     /// W at a displacement, joules; beyond the trust radius continued along the ray from the control.
     pub fn energy_j(&self, displacement_m: Vec3) -> f32 {
-        let Some(displacement_m) = limited(displacement_m) else { return self.energy_j };
-        let at = self.place(displacement_m);
+        let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
+        let value = at.map_or(self.energy_j, |at| self.value(&at));
+        let root = value.max(0.0);
+        if self.flags.root { 0.5 * root * root } else { value }
+    }
+
+    /// The gradient of the expansion.
+    fn gradient(&self, at: &Place) -> Vec3 {
+        let inside = self.polynomial_n(at.from_control_m);
+        if at.beyond_m <= 0.0 {
+            return inside;
+        }
+        let slope = self.stiffness_times(at.from_control_m, at.outward);
+        vec3::add(inside, vec3::scale(slope, self.levelled_m(at.beyond_m)))
+    }
+
+    /// The value of the expansion.
+    fn value(&self, at: &Place) -> f32 {
         let x = at.from_control_m;
         let bent_n_m = self.third_times(x);
         let linear = vec3::dot(self.force_n, x);

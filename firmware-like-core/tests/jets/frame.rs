@@ -10,7 +10,7 @@ fn numbered() -> Jet {
     Jet {
         contact: 0x0102,
         sequence: 0x0304_0506,
-        flags: JetFlags { joined: true, fresh: false, unstable: true, flush_before: false },
+        flags: JetFlags { joined: true, fresh: false, unstable: true, flush_before: false, root: true },
         control_m: [0.001, -0.002, 0.003],
         energy_j: 0.25,
         force_n: [1.5, -2.5, 3.5],

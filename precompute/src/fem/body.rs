@@ -367,6 +367,11 @@ impl Body {
         self.mean_shear_pa * self.edge_m * self.edge_m
     }
 
+    /// The mean shear modulus, Pa.
+    pub(crate) fn mean_shear_pa(&self) -> f64 {
+        self.mean_shear_pa
+    }
+
     /// Factor s between pressures in Pa and the scaled unknowns q / s in m: s = mu / l. With it both blocks
     /// of the saddle-point matrix have the same magnitude, so that one residual norm measures both.
     pub(crate) fn pressure_scale(&self) -> f64 {

@@ -32,6 +32,10 @@ const FOLDS: usize = 32;
 
 /// Whether two solutions lie on one smooth branch, so far as it can be felt.
 pub(super) fn joins(before: &EnergyJet, after: &EnergyJet) -> bool {
+    // A tool that touches nothing can come to touch anything.
+    if before.is_free() || after.is_free() {
+        return true;
+    }
     let size_n = norm(before.force_n).max(norm(after.force_n));
     !Excess::with_thirds(before, after).exceeds(Tolerance::IMPERCEPTIBLE.of_size(size_n))
 }

@@ -18,6 +18,7 @@ use super::states::States;
 use super::task::{Aim, Task};
 use super::times::SolveTimes;
 use super::workers::Workers;
+use crate::fem::{Body, CoatedSphere};
 use crate::num::vector::{distance, norm};
 
 /// The prediction looks ahead by this multiple of the time of a solve,
@@ -55,6 +56,8 @@ pub(super) const CHECK_S: f64 = 0.02;
 const PRESSES_M: [f64; 2] = [0.012, 0.024];
 /// at so many contacts: the corners of a triangle.
 const PRESSED: usize = 3;
+/// The first touch of a sphere is solved at this depth, m.
+const FIRST_DEPTH_M: f64 = 1.5e-3;
 /// Number of such positions.
 const LOST: usize = 16;
 
@@ -85,6 +88,7 @@ impl LostPositions {
 #[derive(Debug)]
 pub(super) struct Choice<'s> {
     pub(super) skin: &'s Skin,
+    pub(super) body: &'s Body,
     pub(super) known: &'s [Known],
     pub(super) growth: &'s Growth,
     pub(super) lost: &'s LostPositions,
@@ -196,6 +200,9 @@ impl Choice<'_> {
         let travel = hand.velocity_m_s.map(|v| v * HEADING_S);
         let reduced = (HEADING_M / norm(travel)).min(1.0);
         let there_m = std::array::from_fn(|axis| hand.hip_m[axis] + reduced * travel[axis]);
+        if let Some(sphere) = self.skin.sphere() {
+            return self.first(0).or_else(|| self.approach(sphere, there_m));
+        }
         self.skin.near(there_m, HEADING_M, found);
         let of_any = |most: usize, find: &dyn Fn(u16) -> Option<Task>| {
             found.iter().take(most).find_map(|&(_, contact)| find(contact))
@@ -207,9 +214,18 @@ impl Choice<'_> {
             .or_else(|| of_any(PRESSED, &|contact| self.press(contact, deep_m)))
     }
 
+    /// The first touch of a sphere that comes near the skin.
+    fn approach(&self, sphere: &CoatedSphere, there_m: [f64; 3]) -> Option<Task> {
+        let control_m = sphere.first_touch_m(self.body, there_m, HEADING_M, FIRST_DEPTH_M)?;
+        self.position(Task { contact: 0, control_m, aim: Aim::Ahead }, 1.0, Limit::Unknown)
+    }
+
     /// A press straight into the body, where a solve takes longer than a hand needs for it.
     fn press(&self, contact: u16, depth_m: f64) -> Option<Task> {
         self.renewals?;
+        if self.skin.sphere().is_some() {
+            return None;
+        }
         let normal = self.skin.contacts.get(usize::from(contact))?.normal;
         let control_m = normal.map(|n| -depth_m * n);
         self.position(Task { contact, control_m, aim: Aim::Ahead }, 1.0, Limit::Unknown)

@@ -20,6 +20,12 @@ const MAX_JETS: usize = 256;
 const MAX_STIFFNESS: f64 = 3.0;
 /// Estimated error c r^3 of a Taylor series before one was measured, N/m^3.
 const FIRST_ERROR: f64 = 1e4;
+/// A touch with less energy has no jet of its root, J.
+const LEAST_ROOT_J: f64 = 3e-6;
+/// The jet of a light touch is trusted to this multiple of the distance to the first touch,
+const BEYOND_FIRST: f64 = 1.3;
+/// and a touch is light if that is below this, m.
+const LIGHT_M: f64 = 3e-3;
 /// Share of the last estimate that a better measurement leaves.
 const FORGETTING: f64 = 0.7;
 /// Shortest distance at which the error of a series is measured, m.
@@ -40,6 +46,8 @@ const SAME_M: f64 = 1e-6;
 pub struct Trust {
     /// The limited jet.
     pub jet: EnergyJet,
+    /// That of s = sqrt(2 W), where the loop gets it instead.
+    pub root: Option<EnergyJet>,
     /// rho, m.
     pub radius_m: f64,
 }
@@ -60,12 +68,31 @@ impl Trust {
         if third > most {
             jet.third_n_m2 = jet.third_n_m2.map(|one| one * (most / third));
         }
-        Self { jet, radius_m }
+        Self { jet, root: None, radius_m }
+    }
+
+    /// The jet of a tool that touches nothing at rest: by its root, where the third derivatives change the slope of s
+    /// by half within the radius. A light touch is trusted beyond the place where s is zero, which is that of the first
+    /// touch. Still lighter ones keep their jet, because the root of zero has no derivatives.
+    fn of_root(jet: EnergyJet) -> Option<Self> {
+        let root = jet.root(LEAST_ROOT_J)?;
+        let slope = norm(root.force_n);
+        let first_m = BEYOND_FIRST * root.energy_j / slope;
+        let least_m = if first_m <= LIGHT_M { first_m } else { 0.0 };
+        let radius_m = (slope / third_norm(&root.third_n_m2)).sqrt().max(least_m);
+        Some(Self { jet, root: Some(root), radius_m: radius_m.clamp(MIN_TRUST_M, MAX_TRUST_M) })
     }
 
     /// h at a control as the loop has it, N: beyond the trust radius straight on and levelling off.
     fn force_n(&self, control_m: [f64; 3]) -> [f64; 3] {
         let away_m = distance(control_m, self.jet.control_m);
+        if let Some(root) = &self.root {
+            let reduced = (self.radius_m / away_m).min(1.0);
+            let at_m: [f64; 3] =
+                std::array::from_fn(|k| root.control_m[k] + reduced * (control_m[k] - root.control_m[k]));
+            let value = root.taylor_value(at_m).max(0.0);
+            return root.taylor_force_n(at_m).map(|slope| value * slope);
+        }
         if away_m <= self.radius_m {
             return self.jet.taylor_force_n(control_m);
         }
@@ -110,13 +137,20 @@ fn third_norm(third: &SymmetricThird) -> f64 {
 pub(super) struct Known {
     /// Jets and their branches.
     jets: Vec<(Trust, u32)>,
-    /// |S| at rest, N/m; 0 before the first jet.
+    /// |S| at rest, or another stiffness to compare with, N/m; 0 before the first jet.
     rest_n_m: f64,
+    /// Whether the jets are those of s = sqrt(2 W).
+    is_of_roots: bool,
     /// Distance from a jet up to which its branch is known by tables, m.
     tabled_m: f64,
 }
 
 impl Known {
+    /// Without jets. Of a tool that touches nothing at rest jets are compared with this stiffness, N/m.
+    pub(super) fn of_stiffness(rest_n_m: Option<f64>) -> Self {
+        Self { rest_n_m: rest_n_m.unwrap_or(0.0), is_of_roots: rest_n_m.is_some(), ..Self::default() }
+    }
+
     pub(super) fn is_empty(&self) -> bool {
         self.jets.is_empty()
     }
@@ -149,6 +183,9 @@ impl Known {
 
     /// The first jet is that at rest: it defines the trust of all.
     pub(super) fn trust(&mut self, jet: EnergyJet) -> Trust {
+        if let Some(trust) = Some(()).filter(|()| self.is_of_roots).and_then(|()| Trust::of_root(jet)) {
+            return trust;
+        }
         if self.rest_n_m == 0.0 {
             self.rest_n_m = stiffness(&jet.stiffness_n_m);
         }
@@ -215,10 +252,14 @@ impl Default for Growth {
 impl Growth {
     /// Compares the series of the nearest jet with what was solved. Every solve is thus a check of the model.
     pub(super) fn measure(&mut self, known: &Known, solved: &EnergyJet, branch: u32) {
+        // Where a tool touches nothing there is no error to learn from.
+        if solved.is_free() {
+            return;
+        }
         self.error_n_m3 *= FORGETTING;
         let Some((nearest, r_m)) = known.nearest(solved.control_m, branch) else { return };
         if r_m > MIN_MEASURED_M && r_m <= nearest.radius_m {
-            let error_n = distance(nearest.jet.taylor_force_n(solved.control_m), solved.force_n);
+            let error_n = distance(nearest.force_n(solved.control_m), solved.force_n);
             self.error_n_m3 = self.error_n_m3.max(error_n / (r_m * r_m * r_m));
         }
     }

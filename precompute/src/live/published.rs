@@ -33,12 +33,14 @@ impl Published {
 
     /// The jet for the loop, with its number in the session.
     pub fn jet(&self, sequence: u32) -> Jet {
-        let EnergyJet { control_m, energy_j, force_n, stiffness_n_m, third_n_m2 } = self.trust.jet;
+        let EnergyJet { control_m, energy_j, force_n, stiffness_n_m, third_n_m2 } =
+            self.trust.root.unwrap_or(self.trust.jet);
         let flags = JetFlags {
             joined: self.joins,
             fresh: self.is_fresh,
             unstable: self.is_unstable,
             flush_before: !self.joins,
+            root: self.trust.root.is_some(),
         };
         Jet {
             contact: self.contact,

@@ -1,9 +1,10 @@
 //! The places of the skin that the tool can touch.
 
+use nalgebra::Vector3;
 use palpate_core::Limits;
 
 use super::error::LiveError;
-use crate::fem::{Body, Contact, Fingertip, Handle, Pad};
+use crate::fem::{Body, CoatedSphere, Contact, Fingertip, Handle, Pad, Sphere};
 use crate::mesh::{Surface, TetMesh};
 use crate::num::vector::distance;
 use crate::pack::{PackError, Place, Untabled};
@@ -12,6 +13,19 @@ use crate::spec::{Sampling, Tool};
 
 /// How far a tool is expected to press in a scene without a grid, m.
 const REACH_M: f64 = 0.05;
+/// Distance of a sphere from the body where its control is zero, m.
+const CLEARANCE_M: f64 = 0.01;
+
+/// What touches the skin.
+#[derive(Debug, Clone)]
+enum By {
+    /// A point, which holds a node.
+    Point,
+    /// A fingertip at a vertex.
+    Fingertip(Fingertip),
+    /// A sphere, which has one contact: its control is the way of the centre from its start.
+    Sphere(CoatedSphere),
+}
 
 /// The contacts of a body and the triangles between them.
 #[derive(Debug, Clone)]
@@ -22,7 +36,8 @@ pub struct Skin {
     pub triangles: Vec<[u16; 3]>,
     /// Contacts that share a triangle with each contact, ascending.
     neighbours: Vec<Vec<u16>>,
-    tip: Option<Fingertip>,
+    /// What touches it.
+    touch: By,
     /// Whether each contact is not fixed in the present model.
     is_free: Vec<bool>,
 }
@@ -34,6 +49,11 @@ impl Skin {
     ///
     /// If no triangle can be touched, or more vertices than a command can name.
     pub(super) fn new(mesh: &TetMesh, body: &Body, tool: &Tool) -> Result<Self, LiveError> {
+        let touch = match tool {
+            Tool::Point => By::Point,
+            Tool::Fingertip(tip) => By::Fingertip(*tip),
+            Tool::Sphere(sphere) => return Ok(Self::of_sphere(body, *sphere)),
+        };
         let surface = Surface::of(mesh).seen(mesh);
         let nodes: Vec<u32> =
             surface.nodes.iter().copied().filter(|&node| body.fixed[node as usize] == [false; 3]).collect();
@@ -68,7 +88,26 @@ impl Skin {
             })
             .collect();
         let is_free = vec![true; nodes.len()];
-        Ok(Self { contacts, triangles, neighbours, tip: tool.fingertip().copied(), is_free })
+        Ok(Self { contacts, triangles, neighbours, touch, is_free })
+    }
+
+    /// One contact, with the centre beside the body where the control is zero.
+    fn of_sphere(body: &Body, Sphere { radius_m, layer }: Sphere) -> Self {
+        let places = (0..body.nodes_m.len() as u32).map(|node| Vector3::from(body.rest_position_m(node)));
+        let (low, high) = places
+            .map(|place| (place, place))
+            .reduce(|(low, high), (place, _)| (low.inf(&place), high.sup(&place)))
+            .expect("a body has nodes");
+        let away_m = radius_m + layer.thickness_m + CLEARANCE_M;
+        let rest_m = [0.5 * (low.x + high.x), 0.5 * (low.y + high.y), high.z + away_m];
+        let sphere = CoatedSphere::new(body, radius_m, layer, rest_m);
+        Self {
+            contacts: vec![Place { node: 0, rest_m, normal: [0.0, 0.0, 1.0] }],
+            triangles: Vec::new(),
+            neighbours: vec![Vec::new()],
+            touch: By::Sphere(sphere),
+            is_free: vec![true],
+        }
     }
 
     /// The organ of a session as a blob without tables, and the mesh nodes of the vertices of its surface.
@@ -90,6 +129,9 @@ impl Skin {
 
     /// From now on contacts that are fixed in this body are not solved.
     pub(super) fn free_only(&mut self, body: &Body) {
+        if self.sphere().is_some() {
+            return;
+        }
         for (is_free, contact) in self.is_free.iter_mut().zip(&self.contacts) {
             *is_free = body.fixed[contact.node as usize] == [false; 3];
         }
@@ -107,17 +149,47 @@ impl Skin {
 
     /// The fingertip, if it is one.
     pub(super) fn tip(&self) -> Option<&Fingertip> {
-        self.tip.as_ref()
+        match &self.touch {
+            By::Fingertip(tip) => Some(tip),
+            By::Point | By::Sphere(_) => None,
+        }
+    }
+
+    /// The sphere, if it is one.
+    pub(super) fn sphere(&self) -> Option<&CoatedSphere> {
+        match &self.touch {
+            By::Sphere(sphere) => Some(sphere),
+            By::Point | By::Fingertip(_) => None,
+        }
+    }
+
+    /// Whether the tool is the same as another one.
+    pub(super) fn is_touched_by(&self, tool: &Tool) -> bool {
+        match (&self.touch, tool) {
+            (By::Point, Tool::Point) => true,
+            (By::Fingertip(tip), Tool::Fingertip(other)) => tip == other,
+            (By::Sphere(sphere), Tool::Sphere(other)) => {
+                (sphere.radius_m, sphere.layer) == (other.radius_m, other.layer)
+            }
+            _ => false,
+        }
+    }
+
+    /// The stiffness to which jets are compared, N/m, if not that at rest: a sphere touches nothing there. That of a
+    /// flat punch with its radius on an incompressible half-space of the mean shear modulus, 8 G R.
+    pub(super) fn stiffness_n_m(&self, body: &Body) -> Option<f64> {
+        self.sphere().map(|sphere| 8.0 * body.mean_shear_pa() * sphere.radius_m)
     }
 
     /// What the tool does to the body at a contact.
     pub(super) fn touch(&self, contact: u16, body: &Body) -> Contact {
         let node = self.contacts[usize::from(contact)].node;
-        match self.tip {
-            None => Handle::node(node).into(),
-            Some(tip) => {
-                Pad::new(body, tip, body.nodes_m[node as usize]).expect("a vertex of the skin").into()
+        match &self.touch {
+            By::Point => Handle::node(node).into(),
+            By::Fingertip(tip) => {
+                Pad::new(body, *tip, body.nodes_m[node as usize]).expect("a vertex of the skin").into()
             }
+            By::Sphere(sphere) => sphere.clone().into(),
         }
     }
 

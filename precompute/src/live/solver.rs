@@ -79,9 +79,6 @@ impl LiveSolver {
         if scene.order == ElementOrder::NearTool {
             return Err(LiveError::NearTool);
         }
-        if scene.tool.sphere().is_some() {
-            return Err(LiveError::Sphere);
-        }
         let body = Arc::new(scene.body().map_err(|error| LiveError::Body(error.to_string()))?);
         let skin = Skin::new(&scene.mesh, &body, &scene.tool)?;
         let free = Arc::new(Problem::with(body.clone(), None, Constraints::Elimination));
@@ -90,7 +87,7 @@ impl LiveSolver {
         let first_rest = body.rest_state.clone();
         Ok(Self {
             states: States::like(&blank),
-            known: vec![Known::default(); skin.contacts.len()],
+            known: vec![Known::of_stiffness(skin.stiffness_n_m(&body)); skin.contacts.len()],
             near: Vec::with_capacity(skin.contacts.len()),
             body,
             skin,
@@ -226,7 +223,7 @@ impl LiveSolver {
             return Err(LiveError::NearTool);
         }
         let body = Arc::new(scene.body().map_err(|error| LiveError::Body(error.to_string()))?);
-        let same_tool = self.skin.tip() == scene.tool.fingertip();
+        let same_tool = self.skin.is_touched_by(&scene.tool);
         if !same_tool || body.nodes_m != self.body.nodes_m || body.state_len() != self.body.state_len() {
             return Err(LiveError::OtherBody);
         }
@@ -242,7 +239,7 @@ impl LiveSolver {
         self.workers = Workers::new(&Arc::new(self.free.at(self.skin.touch(first, &self.body))));
         self.renewals = self.renewals.take().map(|old| old.for_problem(&self.free));
         (self.free_body, self.doubted) = (None, None);
-        self.known.fill(Known::default());
+        self.known.fill(Known::of_stiffness(self.skin.stiffness_n_m(&self.body)));
         (self.growth, self.lost) = (Growth::default(), LostPositions::default());
         self.branches.forget_folds();
         self.outbox.clear();
@@ -316,11 +313,11 @@ impl LiveSolver {
     }
 
     fn solve_next(&mut self, hand: &Hand) -> Step {
-        let Self { skin, known, growth, lost, branches, workers, states, times, near, .. } = self;
+        let Self { skin, body, known, growth, lost, branches, workers, states, times, near, .. } = self;
         let renewals = self.renewals.as_ref().filter(|_| times.factor_is_long());
         let doubted = self.doubted;
         let choice =
-            Choice { skin, known, growth, lost, branches, workers, renewals, doubted, states, times };
+            Choice { skin, body, known, growth, lost, branches, workers, renewals, doubted, states, times };
         match choice.next(hand, near) {
             Some(task) if task.aim == Aim::Renewal && self.begin_renewal(&task) => Step::Renewing,
             Some(task) => self.solve(task),

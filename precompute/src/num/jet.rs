@@ -71,6 +71,38 @@ impl EnergyJet {
         Self { energy_j: 0.0, force_n: [0.0; 3], ..self }
     }
 
+    /// The jet of s = sqrt(2 W), if W is larger than `least_j`: s_i = h_i / s, s_ij = (S_ij - s_i s_j) / s,
+    /// s_ijk = (W_ijk - s_i s_jk - s_j s_ik - s_k s_ij) / s.
+    pub(crate) fn root(&self, least_j: f64) -> Option<Self> {
+        if self.energy_j.is_nan() || self.energy_j <= least_j {
+            return None;
+        }
+        let s = (2.0 * self.energy_j).sqrt();
+        let first = Vector3::from(self.force_n) / s;
+        let second = (self.stiffness_n_m - first * first.transpose()) / s;
+        let mut third = self.third_n_m2;
+        for (value, &[i, j, k]) in third.iter_mut().zip(&THIRD_INDICES) {
+            let mixed = first[i] * second[(j, k)] + first[j] * second[(i, k)] + first[k] * second[(i, j)];
+            *value = (*value - mixed) / s;
+        }
+        Some(Self { energy_j: s, force_n: first.into(), stiffness_n_m: second, third_n_m2: third, ..*self })
+    }
+
+    /// Value of the third-order Taylor series at another control.
+    pub(crate) fn taylor_value(&self, control_m: [f64; 3]) -> f64 {
+        let d = Vector3::from(control_m) - Vector3::from(self.control_m);
+        // Of the gradient the terms of order n contribute their product with d over n + 1.
+        let first = Vector3::from(self.force_n).dot(&d);
+        let second = (self.stiffness_n_m * d).dot(&d);
+        let third = Vector3::from(self.taylor_force_n(control_m)).dot(&d) - first - second;
+        self.energy_j + first + 0.5 * second + third / 3.0
+    }
+
+    /// Whether the tool touches nothing there, as a sphere beside the body.
+    pub(crate) fn is_free(&self) -> bool {
+        self.stiffness_n_m == Matrix3::zeros()
+    }
+
     /// Whether every number is finite.
     pub(crate) fn is_finite(&self) -> bool {
         self.numbers().iter().chain(self.stiffness_n_m.iter()).all(|x| x.is_finite())

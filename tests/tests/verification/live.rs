@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use palpate_core::{AlignedBytes, Field, JetMemory, Method, NodeWeight, Organ};
 use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::fem::{
@@ -82,6 +82,10 @@ fn the_free_body_has_the_jets_at_rest_of_all_contacts() {
         let found = shared.rest_by(&mut body, &mut to).expect("it serves");
         let [_, _, s, third] = differences(&to.jet, wanted.jet());
         println!("{:46} {s:9.1e} {third:9.1e}   {} sweeps", case.name, found.count.sweeps);
+        if wanted.jet().stiffness_n_m == Matrix3::zeros() {
+            assert_eq!(to.jet.stiffness_n_m, Matrix3::zeros(), "{}: it touches nothing", case.name);
+            continue;
+        }
         assert!(s < 2e-3 && third < 0.02, "{}: {s:.1e} {third:.1e}", case.name);
         assert_eq!((found.count.factorisations, found.unstable_modes), (0, None), "{}", case.name);
     }

@@ -4,5 +4,6 @@ mod condensed;
 mod cook;
 mod golden;
 mod live;
+mod live_sphere;
 mod sphere;
 mod sphere_contact;

@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 use crate::fem::body::Body;
 use crate::fem::elastic::ElasticState;
 use crate::fem::pad::shape_values;
+use crate::mesh::nearest_on_triangle;
 use crate::num::jet::{SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{cross, difference, distance, norm};
 
@@ -123,6 +124,41 @@ impl CoatedSphere {
     #[must_use]
     pub fn from(&self, start_m: [f64; 3]) -> Self {
         Self { start_m, ..self.clone() }
+    }
+
+    /// Distance of the layer from the body at rest, m; zero or less where they overlap.
+    pub fn clearance_m(&self, body: &Body, displacement_m: [f64; 3]) -> f64 {
+        self.foot(body, displacement_m).1 - self.outer_m()
+    }
+
+    /// The place of the skin at rest that is nearest to the centre, and its distance from it, m.
+    pub(crate) fn foot(&self, body: &Body, displacement_m: [f64; 3]) -> ([f64; 3], f64) {
+        let centre_m: [f64; 3] = std::array::from_fn(|axis| self.start_m[axis] + displacement_m[axis]);
+        let of = |face: &Face| {
+            let corners = [0, 1, 2].map(|k| body.rest_position_m(face.nodes[k]));
+            let (place, _) = nearest_on_triangle(corners, centre_m);
+            (place, distance(place, centre_m))
+        };
+        let all = self.points.faces.iter().map(of);
+        all.min_by(|(_, a), (_, b)| a.total_cmp(b)).expect("a body has a skin")
+    }
+
+    /// The displacement at which the layer overlaps the skin at rest by `depth_m`, where a centre at `centre_m` comes to
+    /// it on the shortest way; `None` if it is farther than `within_m`.
+    pub(crate) fn first_touch_m(
+        &self,
+        body: &Body,
+        centre_m: [f64; 3],
+        within_m: f64,
+        depth_m: f64,
+    ) -> Option<[f64; 3]> {
+        let (foot_m, away_m) = self.foot(body, difference(centre_m, self.start_m));
+        let rest_m = self.outer_m() - depth_m;
+        let is_near = away_m > 0.0 && away_m < self.outer_m() + within_m;
+        is_near.then(|| {
+            let at = |k: usize| foot_m[k] + rest_m / away_m * (centre_m[k] - foot_m[k]) - self.start_m[k];
+            std::array::from_fn(at)
+        })
     }
 
     /// Radius at which the layer begins, m.

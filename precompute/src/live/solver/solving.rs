@@ -186,7 +186,7 @@ impl LiveSolver {
             && let Some(Some(free_body)) = &mut self.free_body
             && worker.solver.borrow_factor(free_body)
         {
-            let is_held = self.skin.tip().is_none();
+            let is_held = worker.solver.problem().contact.as_ref().is_some_and(|by| by.handle().is_some());
             worker.factor = if is_held { Made::At(contact, [0.0; 3]) } else { Made::Free };
         }
         worker.factor == Made::Unknown
@@ -411,7 +411,10 @@ impl LiveSolver {
         unstable_modes: Option<u32>,
     ) {
         let known = &mut self.known[usize::from(contact)];
-        let trust = known.trust(jet);
+        let mut trust = known.trust(jet);
+        if let Some(sphere) = self.skin.sphere().filter(|_| jet.is_free()) {
+            trust.radius_m = trust.radius_m.min(sphere.clearance_m(&self.body, jet.control_m));
+        }
         known.add(trust, branch, !joins);
         self.totals.jets += 1;
         self.outbox.push_back(Published {
