@@ -245,13 +245,13 @@ fn a_contact_surface_names_existing_spaces() {
     let error = refusal(&with([1, 0, 1], [[0, 1, 3]]));
     assert!(error.to_string().contains("triangles"), "{error}");
     let tip = format::Fingertip { radius_m: 0.01, stiffness_n_m: 500.0 };
-    let known = small().blob_with(|draft| draft.preamble.fingertip = Some(tip));
-    assert_eq!(Small::read(&known).expect("good").fingertip, Some(tip));
+    let known = small().blob_with(|draft| draft.preamble.tool = palpate_core::format::Tool::Fingertip(tip));
+    assert_eq!(Small::read(&known).expect("good").tool, palpate_core::format::Tool::Fingertip(tip));
     for bad in [0.0, f32::NAN, f32::INFINITY] {
         let tips =
             [format::Fingertip { radius_m: bad, ..tip }, format::Fingertip { stiffness_n_m: bad, ..tip }];
         for tip in tips {
-            let refused = spoiled(|draft| draft.preamble.fingertip = Some(tip));
+            let refused = spoiled(|draft| draft.preamble.tool = palpate_core::format::Tool::Fingertip(tip));
             assert_eq!(refused, BlobError::Value { what: "fingertip", space: None });
         }
     }

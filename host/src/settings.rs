@@ -51,7 +51,7 @@ pub fn controller_config<const N: usize>(
         contact.grasp_button = profile.buttons.grasp;
     }
     // A finger only presses: its springs would pull the skin.
-    if organs.iter().any(|organ| organ.fingertip.is_some()) {
+    if organs.iter().any(|organ| !organ.tool.grasps()) {
         contact.grasp_button = 0;
     }
     config
@@ -70,7 +70,7 @@ mod tests {
     use crate::device::Device;
     use crate::device::simulated::{SimulatedConfig, SimulatedHand};
     use crate::synthetic;
-    use palpate_core::format::Fingertip;
+    use palpate_core::format::{Fingertip, Tool};
 
     #[test]
     fn the_workspace_scale_multiplies_hand_values_and_the_device_limits_apply() {
@@ -130,7 +130,7 @@ mod tests {
         };
         assert_eq!(grasp_button(&organ), 1);
         let tip = Fingertip { radius_m: 0.01, stiffness_n_m: 500.0 };
-        assert_eq!(grasp_button(&Organ { fingertip: Some(tip), ..organ }), 0);
+        assert_eq!(grasp_button(&Organ { tool: Tool::Fingertip(tip), ..organ }), 0);
     }
 
     #[test]

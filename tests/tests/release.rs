@@ -120,7 +120,7 @@ fn on_the_organ(test: impl FnOnce(&Organ<'_>, TouchSurface<'_>)) {
     static BLOB: OnceLock<BlobFile> = OnceLock::new();
     let organ: Organ<'_> = Organ::read(BLOB.get_or_init(fingertip_blob).bytes()).expect("a valid blob");
     let triangles = organ.contact.triangles.len();
-    assert!(organ.fingertip.is_some() && triangles > 8, "{triangles} triangles of contact points");
+    assert!(organ.tool.fingertip().is_some() && triangles > 8, "{triangles} triangles of contact points");
     let mut memory = vec![0; TouchSurface::words(&organ)];
     test(&organ, TouchSurface::new(&organ, &mut memory).expect("contact points"));
 }

@@ -104,13 +104,78 @@ pub struct Preamble {
     /// Contact points of a tool with a size: vertices with the index of their space instead of a mesh node, and
     /// triangles between them. Empty if the tool touches nodes, or contact points one by one.
     pub contact: SurfaceHeader,
-    /// The fingertip that the spaces were solved for; `None` for a point.
-    pub fingertip: Option<Fingertip>,
+    /// The tool that the spaces were solved for.
+    pub tool: Tool,
     /// u8: the certificate as JSON (UTF-8), for people and tools; the core does not read it. Always the last
     /// plane.
     pub certificate: Option<PlaneRef>,
     /// Number of [`SpaceHeader`]s that follow.
     pub space_count: u32,
+}
+
+/// What touches the body.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub enum Tool {
+    /// A point, which holds nodes.
+    #[default]
+    Point,
+    /// A fingertip, which touches contact points.
+    Fingertip(Fingertip),
+    /// A sphere, which touches the surface anywhere. It has one space: the displacement is that of its centre from
+    /// the space's position.
+    Sphere(Sphere),
+}
+
+impl Tool {
+    /// The fingertip, if it is one.
+    pub const fn fingertip(&self) -> Option<Fingertip> {
+        match *self {
+            Self::Fingertip(tip) => Some(tip),
+            Self::Point | Self::Sphere(_) => None,
+        }
+    }
+
+    /// The sphere, if it is one.
+    pub const fn sphere(&self) -> Option<Sphere> {
+        match *self {
+            Self::Sphere(sphere) => Some(sphere),
+            Self::Point | Self::Fingertip(_) => None,
+        }
+    }
+
+    /// Whether it can take hold of the skin and pull.
+    pub const fn grasps(&self) -> bool {
+        matches!(self, Self::Point)
+    }
+
+    /// The field that is not a positive number.
+    pub(crate) fn fault(&self) -> Option<&'static str> {
+        let (what, numbers) = match *self {
+            Self::Point => return None,
+            Self::Fingertip(Fingertip { radius_m, stiffness_n_m }) => {
+                ("fingertip", [radius_m, stiffness_n_m])
+            }
+            Self::Sphere(Sphere { radius_m, layer_m }) => ("sphere", [radius_m, layer_m]),
+        };
+        let is_sound = numbers.iter().all(|x| x.is_finite() && *x > 0.0);
+        (!is_sound).then_some(what)
+    }
+}
+
+/// A sphere without friction, with an elastic layer.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sphere {
+    /// Its radius, metres.
+    pub radius_m: f32,
+    /// Thickness of the layer round it, metres.
+    pub layer_m: f32,
+}
+
+impl Sphere {
+    /// Distance from the centre within which it touches, metres.
+    pub const fn reach_m(&self) -> f32 {
+        self.radius_m + self.layer_m
+    }
 }
 
 /// A fingertip with an elastic pad.

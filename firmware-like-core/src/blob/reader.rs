@@ -9,9 +9,9 @@ use heapless::{String, Vec};
 
 use super::error::BlobError;
 use super::format::{
-    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, Fingertip, HermiteHeader,
-    KernelHeader, LAW_NAME_LEN, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN,
-    SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
+    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, KernelHeader,
+    LAW_NAME_LEN, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader,
+    SurfaceHeader, Tool, VERSION, plane_area_start,
 };
 use super::profile::Limits;
 use crate::displacement::DisplacementPlanes;
@@ -44,8 +44,8 @@ pub struct Organ<'a, const MAX_SPACES: usize = { Limits::PC.spaces }> {
     /// Triangles between contact points; `node` is the index of the space of each vertex. Empty if the tool
     /// touches nodes, or contact points one by one.
     pub contact: Surface<'a>,
-    /// The fingertip that touches; `None` for a point.
-    pub fingertip: Option<Fingertip>,
+    /// What touches.
+    pub tool: Tool,
     /// The measured accuracy of these tables as JSON, if it was measured.
     pub certificate: Option<&'a [u8]>,
 }
@@ -101,7 +101,7 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
             spaces: Vec::new(),
             surface: Surface::default(),
             contact: Surface::default(),
-            fingertip: None,
+            tool: Tool::Point,
             certificate: None,
         }
     }
@@ -126,9 +126,8 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         let (surface, contact) = (planes.surface(&preamble.surface)?, planes.surface(&preamble.contact)?);
         check_range("contact space", contact.node, |space| *space < preamble.space_count)
             .map_err(|error| planes.refuse(error))?;
-        let is_positive = |x: f32| x.is_finite() && x > 0.0;
-        if !preamble.fingertip.is_none_or(|tip| is_positive(tip.radius_m) && is_positive(tip.stiffness_n_m)) {
-            return Err(BlobError::Value { what: "fingertip", space: None });
+        if let Some(what) = preamble.tool.fault() {
+            return Err(BlobError::Value { what, space: None });
         }
         self.spaces.clear();
         for index in 0..need as u16 {
@@ -141,7 +140,7 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
             return Err(BlobError::Header);
         }
         self.certificate = preamble.certificate.map(|plane| planes.get("certificate", plane)).transpose()?;
-        (self.surface, self.contact, self.fingertip) = (surface, contact, preamble.fingertip);
+        (self.surface, self.contact, self.tool) = (surface, contact, preamble.tool);
         (self.scene, self.law) = (preamble.scene, preamble.law);
         (self.max_force_n, self.mesh_hash) = (preamble.max_force_n, preamble.mesh_hash);
         Ok(())

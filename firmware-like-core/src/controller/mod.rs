@@ -22,6 +22,8 @@ use crate::space::Space;
 use crate::touch::contact::{Contact, ContactKind, Engaged};
 use crate::touch::{NodeWeight, TouchSurface};
 
+/// A sphere presses at most so far, metres: the bound of the energy that it stores.
+const SPHERE_DEPTH_M: f32 = 0.05;
 /// Time in which a new stiffness lowers the force from all to nothing, s.
 const SCALE_S: f32 = 0.05;
 /// Largest duration of a tick that the slew limit uses: a late tick does not permit a large step.
@@ -225,7 +227,9 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     /// half of it.
     fn max_stored_j(&self, state: &State) -> f32 {
         let felt_n = state.scale.unwrap_or(self.hand_scale) * vec3::norm(state.last.reaction_n);
-        felt_n * vec3::norm(state.last.displacement_m) / self.config.passivity.workspace_scale
+        // The displacement of a sphere begins beside the body.
+        let most_m = if self.organ.tool.sphere().is_some() { SPHERE_DEPTH_M } else { f32::INFINITY };
+        felt_n * vec3::norm(state.last.displacement_m).min(most_m) / self.config.passivity.workspace_scale
     }
 
     /// Detects positions that a hand cannot reach.
@@ -252,13 +256,17 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     ) -> Result<Command, Fault> {
         let (config, spaces) = (&self.config.contact, &self.organ.spaces);
         let (surface, hip_m) = (self.surface.as_ref(), sample.position_m);
-        let Some(at) = contact.update(config, spaces, surface, hip_m, sample.buttons) else {
+        let at = match self.organ.tool.sphere() {
+            Some(sphere) => contact.follow(spaces, surface, (hip_m, sphere.reach_m())),
+            None => contact.update(config, spaces, surface, hip_m, sample.buttons),
+        };
+        let Some(at) = at else {
             return untouched(field, now_us, hip_m);
         };
         let displacement_m = vec3::sub(hip_m, at.anchor_m);
         let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m };
         let answer = field.force(&touch).ok_or(Fault::Internal)?;
-        if self.is_released(&at, displacement_m, answer.force_n) {
+        if self.is_released(&at, (hip_m, displacement_m), answer.force_n) {
             contact.release(hip_m);
             return untouched(field, now_us, hip_m);
         }
@@ -277,13 +285,19 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         })
     }
 
-    /// Whether the model would pull a pushing tool, or a grasp exceeds its largest distance or force.
+    /// Whether the model would pull a pushing tool, or a grasp exceeds its largest distance or force, or a sphere has
+    /// left the body.
     ///
     /// h . n is negative while the tool presses; a pushing tool cannot pull tissue.
-    fn is_released(&self, at: &Engaged, displacement_m: Vec3, reaction_n: Vec3) -> bool {
+    fn is_released(&self, at: &Engaged, (hip_m, displacement_m): (Vec3, Vec3), reaction_n: Vec3) -> bool {
         let Config { contact, limits, .. } = &self.config;
         match at.kind {
             ContactKind::Push => vec3::dot(reaction_n, at.normal) > contact.release_tension_n,
+            ContactKind::Sphere => {
+                let reach_m = self.organ.tool.sphere().map_or(0.0, |sphere| sphere.reach_m());
+                let is_near = || self.surface.is_some_and(|surface| surface.is_within(hip_m, reach_m));
+                reaction_n == vec3::ZERO && !is_near()
+            }
             ContactKind::Grasp => {
                 let radius_m = |node: &NodeWeight| {
                     let space = self.organ.spaces.get(usize::from(node.space));

@@ -64,6 +64,8 @@ pub(crate) enum ContactKind {
     Push,
     /// It pushes and pulls until the button is released.
     Grasp,
+    /// It is a sphere: the displacement is that of its centre, wherever it touches.
+    Sphere,
 }
 
 /// Where and how the tool holds the body.
@@ -143,10 +145,28 @@ impl Contact {
                     // A grasp that starts during a push keeps the anchor, so that the force is continuous.
                     ContactKind::Push if just_pressed => Some(Engaged { kind: ContactKind::Grasp, ..at }),
                     ContactKind::Push if height_m > config.release_height_m => None,
-                    ContactKind::Push | ContactKind::Grasp => Some(at),
+                    ContactKind::Push | ContactKind::Grasp | ContactKind::Sphere => Some(at),
                 }
             }
         };
+        self.engaged
+    }
+
+    /// The same for a sphere, which is engaged within its reach of the surface at rest, and as long as the controller
+    /// does not release it.
+    pub(crate) fn follow(
+        &mut self,
+        spaces: &[Space<'_>],
+        surface: Option<&TouchSurface<'_>>,
+        (hip_m, reach_m): (Vec3, f32),
+    ) -> Option<Engaged> {
+        self.previous_hip_m = Some(hip_m);
+        let is_near = || surface.is_some_and(|surface| surface.is_within(hip_m, reach_m));
+        if self.engaged.is_none() && is_near() {
+            let active = &spaces.first()?.active;
+            let (start_m, normal) = (active.rest_position_m, active.outward_normal);
+            self.engaged = Some(Engaged::by(ContactKind::Sphere, 0, start_m, normal));
+        }
         self.engaged
     }
 

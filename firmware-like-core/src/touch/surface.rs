@@ -152,7 +152,7 @@ impl<'m> TouchSurface<'m> {
     }
 
     /// Whether a point is within a distance of the surface, on either side. Tests at most 2,048 triangles.
-    pub(super) fn is_within(&self, point_m: Vec3, distance_m: f32) -> bool {
+    pub(crate) fn is_within(&self, point_m: Vec3, distance_m: f32) -> bool {
         let corner = |sign: f32| point_m.map(|x| x + sign * distance_m);
         let close = |&triangle: &u32| {
             let nearest = self.corners(triangle).map(|corners| nearest_on(corners, point_m));

@@ -267,7 +267,7 @@ impl Recipe {
             mesh_hash: [7; 32],
             surface,
             contact: SurfaceHeader::default(),
-            fingertip: None,
+            tool: palpate_core::format::Tool::Point,
             certificate: None,
             space_count: spaces.len() as u32,
         };

@@ -16,6 +16,7 @@ pub mod motors_off;
 pub mod mouse;
 pub mod nonblocking_port;
 pub mod palpation;
+mod places;
 pub mod polhem;
 mod position_check;
 pub mod profile;

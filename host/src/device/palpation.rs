@@ -1,10 +1,10 @@
 //! Motion of the simulated hand: the tour of a [`Script`], or endless random palpation that depends only on a
 //! seed.
 
+use super::places::places;
 use super::script::{
     GRASP_BUTTON, GRIP_HEIGHT_M, Script, Segment, SplitMix, largest_stroke_m, surface_centre, tangents,
 };
-use crate::first_place::first_place;
 use palpate_core::{Organ, Vec3, vec3};
 
 /// Ranges of random palpation. Each value is drawn uniformly from its range.
@@ -75,21 +75,16 @@ pub struct RandomPalpation {
 }
 
 impl RandomPalpation {
-    /// A hand above the active node of [`first_place`]. Without active nodes it stays at the origin.
+    /// A hand above the active node of [`places`]. Without active nodes it stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: RandomConfig) -> Self {
-        let mut nodes: Box<[_]> = organ
-            .spaces
-            .iter()
-            .map(|space| (space.active.rest_position_m, space.active.outward_normal))
-            .collect();
-        nodes.rotate_left(first_place(organ));
+        let nodes = places(organ).into_boxed_slice();
         let largest_m = largest_stroke_m(organ);
         let shrink = |range: [f32; 2]| range.map(|metres| metres * (largest_m / range[1]).min(1.0));
         let config = RandomConfig {
             depth_m: shrink(config.depth_m),
             drag_m: shrink(config.drag_m),
-            grasps: if organ.fingertip.is_some() { 0.0 } else { config.grasps },
+            grasps: if organ.tool.grasps() { config.grasps } else { 0.0 },
             ..config
         };
         Self::over_nodes(nodes, surface_centre(organ), config)

@@ -1,6 +1,6 @@
 //! Scripted motion of the simulated hand: a closed tour of strokes over the active nodes.
 
-use crate::first_place::first_place;
+use super::places::places;
 use palpate_core::{Organ, Vec3, vec3};
 
 /// Button bit that the script holds while grasping; equal to the default of `ContactConfig::grasp_button`.
@@ -31,7 +31,7 @@ const SHARE_OF_RADIUS: f32 = 0.65;
 /// Largest press and largest drag of a hand on this organ, m. A fingertip stays within what is solved at every
 /// contact point; a hand that holds nodes may leave it, as the paper's does.
 pub(super) fn largest_stroke_m<const N: usize>(organ: &Organ<'_, N>) -> f32 {
-    if organ.fingertip.is_none() {
+    if organ.tool.fingertip().is_none() {
         return f32::INFINITY;
     }
     let radii_m = organ.spaces.iter().map(|space| space.lattice().radius_m());
@@ -90,19 +90,14 @@ impl Script {
     /// Plans the tour over an organ's active nodes. Without active nodes the hand stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: &StrokeConfig) -> Self {
-        let mut nodes: Vec<(Vec3, Vec3)> = organ
-            .spaces
-            .iter()
-            .map(|space| (space.active.rest_position_m, space.active.outward_normal))
-            .collect();
-        nodes.rotate_left(first_place(organ));
+        let nodes = places(organ);
         let largest_m = largest_stroke_m(organ);
         let config = StrokeConfig {
             press_m: config.press_m.min(largest_m),
             drag_m: config.drag_m.min(largest_m),
             ..*config
         };
-        Self::over_nodes(&nodes, surface_centre(organ), &config, organ.fingertip.is_none())
+        Self::over_nodes(&nodes, surface_centre(organ), &config, organ.tool.grasps())
     }
 
     /// Height above the surface at which [`Script::press_and_hold`] starts, m.
@@ -289,7 +284,7 @@ mod tests {
     use super::*;
     use crate::device::palpation::{RandomConfig, RandomPalpation};
     use crate::synthetic;
-    use palpate_core::format::Fingertip;
+    use palpate_core::format::{Fingertip, Tool};
 
     fn two_nodes() -> Script {
         let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.0, 0.05], [0.0, 0.0, 1.0])];
@@ -339,8 +334,8 @@ mod tests {
         let far_m = 2.0 * solved_m;
         let strokes = StrokeConfig { press_m: far_m, drag_m: far_m, ..StrokeConfig::default() };
         let random = RandomConfig { depth_m: [0.0, far_m], drag_m: [0.0, far_m], ..RandomConfig::new(3) };
-        for fingertip in [None, Some(Fingertip { radius_m: 0.01, stiffness_n_m: 500.0 })] {
-            let organ = Organ { fingertip, ..organ.clone() };
+        for tool in [Tool::Point, Tool::Fingertip(Fingertip { radius_m: 0.01, stiffness_n_m: 500.0 })] {
+            let organ = Organ { tool, ..organ.clone() };
             let mut script = Script::new(&organ, &strokes);
             let mut hand = RandomPalpation::new(&organ, random);
             let mut farthest_m = [0.0_f32; 2];
@@ -356,7 +351,7 @@ mod tests {
                 }
             }
             let is_within = farthest_m.map(|metres| metres <= solved_m);
-            assert_eq!(is_within, [fingertip.is_some(); 2], "{farthest_m:?} of {solved_m}");
+            assert_eq!(is_within, [!tool.grasps(); 2], "{farthest_m:?} of {solved_m}");
         }
     }
 

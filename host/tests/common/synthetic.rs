@@ -83,7 +83,7 @@ pub(crate) fn certified_organ(shape: &Shape, certificate: impl Fn(&[String]) -> 
         mesh_hash: [0; 32],
         surface,
         contact: SurfaceHeader::default(),
-        fingertip: None,
+        tool: palpate_core::format::Tool::Point,
         certificate: certificate.map(|text| planes.put(&text)),
         space_count: spaces.len() as u32,
     };

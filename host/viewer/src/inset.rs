@@ -90,7 +90,7 @@ impl Frame {
 impl Inset {
     /// The scale is that of the organ, so that depths can be compared from touch to touch.
     pub(super) fn new<const N: usize>(organ: &Organ<'_, N>) -> Self {
-        let pad_m = organ.fingertip.map_or(0.0, |tip| tip.radius_m);
+        let pad_m = organ.tool.fingertip().map_or(0.0, |tip| tip.radius_m);
         let grid_m = organ.spaces.iter().map(|space| space.lattice().radius_m()).fold(0.0, f32::max);
         let width_m = (WIDTH[0] * pad_m).max(WIDTH[1] * grid_m);
         Self {
@@ -192,7 +192,7 @@ impl Inset {
         let line = frame.scale.max(0.6);
         let at = frame.pixel(Vec2::new(0.0, -depth_m));
         let half_width = match tool {
-            Tool::Point(_) => {
+            Tool::Ball(_) => {
                 clear(&mut self.mask, frame);
                 self.mask.segment(at.to_array(), at.to_array(), 4.0 * line, 1.0);
                 self.mask.paint(image, PAD_COLOUR, 1.0);

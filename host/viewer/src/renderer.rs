@@ -134,7 +134,7 @@ impl Renderer {
                 spaces: organ.spaces.iter().map(|space| space.active.name.as_str().to_owned()).collect(),
                 verdicts: Vec::new(),
                 models: 1,
-                has_fingertip: organ.fingertip.is_some(),
+                has_fingertip: !organ.tool.grasps(),
                 force_only: false,
                 note: String::new(),
             },

@@ -97,7 +97,7 @@ impl Scene {
             shapes: Shapes::default(),
             mask: StrokeMask::default(),
             reach: Reach::default(),
-            tool: Tool::new(organ.fingertip.map(|tip| tip.radius_m), radius_m),
+            tool: Tool::new(organ.tool, radius_m),
         }
     }
 

@@ -32,32 +32,33 @@ const SIDES: usize = 56;
 /// The shape of the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Tool {
-    /// A point, drawn as a ball of this radius, m.
-    Point(f32),
+    /// A ball of this radius, m: a sphere, or a point.
+    Ball(f32),
     /// A fingertip whose pad has this radius, m.
     Fingertip(f32),
 }
 
 impl Tool {
-    /// The tool of an organ of this size: a fingertip if its pad's radius is given.
-    pub(super) const fn new(pad_m: Option<f32>, organ_radius_m: f32) -> Self {
-        match pad_m {
-            Some(radius_m) => Self::Fingertip(radius_m),
-            None => Self::Point(BALL * organ_radius_m),
+    /// The tool of an organ of this size.
+    pub(super) const fn new(tool: palpate_core::format::Tool, organ_radius_m: f32) -> Self {
+        match tool {
+            palpate_core::format::Tool::Point => Self::Ball(BALL * organ_radius_m),
+            palpate_core::format::Tool::Fingertip(tip) => Self::Fingertip(tip.radius_m),
+            palpate_core::format::Tool::Sphere(sphere) => Self::Ball(sphere.radius_m),
         }
     }
 
     /// Distance from the tool's position to its outside, along the normal, m.
     pub(super) const fn height_m(self) -> f32 {
         match self {
-            Self::Point(radius_m) => radius_m,
+            Self::Ball(radius_m) => radius_m,
             Self::Fingertip(radius_m) => PAD_HEIGHT * radius_m,
         }
     }
 
     /// Draws what is opaque: the ball.
     pub(super) fn draw_solid(self, shapes: &mut Shapes, raster: &mut Raster, at_m: Vec3) {
-        if let Self::Point(radius_m) = self {
+        if let Self::Ball(radius_m) = self {
             shapes.sphere(raster, at_m, radius_m, linear(BALL_COLOUR), Material::Polished);
         }
     }
@@ -73,7 +74,7 @@ impl Tool {
         let (centre_m, normal) = (touched.tool_m, touched.normal);
         let (side, other) = normal.any_orthonormal_pair();
         let dome = match self {
-            Self::Point(radius_m) => {
+            Self::Ball(radius_m) => {
                 Dome { centre_m, axes: [side, other, normal], radii_m: Vec3::splat(radius_m), is_half: false }
             }
             Self::Fingertip(radius_m) => Dome {
@@ -86,7 +87,7 @@ impl Tool {
         dome.draw(raster, projection, image);
         let line = (image.height() as f32 / 720.0).max(0.6);
         let ring = match self {
-            Self::Point(radius_m) => {
+            Self::Ball(radius_m) => {
                 // The outline of a ball is a circle that faces the eye.
                 let (right, up) = (projection.to_eye.row(0), projection.to_eye.row(1));
                 ring(centre_m, [right * radius_m, up * radius_m])
@@ -321,7 +322,7 @@ mod tests {
     /// In front of the skin the rasteriser draws the ball; below it the ball is translucent, with an outline.
     #[test]
     fn a_ball_is_seen_through_the_skin() {
-        let ball = Tool::Point(0.5 * RADIUS_M);
+        let ball = Tool::Ball(0.5 * RADIUS_M);
         assert_eq!(lit(&drawn(ball, 0.009, true)), 0);
         let (half, whole) = (drawn(ball, 0.0, true), drawn(ball, -0.009, true));
         assert!(lit(&half) > 300 && lit(&whole) > 3 * lit(&half) / 2, "{} {}", lit(&half), lit(&whole));

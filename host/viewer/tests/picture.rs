@@ -5,7 +5,7 @@
 //! set too, the reference picture is rewritten.
 
 use crate::synthetic;
-use palpate_core::format::Fingertip;
+use palpate_core::format::{Fingertip, Tool};
 use palpate_core::{AlignedBytes, Config, Controller, Fault, Method, Organ, Phase, State, vec3};
 use palpate_host::device::Device;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
@@ -169,7 +169,7 @@ fn a_fingertip_is_drawn_as_a_pad() {
     let mut shot = shots(&organ, &[1_050]).pop().expect("one");
     let ball = draw(&organ, RendererConfig::live(), &mut shot);
     let mut drawn = |radius_m| {
-        organ.fingertip = Some(Fingertip { radius_m, stiffness_n_m: 400.0 });
+        organ.tool = Tool::Fingertip(Fingertip { radius_m, stiffness_n_m: 400.0 });
         let image = draw(&organ, RendererConfig::live(), &mut shot);
         save(&image, "fingertip.png");
         // The organ, without text and side view.

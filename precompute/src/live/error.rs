@@ -12,9 +12,6 @@ pub enum LiveError {
         "`order = \"tool\"` gives every contact point elements of its own, and live touch shares one body; use `order = 1` or `order = 2`"
     )]
     NearTool,
-    /// The tool is not at a contact point.
-    #[error("a sphere cannot be touched with live; use shape = \"fingertip\", or `palpate path`")]
-    Sphere,
     /// The skin has more vertices than a command can name.
     #[error("the skin has {0} vertices, live touch at most {most}; use a coarser mesh", most = palpate_core::Limits::LIVE.spaces)]
     TooManyContacts(usize),

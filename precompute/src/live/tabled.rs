@@ -49,7 +49,7 @@ pub(super) fn check(organ: &Organ<'_>, scene: &ResolvedScene, law: &str) -> Resu
     if organ.mesh_hash != scene.mesh.content_hash() {
         return other("another mesh");
     }
-    if organ.fingertip != scene.tool.fingertip().map(fingertip) {
+    if scene.tool.sphere().is_some() || organ.tool.fingertip() != scene.tool.fingertip().map(fingertip) {
         return other("another tool");
     }
     if organ.law.as_str() != law {

@@ -148,7 +148,9 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
         mesh_hash: identity.mesh_hash,
         surface: surface_header,
         contact,
-        fingertip: identity.contacts.as_ref().map(|contacts| fingertip(&contacts.fingertip)),
+        tool: identity.contacts.as_ref().map_or(palpate_core::format::Tool::Point, |contacts| {
+            palpate_core::format::Tool::Fingertip(fingertip(&contacts.fingertip))
+        }),
         certificate: None,
         space_count: spaces.len() as u32,
     };

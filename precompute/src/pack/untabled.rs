@@ -3,7 +3,8 @@
 use palpate_core::format::{Preamble, SpaceHeader, SurfaceHeader};
 use palpate_core::{BallLattice, flags};
 
-use super::{Fingertip, PackError, PlaneArea, assemble, fingertip, short_text, surface};
+use super::{PackError, PlaneArea, assemble, fingertip, short_text, surface};
+use crate::fem::Sphere;
 use crate::mesh::{Surface, TetMesh};
 use crate::spec::Tool;
 
@@ -93,7 +94,16 @@ impl Untabled<'_> {
             })
         };
         let spaces = self.places.iter().map(space).collect::<Result<Vec<_>, PackError>>()?;
-        let tip: Option<Fingertip> = self.tool.fingertip().map(fingertip);
+        let tool = match self.tool {
+            Tool::Point => palpate_core::format::Tool::Point,
+            Tool::Fingertip(tip) => palpate_core::format::Tool::Fingertip(fingertip(tip)),
+            Tool::Sphere(Sphere { radius_m, layer }) => {
+                palpate_core::format::Tool::Sphere(palpate_core::format::Sphere {
+                    radius_m: *radius_m as f32,
+                    layer_m: layer.thickness_m as f32,
+                })
+            }
+        };
         let preamble = Preamble {
             scene: short_text(self.scene, "the scene's name")?,
             law: short_text(self.law, "the law's name")?,
@@ -101,7 +111,7 @@ impl Untabled<'_> {
             mesh_hash: self.mesh.content_hash(),
             surface,
             contact,
-            fingertip: tip,
+            tool,
             certificate: None,
             space_count: count as u32,
         };

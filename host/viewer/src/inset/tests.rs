@@ -54,7 +54,7 @@ fn rows(image: &Image, x: f32, is: impl Fn(i32, i32, i32) -> bool) -> Vec<usize>
 #[test]
 fn skin_and_tool_are_at_their_depths() {
     for depth_m in [0.004_f32, 0.009] {
-        let (image, frame) = drawn(Tool::Point(0.003), depth_m, true, SIZE);
+        let (image, frame) = drawn(Tool::Ball(0.003), depth_m, true, SIZE);
         let frame = frame.expect("it fits");
         // Between the tool and the dimension, 4 mm beside the node.
         let beside = |depth_m: f32| frame.pixel(Vec2::new(-0.004, -depth_m));
@@ -110,7 +110,7 @@ fn a_region_is_drawn_where_it_is() {
     let violet = |r: i32, g: i32, b: i32| b > 150 && b - g > 40 && r > g;
     let drawn = |depth_m: f32| {
         let middle = |touched: &Touched| touched.contact_m - touched.normal * depth_m;
-        drawn_with(Tool::Point(0.003), 0.004, true, SIZE, |touched| octahedron(middle(touched)))
+        drawn_with(Tool::Ball(0.003), 0.004, true, SIZE, |touched| octahedron(middle(touched)))
     };
     let (image, frame) = drawn(0.012);
     let frame = frame.expect("it fits");
@@ -134,7 +134,7 @@ fn a_region_is_drawn_where_it_is() {
 #[test]
 fn it_is_drawn_where_it_has_room_and_a_use() {
     let lit = |depth_m, is_engaged, size| {
-        let (image, _) = drawn(Tool::Point(0.003), depth_m, is_engaged, size);
+        let (image, _) = drawn(Tool::Ball(0.003), depth_m, is_engaged, size);
         image.pixels().iter().filter(|pixel| **pixel != 0).count()
     };
     assert!(lit(0.004, true, SIZE) > 20_000 && lit(-0.004, false, SIZE) > 20_000);

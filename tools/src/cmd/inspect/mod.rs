@@ -240,7 +240,7 @@ fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     if organ.spaces.len() > shown {
         text.push_str(&format!("         and {} more nodes\n", organ.spaces.len() - shown));
     }
-    if let Some(tip) = organ.fingertip {
+    if let Some(tip) = organ.tool.fingertip() {
         text.push_str(&format!(
             "tool     fingertip, pad of {:.1} mm radius and {:.0} N/m\n",
             1e3 * tip.radius_m,
@@ -270,7 +270,7 @@ fn blob(path: &Path, verbose: bool) -> Result<Shown, Failure> {
         "surface_vertices": organ.surface.node.len(), "triangles": organ.surface.triangles.len(),
         "max_force_n": organ.max_force_n, "spaces": spaces,
         "sliding": sliding.map(|(triangles, all)| json!({ "triangles": triangles, "of": all })),
-        "fingertip": organ.fingertip.map(|tip| json!({ "radius_m": tip.radius_m, "stiffness_n_m": tip.stiffness_n_m })),
+        "fingertip": organ.tool.fingertip().map(|tip| json!({ "radius_m": tip.radius_m, "stiffness_n_m": tip.stiffness_n_m })),
     });
     Ok((text.trim_end().into(), figures))
 }

@@ -62,6 +62,9 @@ pub(super) fn output(files: &mut Files, path: &Path, scene: &Scene) -> Result<Ou
     }
     // What the scene lacks is told before the touch.
     let resolved = scene.resolve()?;
+    if resolved.tool.sphere().is_some() {
+        return Err(Failure::input("--keep: the visits of a sphere make no space; leave it out"));
+    }
     let node = *resolved.active.first().map_or(&0, |active| &active.node);
     let contact = VisitedContact { name: "A".into(), place: VisitedPlace::Node(node), visited_m: Vec::new() };
     if resolved.tool.fingertip().is_none() {
