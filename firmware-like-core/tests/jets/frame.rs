@@ -10,7 +10,7 @@ fn numbered() -> Jet {
     Jet {
         contact: 0x0102,
         sequence: 0x0304_0506,
-        flags: JetFlags { joined: true, fresh: false, unstable: true, flush_before: false, root: true },
+        flags: JetFlags { joined: true, fresh: false, unstable: true, flush_before: false, root: false },
         control_m: [0.001, -0.002, 0.003],
         energy_j: 0.25,
         force_n: [1.5, -2.5, 3.5],
@@ -44,6 +44,8 @@ fn the_bytes_are_kept() {
     assert_eq!(hex[..232], *GOLDEN, "{hex}");
     assert_eq!(hex[232..], *CRC, "{hex}");
     assert_eq!(Jet::decode(&frame), Ok(numbered()));
+    let root = Jet { flags: JetFlags { root: true, ..numbered().flags }, ..numbered() };
+    assert_eq!((root.encode()[14], Jet::decode(&root.encode())), (5 | 16, Ok(root)), "the fifth flag");
     assert_eq!(Jet::FRAME_LEN % 8, 0, "a ring of 64-bit words holds frames");
 }
 
@@ -111,7 +113,7 @@ fn other_lengths_and_unknown_bits_are_refused() {
         Jet::decode(&sealed(changed))
     };
     assert_eq!(with(6, 128), Err(JetError::Length { have: 128 }), "the stated length");
-    assert_eq!(with(14, 16), Err(JetError::Reserved), "a fifth flag");
+    assert_eq!(with(14, 32), Err(JetError::Reserved), "a sixth flag");
     assert_eq!(with(15, 1), Err(JetError::Reserved));
     for at in 112..116 {
         let model = with(at, 1).expect("any model").model;

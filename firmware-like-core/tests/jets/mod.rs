@@ -6,4 +6,5 @@ mod hand_over;
 mod ladder;
 mod memory;
 mod model;
+mod root;
 mod tick;

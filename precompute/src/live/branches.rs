@@ -27,17 +27,23 @@ const BEHIND_M: f64 = 0.02;
 const SAME_M: f64 = 5e-3;
 /// Where the branch was not found need not be tried again within this distance, m.
 const CHECKED_M: f64 = 1e-3;
+/// A sphere leaves a branch by a jump above both.
+const SPHERE_JUMP_N: f64 = 0.3;
+const SPHERE_JUMP_SHARE: f64 = 0.5;
 /// Number of folds.
 const FOLDS: usize = 32;
 
-/// Whether two solutions lie on one smooth branch, so far as it can be felt.
-pub(super) fn joins(before: &EnergyJet, after: &EnergyJet) -> bool {
+/// Whether two solutions lie on one smooth branch, so far as it can be felt. Under a sphere that comes to other edges of
+/// the skin the derivatives change over a millimetre: there a branch is left only by a large jump.
+pub(super) fn joins(before: &EnergyJet, after: &EnergyJet, is_sphere: bool) -> bool {
     // A tool that touches nothing can come to touch anything.
     if before.is_free() || after.is_free() {
         return true;
     }
     let size_n = norm(before.force_n).max(norm(after.force_n));
-    !Excess::with_thirds(before, after).exceeds(Tolerance::IMPERCEPTIBLE.of_size(size_n))
+    let felt_n = Tolerance::IMPERCEPTIBLE.of_size(size_n);
+    let limit_n = if is_sphere { SPHERE_JUMP_N.max(SPHERE_JUMP_SHARE * size_n) } else { felt_n };
+    !Excess::with_thirds(before, after).exceeds(limit_n)
 }
 
 /// What is known of the place where the body lands.

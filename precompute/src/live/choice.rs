@@ -56,6 +56,8 @@ pub(super) const CHECK_S: f64 = 0.02;
 const PRESSES_M: [f64; 2] = [0.012, 0.024];
 /// at so many contacts: the corners of a triangle.
 const PRESSED: usize = 3;
+/// Jets of a sphere are trusted over millimetres only: they are solved where the hand will be after this time, s.
+const SPHERE_AHEAD_S: f64 = 0.03;
 /// The first touch of a sphere is solved at this depth, m.
 const FIRST_DEPTH_M: f64 = 1.5e-3;
 /// Number of such positions.
@@ -137,6 +139,7 @@ impl Choice<'_> {
             .or_else(|| unknown(here_m, Limit::Unknown))
             .or_else(|| of_any(&|contact| self.branches.check(contact, soon_m)))
             .or_else(|| unknown(next_m, Limit::Unknown))
+            .or_else(|| self.skin.sphere().and_then(|_| unknown(after(SPHERE_AHEAD_S), Limit::Unknown)))
             .or_else(|| of_any(&|contact| self.renewal_beside(contact, here_m)))
             .or_else(|| of_any(&|contact| self.branches.work(contact, there_m)))
             .or_else(|| touched().find_map(|(contact, _)| self.beside(contact, found)))
@@ -155,6 +158,9 @@ impl Choice<'_> {
 
     /// The branch of a contact is followed ahead of the hand to find its end, unless it is known near there.
     fn search(&self, contact: u16, control_m: [f64; 3], within_m: f64) -> Option<Task> {
+        if self.skin.sphere().is_some() {
+            return None;
+        }
         let known = self.known.get(usize::from(contact))?;
         let may_fold = self.times.renewed_s() < CHEAP_S || self.branches.have_folded();
         let needs = may_fold

@@ -95,7 +95,7 @@ impl LiveSolver {
             problems: Vec::with_capacity(PROBLEMS),
             workers,
             free_body: None,
-            growth: Growth::default(),
+            growth: Growth::first(scene.tool.sphere().is_some()),
             lost: LostPositions::default(),
             branches: Branches::default(),
             times: SolveTimes::default(),
@@ -240,7 +240,7 @@ impl LiveSolver {
         self.renewals = self.renewals.take().map(|old| old.for_problem(&self.free));
         (self.free_body, self.doubted) = (None, None);
         self.known.fill(Known::of_stiffness(self.skin.stiffness_n_m(&self.body)));
-        (self.growth, self.lost) = (Growth::default(), LostPositions::default());
+        (self.growth, self.lost) = (Growth::first(self.skin.sphere().is_some()), LostPositions::default());
         self.branches.forget_folds();
         self.outbox.clear();
         self.unsent.clear();

@@ -114,7 +114,7 @@ impl<'l> Truth<'l> {
             let found = solver.follow(seed, there_m, renews || beyond_m.is_some(), &OPTIONS, &mut to);
             let goes_on = found.as_ref().is_ok_and(|found| {
                 found.unstable_modes.is_none_or(|modes| modes == 0)
-                    && (there_m == from_m || joins(&seed.jet, &to.jet))
+                    && (there_m == from_m || joins(&seed.jet, &to.jet, self.live.skin().sphere().is_some()))
             });
             if goes_on {
                 if renews || found.is_ok_and(|found| found.count.factorisations > 0) {

@@ -76,7 +76,7 @@ pub(crate) struct Args {
 }
 
 /// Parses three finite numbers separated by commas.
-fn three(text: &str) -> Result<[f64; 3], String> {
+pub(crate) fn three(text: &str) -> Result<[f64; 3], String> {
     let parts: Vec<f64> = text
         .split(',')
         .map(|t| t.trim().parse::<f64>())

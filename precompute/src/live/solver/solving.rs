@@ -245,9 +245,10 @@ impl LiveSolver {
         renews: bool,
         to: &mut Seed,
     ) -> Option<Followed> {
+        let is_sphere = self.skin.sphere().is_some();
         let options = if self.waits_for_factors() {
             FollowOptions { max_sweeps: MAX_SWEEPS_FROZEN, renews: false, ..OPTIONS }
-        } else if task.aim.is_at_hand() {
+        } else if task.aim.is_at_hand() || is_sphere {
             OPTIONS
         } else {
             FollowOptions { max_steps: MAX_STEPS_AHEAD, ..OPTIONS }
@@ -263,7 +264,7 @@ impl LiveSolver {
         };
         self.count(task.contact, control_m, &found);
         let before = &from.seed.jet;
-        let is_same = from.is_guess || control_m == before.control_m || joins(before, &to.jet);
+        let is_same = from.is_guess || control_m == before.control_m || joins(before, &to.jet, is_sphere);
         (is_same && found.unstable_modes.is_none_or(|modes| modes == 0)).then_some(found)
     }
 
@@ -279,8 +280,8 @@ impl LiveSolver {
             return Found::Nothing;
         };
         self.count(task.contact, task.control_m, &found);
-        let before = &from.seed.jet;
-        let is_other = before.control_m == task.control_m || !joins(before, &to.jet);
+        let (before, is_sphere) = (&from.seed.jet, self.skin.sphere().is_some());
+        let is_other = before.control_m == task.control_m || !joins(before, &to.jet, is_sphere);
         if from.is_guess || !is_other || self.leads_back(to, before) {
             return Found::Joined(found);
         }
@@ -350,6 +351,11 @@ impl LiveSolver {
 
     /// The present branch of a contact was not found at a control from this state.
     fn note_fold(&mut self, contact: u16, last: &EnergyJet, beyond_m: [f64; 3]) {
+        // A sphere that comes to other edges of the skin is not found from far away, though no branch ends there.
+        if self.skin.sphere().is_some() {
+            self.lost.add(&Task { contact, control_m: beyond_m, aim: Aim::Ahead });
+            return;
+        }
         self.branches.add(Fold::new(contact, self.branches.of(contact), last, beyond_m));
     }
 
@@ -413,7 +419,7 @@ impl LiveSolver {
         let known = &mut self.known[usize::from(contact)];
         let mut trust = known.trust(jet);
         if let Some(sphere) = self.skin.sphere().filter(|_| jet.is_free()) {
-            trust.radius_m = trust.radius_m.min(sphere.clearance_m(&self.body, jet.control_m));
+            trust.shrink_to(sphere.clearance_m(&self.body, jet.control_m));
         }
         known.add(trust, branch, !joins);
         self.totals.jets += 1;

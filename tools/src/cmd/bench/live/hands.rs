@@ -26,17 +26,19 @@ pub(super) struct Hand {
 /// Directions and depth of the hands.
 #[derive(Debug)]
 pub(super) struct Hands {
+    origin_m: V,
     inwards: V,
     across: [V; 2],
     depth_m: f64,
 }
 
 impl Hands {
-    pub(super) fn new(normal: [f64; 3], depth_m: f64) -> Self {
+    /// Of a place with this normal, where the control is `origin_m`.
+    pub(super) fn new(normal: [f64; 3], origin_m: [f64; 3], depth_m: f64) -> Self {
         let inwards = -V::from(normal);
         let other = if inwards.x.abs() < 0.7 { V::x() } else { V::y() };
         let one = (other - inwards * inwards.dot(&other)).normalize();
-        Self { inwards, across: [one, inwards.cross(&one)], depth_m }
+        Self { origin_m: origin_m.into(), inwards, across: [one, inwards.cross(&one)], depth_m }
     }
 
     /// The hands with these names, or all.
@@ -46,6 +48,7 @@ impl Hands {
         let mut all: Vec<Hand> =
             presses.into_iter().chain([self.circle(), self.poke(), self.drag()]).collect();
         all.retain(|hand| names.is_empty() || names.iter().any(|name| name == hand.name));
+        all.iter_mut().flat_map(|hand| &mut hand.control_m).for_each(|d| *d += self.origin_m);
         all
     }
 
