@@ -75,7 +75,8 @@ pub struct RandomPalpation {
 }
 
 impl RandomPalpation {
-    /// A hand above the active node of [`places`]. Without active nodes it stays at the origin.
+    /// A hand above the first place to touch: an active node, or with a sphere a vertex of the surface. Without any it
+    /// stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: RandomConfig) -> Self {
         let nodes = places(organ).into_boxed_slice();
