@@ -285,6 +285,14 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         })
     }
 
+    /// Whether a sphere touches nothing, and is beyond its reach of the surface at rest.
+    #[inline(never)]
+    fn has_left(&self, hip_m: Vec3, reaction_n: Vec3) -> bool {
+        let reach_m = self.organ.tool.sphere().map_or(0.0, |sphere| sphere.reach_m());
+        let is_near = || self.surface.is_some_and(|surface| surface.is_within(hip_m, reach_m));
+        reaction_n == vec3::ZERO && !is_near()
+    }
+
     /// Whether the model would pull a pushing tool, or a grasp exceeds its largest distance or force, or a sphere has
     /// left the body.
     ///
@@ -293,11 +301,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let Config { contact, limits, .. } = &self.config;
         match at.kind {
             ContactKind::Push => vec3::dot(reaction_n, at.normal) > contact.release_tension_n,
-            ContactKind::Sphere => {
-                let reach_m = self.organ.tool.sphere().map_or(0.0, |sphere| sphere.reach_m());
-                let is_near = || self.surface.is_some_and(|surface| surface.is_within(hip_m, reach_m));
-                reaction_n == vec3::ZERO && !is_near()
-            }
+            ContactKind::Sphere => self.has_left(hip_m, reaction_n),
             ContactKind::Grasp => {
                 let radius_m = |node: &NodeWeight| {
                     let space = self.organ.spaces.get(usize::from(node.space));

@@ -40,28 +40,37 @@ struct Place {
     beyond_m: f32,
 }
 
+impl Place {
+    fn coverage(&self) -> Coverage {
+        if self.beyond_m <= 0.0 { Coverage::Scattered } else { Coverage::Extrapolated }
+    }
+}
+
 impl Jet {
     /// h at a displacement, newtons: `Scattered` inside the trust radius, `Extrapolated` beyond. A displacement
     /// that is not finite has the force at the control and is `Extrapolated`.
     ///
     /// Needs a jet that [`Jet::decode`] returned; the force is then finite.
     pub fn force(&self, displacement_m: Vec3) -> ForceSample {
+        if self.flags.root {
+            return self.force_of_root(displacement_m);
+        }
         let Some(displacement_m) = limited(displacement_m) else {
-            return ForceSample {
-                force_n: self.force_of(self.force_n, self.energy_j),
-                coverage: Coverage::Extrapolated,
-            };
+            return ForceSample { force_n: self.force_n, coverage: Coverage::Extrapolated };
         };
         let at = self.place(displacement_m);
-        let gradient = self.gradient(&at);
-        let value = if self.flags.root { self.value(&at) } else { 0.0 };
-        let coverage = if at.beyond_m <= 0.0 { Coverage::Scattered } else { Coverage::Extrapolated };
-        ForceSample { force_n: self.force_of(gradient, value), coverage }
+        ForceSample { force_n: self.gradient(&at), coverage: at.coverage() }
     }
 
-    /// h from the gradient of the expansion and, of a root, its value.
-    fn force_of(&self, gradient: Vec3, value: f32) -> Vec3 {
-        if self.flags.root { vec3::scale(gradient, value.max(0.0)) } else { gradient }
+    /// The same of a root. On its own, so that it costs the search for contradictions nothing.
+    #[inline(never)]
+    fn force_of_root(&self, displacement_m: Vec3) -> ForceSample {
+        let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
+        let (gradient, value, coverage) = match &at {
+            Some(at) => (self.gradient(at), self.value(at), at.coverage()),
+            None => (self.force_n, self.energy_j, Coverage::Extrapolated),
+        };
+        ForceSample { force_n: vec3::scale(gradient, value.max(0.0)), coverage }
     }
 
     /// |S| at the control, the root of the sum of squares of its components, N/m: at least its largest stiffness.
@@ -82,6 +91,7 @@ impl Jet {
     }
 
     /// The gradient of the expansion.
+    #[inline(always)]
     fn gradient(&self, at: &Place) -> Vec3 {
         let inside = self.polynomial_n(at.from_control_m);
         if at.beyond_m <= 0.0 {

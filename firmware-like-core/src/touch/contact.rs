@@ -154,6 +154,8 @@ impl Contact {
 
     /// The same for a sphere, which is engaged within its reach of the surface at rest, and as long as the controller
     /// does not release it.
+    // On its own, so that it costs the ticks of other tools nothing.
+    #[inline(never)]
     pub(crate) fn follow(
         &mut self,
         spaces: &[Space<'_>],
