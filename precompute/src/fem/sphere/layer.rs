@@ -120,12 +120,6 @@ impl CoatedSphere {
         Self { radius_m, layer, start_m, points: Arc::new(Points { faces, shapes: table }) }
     }
 
-    /// The same beside the same body, with another place of the centre where the displacement is zero.
-    #[must_use]
-    pub fn from(&self, start_m: [f64; 3]) -> Self {
-        Self { start_m, ..self.clone() }
-    }
-
     /// Distance of the layer from the body at rest, m; zero or less where they overlap.
     pub fn clearance_m(&self, body: &Body, displacement_m: [f64; 3]) -> f64 {
         self.foot(body, displacement_m).1 - self.outer_m()
