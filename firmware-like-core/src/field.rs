@@ -13,9 +13,9 @@ pub struct Touch {
     pub now_us: u64,
     /// The engaged contact points (spaces) and their weights.
     pub weights: [NodeWeight; 3],
-    /// Displacement of all of them, metres.
+    /// Displacement of all of them, metres. Of a sphere it is that from the first touch.
     pub displacement_m: Vec3,
-    /// HIP, model frame, metres.
+    /// HIP, model frame, metres. The displacement of a sphere's space is that of the HIP from its rest position.
     pub hip_m: Vec3,
 }
 
@@ -52,9 +52,14 @@ impl<const N: usize, F: Fn(&Space<'_>, &Vec3) -> Option<ForceSample>> Field for 
     /// The coverage is `Extrapolated` if that of any space is, else that of the first space.
     fn force(&mut self, touch: &Touch) -> Option<ForceSample> {
         let mut sum: Option<ForceSample> = None;
+        let is_sphere = self.organ.tool.sphere().is_some();
         for node in touch.weights.iter().filter(|node| node.weight > 0.0) {
             let space = self.organ.spaces.get(usize::from(node.space))?;
-            let one = (self.evaluate)(space, &touch.displacement_m)?;
+            let one = if is_sphere {
+                (self.evaluate)(space, &vec3::sub(touch.hip_m, space.active.rest_position_m))?
+            } else {
+                (self.evaluate)(space, &touch.displacement_m)?
+            };
             // A single space has weight 1, so the product keeps the bits.
             let force_n = vec3::scale(one.force_n, node.weight);
             sum = Some(match sum {

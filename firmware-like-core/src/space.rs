@@ -15,6 +15,7 @@ use crate::method::energy::Energy;
 use crate::method::hermite::{Hermite, HermitePlanes};
 use crate::method::interpolant;
 use crate::method::kernel::{Kernel, KernelPlanes, KernelTable};
+use crate::method::root::{Known, Root};
 use crate::method::{Estimate, ForceSample, Method};
 use crate::num::lanes::{Baseline, Machine};
 use crate::num::vec3::{self, Vec3};
@@ -50,6 +51,8 @@ pub struct SpacePlanes<'a> {
     pub rbf_cubic: Option<RbfPlanes<'a, f64>>,
     /// For `hermite` and `energy`.
     pub hermite: Option<HermitePlanes<'a>>,
+    /// Whether that table holds s = sqrt(2 W) of a sphere, for `energy` alone.
+    pub is_root: bool,
     /// For `kernel`.
     pub kernel: Option<KernelPlanes<'a>>,
     /// For the pictures.
@@ -67,6 +70,7 @@ pub struct Space<'a> {
     rbf_linear: Option<RbfPlanes<'a, f32>>,
     rbf_cubic: Option<RbfPlanes<'a, f64>>,
     hermite: Option<HermitePlanes<'a>>,
+    is_root: bool,
     kernel: Option<KernelTable<'a>>,
     displacement: Option<DisplacementTable<'a>>,
 }
@@ -75,7 +79,7 @@ pub struct Space<'a> {
 /// if the planes of the method are absent.
 macro_rules! with_interpolant {
     ($space:expr, $method:expr, |$interpolant:ident, $domain:ident| $answer:expr) => {{
-        let Space { lattice, flags, force_n, rbf_linear, rbf_cubic, hermite, kernel, .. } = $space;
+        let Space { lattice, flags, force_n, rbf_linear, rbf_cubic, hermite, is_root, kernel, .. } = $space;
         let $domain = Ball { lattice, flags };
         match $method {
             Method::Trilinear => {
@@ -96,6 +100,11 @@ macro_rules! with_interpolant {
             }
             Method::RbfCubic => {
                 let $interpolant = Rbf(rbf_cubic.as_ref()?);
+                $answer
+            }
+            Method::Hermite if *is_root => return None,
+            Method::Energy if *is_root => {
+                let ($interpolant, $domain) = (Root(Hermite(hermite.as_ref()?)), Known($domain));
                 $answer
             }
             Method::Hermite => {
@@ -126,13 +135,13 @@ impl<'a> Space<'a> {
         planes: SpacePlanes<'a>,
         vertices: usize,
     ) -> Result<Self, PlaneError> {
-        let SpacePlanes { flags, force_n, rbf_linear, rbf_cubic, hermite, .. } = planes;
+        let SpacePlanes { flags, force_n, rbf_linear, rbf_cubic, hermite, is_root, .. } = planes;
         let rest = lattice.rest_slot();
         check_len("flags", flags, lattice.slots())?;
         if let Some(slot) = first_inconsistent(&lattice, flags) {
             return Err(PlaneProblem::Flags { slot }.of("flags"));
         }
-        if flags.get(rest).is_none_or(|bits| bits & SOLVED == 0) {
+        if !is_root && flags.get(rest).is_none_or(|bits| bits & SOLVED == 0) {
             return Err(PlaneProblem::RestPoint.of("flags"));
         }
         if let Some(force_n) = force_n {
@@ -150,11 +159,25 @@ impl<'a> Space<'a> {
         }
         if let Some(hermite) = &hermite {
             hermite.check(&lattice)?;
+            if !is_root {
+                hermite.check_rest(&lattice)?;
+            }
         }
         let kernel = planes.kernel.map(|kernel| KernelTable::new(lattice.radius_m(), kernel)).transpose()?;
         let displacement =
             planes.displacement.map(|of| DisplacementTable::new(&lattice, of, vertices)).transpose()?;
-        Ok(Self { active, lattice, flags, force_n, rbf_linear, rbf_cubic, hermite, kernel, displacement })
+        Ok(Self {
+            active,
+            lattice,
+            flags,
+            force_n,
+            rbf_linear,
+            rbf_cubic,
+            hermite,
+            is_root,
+            kernel,
+            displacement,
+        })
     }
 
     /// The grid of displacements.
@@ -174,10 +197,10 @@ impl<'a> Space<'a> {
 
     /// All planes, for example for a reference evaluation.
     pub fn planes(&self) -> SpacePlanes<'a> {
-        let Self { flags, force_n, rbf_linear, rbf_cubic, hermite, .. } = *self;
+        let Self { flags, force_n, rbf_linear, rbf_cubic, hermite, is_root, .. } = *self;
         let kernel = self.kernel.as_ref().map(KernelTable::planes);
         let displacement = self.displacement.as_ref().map(|table| *table.planes());
-        SpacePlanes { flags, force_n, rbf_linear, rbf_cubic, hermite, kernel, displacement }
+        SpacePlanes { flags, force_n, rbf_linear, rbf_cubic, hermite, is_root, kernel, displacement }
     }
 
     /// Whether the planes of a method are present.

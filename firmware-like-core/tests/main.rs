@@ -18,5 +18,6 @@ mod jets;
 mod kernel;
 mod sessions;
 mod slip;
+mod sphere_field;
 mod stale;
 mod touch_surface;

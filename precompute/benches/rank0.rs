@@ -89,6 +89,7 @@ fn attempts(bencher: Bencher<'_, '_>, unknowns: usize) {
         normals: Vec::new(),
         visited_m: Vec::new(),
         contacts: None,
+        charts: None,
         visual: false,
         displacement_bound: DisplacementBound::default(),
     };

@@ -5,6 +5,7 @@
 //! Unusual but solvable properties become warnings of the [`ResolvedScene`]. Unknown keys are errors, because
 //! an ignored key would change the model unnoticed.
 
+mod charts;
 mod cover;
 mod device;
 mod edit;
@@ -36,7 +37,7 @@ use crate::fem::solve::{Problem, SolveFailure, solve_body_force};
 use crate::fem::sphere::{Layer, Sphere};
 use crate::mesh::{BISECTIONS_A_LEVEL, MeshFault, Near, Refined, Surface, TetMesh};
 pub use crate::spec::{ActiveNode, Tool};
-use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, Scattered, Tolerance};
+use crate::spec::{Charts, ContactSurface, DisplacementBound, Lattice, Sampling, Scattered, Tolerance};
 pub use cover::Cover;
 pub(crate) use cover::choose as choose_contact_points;
 pub use edit::{VisitedContact, VisitedPlace};
@@ -81,6 +82,8 @@ pub struct ResolvedScene {
     pub cover: Option<Cover>,
     /// Triangles of contact points, indices into `active`; empty if they are touched one by one.
     pub contact_triangles: Vec<[u32; 3]>,
+    /// The charts of a sphere's field, one for each active node, if the scene has a grid.
+    pub charts: Option<Charts>,
     /// Numbers of nodes of the scene's groups that are excluded because the tool cannot reach them.
     pub unreachable: Unreachable,
     /// The sampling of the displacements, if the scene has a `[grid]`.

@@ -9,7 +9,7 @@ use palpate_precompute::num::EnergyJet;
 use palpate_precompute::pipeline::{Analysis, Run};
 use palpate_precompute::scene::Scene;
 use palpate_precompute::space::{Store, state};
-use palpate_precompute::spec::{Lattice, Requirements, Sampling, SpaceGrid, Tolerance};
+use palpate_precompute::spec::{Lattice, Quantity, Requirements, Sampling, SpaceGrid, Tolerance};
 
 fn asset(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name)
@@ -120,6 +120,8 @@ fn a_search_looks_at_the_same_positions_on_every_platform() {
         max_force_n: 1.0,
         push: None,
         workspace_m: None,
+        column: None,
+        quantity: Quantity::Energy,
         max_configurations: 100,
     };
     let mut numbers = [0.0; 20];

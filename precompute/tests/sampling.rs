@@ -5,7 +5,7 @@
 mod reach;
 
 use palpate_precompute::num::{in_ball, norm};
-use palpate_precompute::spec::{Requirements, Tolerance};
+use palpate_precompute::spec::{Quantity, Requirements, Tolerance};
 use reach::is_reached;
 
 #[test]
@@ -18,6 +18,8 @@ fn positions_fill_the_ball_and_what_a_tool_meets_has_a_side() {
         max_force_n: 2.0,
         push: Some([0.0, 0.0, 1.0]),
         workspace_m: None,
+        column: None,
+        quantity: Quantity::Energy,
         max_configurations: 9,
     };
     assert!(is_reached(&wanted, [0.0, 0.0, -1.0]) && !is_reached(&wanted, [0.0, 0.0, 1.0]));

@@ -11,7 +11,7 @@ use palpate_precompute::spec::{GridIndex, SpaceGrid};
 use simulated::{Costs, Simulated, Solves};
 
 fn job(target: GridIndex, parent: Option<GridIndex>) -> Work {
-    let task = Task { target, attempt: 0, round: 1, parent: parent.map(|index| (index, 0)) };
+    let task = Task { target, attempt: 0, round: 1, parent: parent.map(|index| (index, 0)), chart: None };
     Work::Point(Job { active: 0, task, seed: None })
 }
 

@@ -30,6 +30,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, methods: &[Method]) -
         normals: Vec::new(),
         visited_m: Vec::new(),
         contacts: scene.contacts(),
+        charts: scene.charts.clone(),
         visual: false,
         displacement_bound: scene.displacement_bound,
     };

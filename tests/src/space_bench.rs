@@ -46,6 +46,7 @@ impl SpaceBench {
             normals: vec![Surface::of(&mesh).normal(active).expect("the active node is on the surface")],
             visited_m: Vec::new(),
             contacts: None,
+            charts: None,
             visual: true,
             displacement_bound: DisplacementBound::default(),
         };

@@ -122,7 +122,8 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         if preamble.max_force_n.is_nan() || preamble.max_force_n <= 0.0 {
             return Err(BlobError::Value { what: "max_force_n", space: None });
         }
-        let planes = Planes { area, limits: *limits, space: None };
+        let is_root = preamble.tool.sphere().is_some();
+        let planes = Planes { area, limits: *limits, space: None, is_root };
         let (surface, contact) = (planes.surface(&preamble.surface)?, planes.surface(&preamble.contact)?);
         check_range("contact space", contact.node, |space| *space < preamble.space_count)
             .map_err(|error| planes.refuse(error))?;
@@ -199,6 +200,8 @@ struct Planes<'a> {
     limits: Limits,
     /// Index of the space, or `None` for the surface.
     space: Option<u16>,
+    /// Whether the tables hold s = sqrt(2 W).
+    is_root: bool,
 }
 
 impl<'a> Planes<'a> {
@@ -303,6 +306,7 @@ impl<'a> Planes<'a> {
             rbf_linear: header.rbf_linear.map(|header| self.rbf("rbf-linear", &header)).transpose()?,
             rbf_cubic: header.rbf_cubic.map(|header| self.rbf("rbf-cubic", &header)).transpose()?,
             hermite: header.hermite.map(|header| self.hermite(&header)).transpose()?,
+            is_root: self.is_root,
             kernel: header.kernel.map(|header| self.kernel(&header)).transpose()?,
             displacement: header.displacement.map(|header| self.displacement(&header)).transpose()?,
         };

@@ -43,7 +43,7 @@ impl Energy<'_> {
     }
 
     /// W and its first two derivatives; zero beyond the end of the box.
-    fn derivatives(self, ball: Ball<'_>, at: &Location) -> Derivatives {
+    pub(super) fn derivatives(self, ball: Ball<'_>, at: &Location) -> Derivatives {
         let none = Derivatives { value: 0.0, gradient: vec3::ZERO, hessian: [vec3::ZERO; 3] };
         self.0.corners(ball, at).map_or(none, |corners| derivatives(&corners, at.t))
     }
@@ -91,10 +91,10 @@ impl<'s> Interpolant for Energy<'s> {
 }
 
 /// W, dW/dt and the rows of d2W/dt2, in cells and newtons.
-struct Derivatives {
-    value: f32,
-    gradient: Vec3,
-    hessian: [Vec3; 3],
+pub(super) struct Derivatives {
+    pub(super) value: f32,
+    pub(super) gradient: Vec3,
+    pub(super) hessian: [Vec3; 3],
 }
 
 /// The six quintics or one of their derivatives at t: `[corner][a]`.
@@ -230,8 +230,36 @@ fn join<const LANE: usize, M: Machine>(machine: M, low: F32x4, high: F32x4) -> M
     machine.join([low.get::<LANE>(); 4], [high.get::<LANE>(); 4])
 }
 
+/// The corners contracted along x and y: rows along c of the near and the far corner in z, each with H' in x, with H'
+/// in y, and with H in both; and the weights along z of H and H'.
+struct Contracted {
+    near: [F32x4; 3],
+    far: [F32x4; 3],
+    value: [F32x4; 2],
+    rise: [F32x4; 2],
+}
+
 #[inline(always)]
 fn gradient<M: Machine>(machine: M, corners: &Corners<'_>, t: Vec3) -> Vec3 {
+    let Contracted { near: [near_x, near_y, near], far: [far_x, far_y, far], value, rise } =
+        contracted(machine, corners, t);
+    sums(contract_z(near_x, far_x, value), contract_z(near_y, far_y, value), contract_z(near, far, rise))
+}
+
+/// The interpolated quantity and its gradient, in cells and newtons.
+#[inline(always)]
+pub(super) fn value_and_gradient<M: Machine>(machine: M, corners: &Corners<'_>, t: Vec3) -> (f32, Vec3) {
+    let Contracted { near: [near_x, near_y, near], far: [far_x, far_y, far], value, rise } =
+        contracted(machine, corners, t);
+    let gradient =
+        sums(contract_z(near_x, far_x, value), contract_z(near_y, far_y, value), contract_z(near, far, rise));
+    let sum = contract_z(near, far, value);
+    let sum = sum + sum.upper();
+    (sum.get::<0>() + sum.get::<1>(), gradient)
+}
+
+#[inline(always)]
+fn contracted<M: Machine>(machine: M, corners: &Corners<'_>, t: Vec3) -> Contracted {
     let [values, rises] = bases(t);
     let in_x = both::<0, M>(machine, &values, &rises);
     let in_y = both::<1, M>(machine, &values, &values);
@@ -239,12 +267,12 @@ fn gradient<M: Machine>(machine: M, corners: &Corners<'_>, t: Vec3) -> Vec3 {
     // Corners as [x][y][z].
     let [[[n00, n01], [n10, n11]], [[f00, f01], [f10, f11]]] = *corners;
     let (near, far) = (contract_x(machine, n00, f00, &in_x), contract_x(machine, n10, f10, &in_x));
-    let [low_x, low_y, low] = contract_y(machine, &near, &far, &in_y, &rise_y);
+    let nearer = contract_y(machine, &near, &far, &in_y, &rise_y);
     let (near, far) = (contract_x(machine, n01, f01, &in_x), contract_x(machine, n11, f11, &in_x));
-    let [high_x, high_y, high] = contract_y(machine, &near, &far, &in_y, &rise_y);
+    let farther = contract_y(machine, &near, &far, &in_y, &rise_y);
     let value = values.along_z(F32x4::splat(1.0));
     let rise = rises.along_z(F32x4::splat(0.0));
-    sums(contract_z(low_x, high_x, value), contract_z(low_y, high_y, value), contract_z(low, high, rise))
+    Contracted { near: nearer, far: farther, value, rise }
 }
 
 /// Rows along c for b = 0, 1, 2, contracted along x with H and H' side by side.

@@ -27,7 +27,7 @@ pub type HermiteNode = [[[f32; 4]; 3]; 3];
 pub struct HermitePlanes<'a> {
     /// Index of its node for each slot of the box. Slots that no query reaches may share a node.
     pub row: &'a [u32],
-    /// The nodes, newtons; energy and force are zero at rest.
+    /// The nodes, newtons; energy and force are zero at rest. Of a sphere those of s = sqrt(2 W).
     pub nodes: &'a [HermiteNode],
 }
 
@@ -35,15 +35,19 @@ pub struct HermitePlanes<'a> {
 pub(super) type Corners<'a> = [[[&'a HermiteNode; 2]; 2]; 2];
 
 impl HermitePlanes<'_> {
-    /// Checks that every slot of the lattice has a node, that all values are finite, and that rest is free of
-    /// force.
+    /// Checks that every slot of the lattice has a node, and that all values are finite.
     ///
     /// Errors: [`PlaneError`] with the name of the plane.
     pub fn check(&self, lattice: &BallLattice) -> Result<(), PlaneError> {
         let Self { row, nodes } = *self;
         check_len("hermite row", row, lattice.slots())?;
         check_range("hermite row", row, |row| (*row as usize) < nodes.len())?;
-        check_finite("hermite nodes", nodes.as_flattened().as_flattened().as_flattened())?;
+        check_finite("hermite nodes", nodes.as_flattened().as_flattened().as_flattened())
+    }
+
+    /// Checks that rest is free of energy and force.
+    pub(crate) fn check_rest(&self, lattice: &BallLattice) -> Result<(), PlaneError> {
+        let Self { row, nodes } = *self;
         let rest = row.get(lattice.rest_slot()).and_then(|row| nodes.get(*row as usize));
         if !rest.is_some_and(is_at_rest) {
             return Err(PlaneProblem::RestPoint.of("hermite nodes"));

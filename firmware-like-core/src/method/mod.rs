@@ -9,6 +9,7 @@ pub(crate) mod energy;
 pub(crate) mod hermite;
 pub(crate) mod interpolant;
 pub mod kernel;
+pub(crate) mod root;
 
 use serde::{Deserialize, Serialize};
 

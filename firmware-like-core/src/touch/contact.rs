@@ -154,6 +154,10 @@ impl Contact {
 
     /// The same for a sphere, which is engaged within its reach of the surface at rest, and as long as the controller
     /// does not release it.
+    ///
+    /// The foot is the point of the surface at rest that is nearest to the centre at the first touch. Then it follows
+    /// along the surface, so that it stays on the side from which the sphere came. Its weights are those of the charts.
+    /// The displacement counts from the place of the centre that just touches the foot. A live field has one space.
     // On its own, so that it costs the ticks of other tools nothing.
     #[inline(never)]
     pub(crate) fn follow(
@@ -163,8 +167,18 @@ impl Contact {
         (hip_m, reach_m): (Vec3, f32),
     ) -> Option<Engaged> {
         self.previous_hip_m = Some(hip_m);
-        let is_near = || surface.is_some_and(|surface| surface.is_within(hip_m, reach_m));
-        if self.engaged.is_none() && is_near() {
+        let surface = surface?;
+        let foot = match &self.engaged {
+            None => Some(surface.nearest(hip_m, reach_m)?),
+            Some(at) => at.foot.map(|foot| surface.slide(foot, vec3::sub(hip_m, surface.point(&foot))).0),
+        };
+        let charts = foot.and_then(|foot| Some((foot, surface.node_weights(&foot)?)));
+        if let Some((foot, weights)) = charts {
+            let normal = blended_normal(spaces, &weights)?;
+            let anchor_m = vec3::add(surface.point(&foot), vec3::scale(normal, reach_m));
+            let kind = ContactKind::Sphere;
+            self.engaged = Some(Engaged { weights, foot: Some(foot), anchor_m, normal, kind });
+        } else if self.engaged.is_none() {
             let active = &spaces.first()?.active;
             let (start_m, normal) = (active.rest_position_m, active.outward_normal);
             self.engaged = Some(Engaged::by(ContactKind::Sphere, 0, start_m, normal));

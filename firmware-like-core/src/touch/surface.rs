@@ -161,6 +161,22 @@ impl<'m> TouchSurface<'m> {
         self.near(&[corner(-1.0), corner(1.0)]).take(MAX_TESTS).any(close)
     }
 
+    /// The point of the surface nearest to a point, if it is within a distance. Tests at most 2,048 triangles.
+    pub(crate) fn nearest(&self, point_m: Vec3, distance_m: f32) -> Option<Foot> {
+        let corner = |sign: f32| point_m.map(|x| x + sign * distance_m);
+        let mut least: Option<(f32, Foot)> = None;
+        for &triangle in self.near(&[corner(-1.0), corner(1.0)]).take(MAX_TESTS) {
+            let Some(corners) = self.corners(triangle) else { continue };
+            let nearest_m = nearest_on(corners, point_m);
+            let away_m = vec3::distance(nearest_m, point_m);
+            if away_m <= least.map_or(distance_m, |(least_m, _)| least_m) {
+                let weights = normalized(barycentric(corners, area(corners), nearest_m));
+                least = Some((away_m, Foot { triangle, weights }));
+            }
+        }
+        least.map(|(_, foot)| foot)
+    }
+
     /// The fraction of a path up to its entry through a triangle, and the point of entry.
     fn enters(&self, triangle: u32, from_m: Vec3, to_m: Vec3) -> Option<(f32, Crossing)> {
         let corners = self.corners(triangle)?;

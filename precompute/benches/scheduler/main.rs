@@ -172,6 +172,7 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
         normals: Vec::new(),
         visited_m: Vec::new(),
         contacts: None,
+        charts: None,
         visual: false,
         displacement_bound: DisplacementBound::default(),
     };

@@ -2,13 +2,25 @@
 
 use super::linear::LinearModelErrors;
 use super::prediction::{Test, Verdict};
-use crate::fit::KernelFit;
+use crate::fit::{KernelFit, KernelSystem};
 use crate::num::jet::EnergyJet;
-use crate::num::vector::{distance, dot, norm};
-use crate::spec::{MIN_RADIUS_M, Requirements, is_within};
+use crate::num::vector::{distance, norm};
+use crate::spec::{GridIndex, MIN_RADIUS_M, Requirements, is_within};
+use serde::{Deserialize, Serialize};
 
 /// A force predicted above this multiple of the limit counts as beyond the limit.
 const LIMIT_FACTOR: f64 = 1.3;
+
+/// A configuration that another chart has solved.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Shared {
+    /// Number of the active node of that chart.
+    pub chart: u32,
+    /// Its index there.
+    pub index: GridIndex,
+    /// Its jet, as a displacement from the origin of this chart.
+    pub jet: EnergyJet,
+}
 
 /// The fit of a search with its error estimates. It is read-only.
 #[derive(Debug, Clone)]
@@ -17,8 +29,10 @@ pub struct AdaptiveFit {
     pub wanted: Requirements,
     /// Result of the search; `None` during the search.
     pub verdict: Option<Verdict>,
-    /// The configurations in the fit, rest first.
+    /// The configurations in the fit: rest first, then those of neighbouring charts.
     pub jets: Vec<EnergyJet>,
+    /// Those of neighbouring charts.
+    pub shared: Vec<Shared>,
     /// The fit.
     pub fit: KernelFit,
     /// All predictions, in order of time.
@@ -35,6 +49,23 @@ pub struct AdaptiveFit {
 }
 
 impl AdaptiveFit {
+    /// The configurations that this search has solved.
+    pub(crate) fn own(&self) -> impl Iterator<Item = &EnergyJet> {
+        self.jets.iter().take(1).chain(self.jets.iter().skip(1 + self.shared.len()))
+    }
+
+    /// The fit to these own configurations, the origin first, and shared ones; unchanged if some are too close.
+    pub(crate) fn with_shared(&self, own: &[EnergyJet], shared: Vec<Shared>) -> Self {
+        let of_others: Vec<EnergyJet> = shared.iter().map(|shared| shared.jet).collect();
+        let jets = [&own[..1], &of_others, &own[1..]].concat();
+        let mut system = KernelSystem::without_errors(self.fit.length_m, self.fit.quantity, self.fit.base);
+        if system.add(&jets).is_err() {
+            return self.clone();
+        }
+        let condition = system.condition();
+        Self { jets, shared, fit: system.fit, condition, ..self.clone() }
+    }
+
     /// Length of the validation streak: predictions within tolerance since the last failure, among those that
     /// count.
     pub fn passes(&self) -> usize {
@@ -58,11 +89,12 @@ impl AdaptiveFit {
     /// limit, and without pull if the tool only pushes.
     pub(crate) fn is_reachable(&self, at: [f64; 3]) -> bool {
         let Requirements { max_force_n, push, workspace_m, .. } = self.wanted;
-        if !workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) {
+        if !workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) || !self.wanted.is_in_column(at) {
             return false;
         }
         let force = self.fit.force_n(at);
-        norm(force) <= LIMIT_FACTOR * max_force_n && push.is_none_or(|normal| dot(force, normal) <= 0.0)
+        norm(force) <= LIMIT_FACTOR * max_force_n
+            && push.is_none_or(|normal| self.wanted.pushes(force, normal))
     }
 
     /// Displacement of the node by the largest force in its softest direction, from the stiffness at rest, m;

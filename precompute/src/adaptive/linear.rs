@@ -80,7 +80,7 @@ mod tests {
     use crate::fit::KernelFit;
     use crate::fit::synthetic::jet;
     use crate::num::vector::norm;
-    use crate::spec::{Requirements, Tolerance};
+    use crate::spec::{Quantity, Requirements, Tolerance};
     use palpate_core::HermitePlanes;
 
     const RADIUS_M: f64 = 0.002;
@@ -93,6 +93,8 @@ mod tests {
             max_force_n: 8.0,
             push: None,
             workspace_m: None,
+            column: None,
+            quantity: Quantity::Energy,
             max_configurations: 100,
         };
         let mut search = Search::new(wanted, &jet([0.0; 3]));

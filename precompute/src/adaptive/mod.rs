@@ -12,9 +12,9 @@ mod resample;
 mod search;
 mod stagnation;
 
-pub use fitted::{AdaptiveFit, LeaveOneOutErrors};
+pub use fitted::{AdaptiveFit, LeaveOneOutErrors, Shared};
 pub use linear::LinearModelErrors;
 pub use prediction::{STREAK, Test, Verdict};
 pub use resample::{Resampled, resample};
-pub(crate) use search::Step;
+pub(crate) use search::{MAX_FORCE_FACTOR, Step};
 pub use search::{Search, SolveResult, Target};

@@ -4,7 +4,7 @@
 use super::AdaptiveFit;
 use crate::num::sequence::{on_sphere, r2};
 use crate::num::vector::{distance, dot, norm};
-use crate::spec::UNIT_M;
+use crate::spec::{Quantity, UNIT_M, from_axis_m};
 
 /// Number of ray directions.
 const RAYS: u32 = 256;
@@ -42,14 +42,19 @@ impl AdaptiveFit {
         found
     }
 
-    /// Length of a ray to the boundary of the workspace, m; r_G without a workspace.
+    /// Length of a ray to the boundary of the column and the workspace, m; r_G without them.
     fn boundary_distance_m(&self, direction: [f64; 3]) -> f64 {
-        let Some([low, high]) = self.wanted.workspace_m else { return self.wanted.radius_m };
+        let to_column_m = self.wanted.column.zip(self.wanted.push).map(|(column, normal)| {
+            let (across, up) = (from_axis_m(&normal, direction), dot(direction, normal));
+            (column.core_m / across.max(f64::MIN_POSITIVE)).min(column.top_m / up.max(f64::MIN_POSITIVE))
+        });
+        let limit_m = to_column_m.map_or(self.wanted.radius_m, |way_m| way_m.min(self.wanted.radius_m));
+        let Some([low, high]) = self.wanted.workspace_m else { return limit_m };
         let ways = (0..3).map(|axis| {
             let end = if direction[axis] < 0.0 { low[axis] } else { high[axis] };
             if direction[axis] == 0.0 { f64::INFINITY } else { (end / direction[axis]).max(0.0) }
         });
-        ways.fold(self.wanted.radius_m, f64::min)
+        ways.fold(limit_m, f64::min)
     }
 
     /// Length of a ray within the reachable set, m.
@@ -57,7 +62,8 @@ impl AdaptiveFit {
         let mut way_m = self.boundary_distance_m(direction);
         let within = |share: f64, way_m: f64| {
             let at = direction.map(|x| x * share * way_m);
-            self.largest_n(at) <= LIMIT_FACTOR * self.wanted.max_force_n
+            let touches = self.wanted.quantity == Quantity::Energy || self.fit.value_and_slope(at).0 > 0.0;
+            touches && self.largest_n(at) <= LIMIT_FACTOR * self.wanted.max_force_n
         };
         if within(1.0, way_m) {
             return way_m;
@@ -86,11 +92,11 @@ impl AdaptiveFit {
 
     /// Whether the tool presses at a position, if it only pushes.
     fn presses(&self, at: [f64; 3]) -> bool {
-        self.wanted.push.is_none_or(|normal| dot(self.fit.force_n(at), normal) <= 0.0)
+        self.wanted.push.is_none_or(|normal| self.wanted.pushes(self.fit.force_n(at), normal))
     }
 
     /// Index of the configuration nearest to a displacement.
-    pub(super) fn nearest(&self, at: [f64; 3]) -> usize {
+    pub(crate) fn nearest(&self, at: [f64; 3]) -> usize {
         let away = |n: usize| distance(at, self.jets[n].control_m);
         (0..self.jets.len()).min_by(|&a, &b| away(a).total_cmp(&away(b))).unwrap_or(0)
     }
@@ -121,10 +127,12 @@ mod tests {
             max_force_n: 20.0,
             push: None,
             workspace_m: None,
+            column: None,
+            quantity: Quantity::Energy,
             max_configurations: 100,
         };
         let jets = [[0.0; 3], [0.03, -0.02, 0.025]].map(jet).to_vec();
-        let mut system = KernelSystem::new(0.004, jets[0].stiffness_n_m);
+        let mut system = KernelSystem::of_energy(0.004, jets[0].stiffness_n_m);
         system.add(&jets).expect("apart");
         let search = Search::new(wanted, &jets[0]);
         let model = AdaptiveFit { jets, fit: system.fit, ..search.fitted };

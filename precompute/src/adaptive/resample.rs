@@ -6,9 +6,11 @@ use palpate_core::{HermitePlanes, LatticeError};
 
 use super::fitted::AdaptiveFit;
 use super::prediction::Verdict;
-use crate::fit::{KernelFit, Sample, hermite_nodes};
+use crate::fit::{KernelFit, Sample, hermite_nodes, root_nodes};
 use crate::num::vector::{distance, norm};
-use crate::spec::{Domain, GridIndex, MAX_RADIUS_M, MIN_RADIUS_M, SpaceGrid, corners};
+use crate::spec::{
+    Column, Domain, GridIndex, MAX_RADIUS_M, MIN_RADIUS_M, Quantity, Requirements, SpaceGrid, corners,
+};
 
 /// Numbers of cells along the radius, in the order of the attempts.
 const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
@@ -20,6 +22,8 @@ const IMPROVEMENT: f64 = 0.7;
 const MAX_NOT_BETTER: u32 = 2;
 /// Number of positions for the comparison with the fit, and of positions that select the reachable cells.
 const POSITIONS: u32 = 600;
+/// A cell of a chart is stored if a corner has at most this multiple of the force limit.
+const TABLE_FORCE: f64 = 1.3;
 /// Factor of the lattice's radius on the distance of the farthest configuration.
 const MARGIN: f64 = 1.05;
 
@@ -107,23 +111,50 @@ fn cell_corners(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
     cells.into_iter().flat_map(corners).collect()
 }
 
+/// The corners of the cells of a chart in which a sphere touches the body with a force within reach, and of the cells
+/// beside them: there the root falls below zero.
+fn touched_corners(search: &AdaptiveFit, grid: &SpaceGrid) -> HashSet<GridIndex> {
+    let wanted = &search.wanted;
+    let wide = |column: Column| Column {
+        core_m: column.whole_m + grid.spacing_m,
+        top_m: column.top_m + grid.spacing_m,
+        ..column
+    };
+    let wide = Requirements { column: wanted.column.map(wide), ..*wanted };
+    let is_touched = |index: &GridIndex| {
+        let at = grid.displacement_m(*index);
+        let (value, slope) = search.fit.value_and_slope(at);
+        let away_m = value / slope.norm().max(f64::MIN_POSITIVE);
+        wide.is_in_column(at)
+            && away_m > -grid.spacing_m
+            && norm(search.fit.force_n(at)) <= TABLE_FORCE * wanted.max_force_n
+    };
+    let points = Domain::new(grid, true).points().collect::<Vec<_>>();
+    let cell = |index: GridIndex| [-1, 0].map(|k| index.map(|n| n + k));
+    let lows = points.into_iter().filter(is_touched).flat_map(cell);
+    let cells: HashSet<GridIndex> = lows.collect();
+    cells.into_iter().flat_map(corners).collect()
+}
+
 /// Evaluates the fit at the points where it is valid, and at all corners of reachable cells. A corner beyond
 /// the boundary of the reachable set has a force far above the limit. It still needs the fit's own
 /// derivatives, because other values would change the interpolated force inside the set.
 fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
     let (fit, limit_n) = (&search.fit, search.wanted.max_force_n);
-    let corners = cell_corners(&grid, reached);
+    let is_root = search.wanted.quantity == Quantity::Root;
+    let corners = if is_root { touched_corners(search, &grid) } else { cell_corners(&grid, reached) };
     let mut samples = Vec::new();
     let mut points: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
     points.sort_unstable();
     for index in points {
         let at = grid.displacement_m(index);
-        if grid.lattice.slot(index).is_none() || !(corners.contains(&index) || search.is_valid_at(at)) {
+        let is_valid = corners.contains(&index) || !is_root && search.is_valid_at(at);
+        if grid.lattice.slot(index).is_none() || !is_valid {
             continue;
         }
         let (mut jet, mut all) = (fit.jet(at), fit.derivatives(at));
         let terminating = norm(jet.force_n) > limit_n;
-        if index == [0; 3] {
+        if index == [0; 3] && !is_root {
             jet = jet.as_rest();
             (all[0][0][0], all[1][0][0], all[0][1][0], all[0][0][1]) = (0.0, 0.0, 0.0, 0.0);
         }
@@ -135,7 +166,9 @@ fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Re
 /// 99th percentile of the difference between table and fit over these reachable positions, as a share of the
 /// tolerance.
 fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
-    let nodes = hermite_nodes(&on.grid, &on.samples, &[]);
+    let is_root = search.wanted.quantity == Quantity::Root;
+    let nodes =
+        if is_root { root_nodes(&on.grid, &on.samples) } else { hermite_nodes(&on.grid, &on.samples, &[]) };
     let lattice = &on.grid.lattice;
     let table = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
     if table.check(lattice).is_err() {
@@ -144,7 +177,12 @@ fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
     let mut shares: Vec<f64> = places
         .iter()
         .map(|&at| {
-            let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));
+            let located = lattice.locate(at.map(|x| x as f32));
+            let found = if is_root {
+                table.root_force(lattice, &located)
+            } else {
+                table.energy_gradient(lattice, &located)
+            };
             let exact = search.fit.force_n(at);
             distance(found.map(f64::from), exact) / search.wanted.tolerance.at(exact)
         })
@@ -159,7 +197,7 @@ mod tests {
     use crate::adaptive::{Search, SolveResult};
     use crate::fit::synthetic::jet;
     use crate::num::jet::EnergyJet;
-    use crate::spec::{Requirements, Tolerance};
+    use crate::spec::Tolerance;
 
     /// A body whose stiffness grows by e every 9 mm on one side; an extrapolating polynomial has a large
     /// error after one cell.
@@ -183,6 +221,8 @@ mod tests {
             max_force_n: 5.0,
             push: None,
             workspace_m: None,
+            column: None,
+            quantity: Quantity::Energy,
             max_configurations: 100,
         };
         let mut search = Search::new(wanted, &steep([0.0; 3]));

@@ -22,6 +22,9 @@
 //! Positions that are given are solved before those that the search chooses. They add to the fit. Neither their
 //! predictions nor their leave-one-out errors count: a hand stays in one part of the reachable set.
 //!
+//! A chart of a sphere's field gets the configurations of the charts round it that are finished; they are in its fit like
+//! its own. Its search ends by the gaps between its data instead ([`gaps`]).
+//!
 //! The linear model is tested at the same positions without further solves. If it passes at least ten tests
 //! and agrees with the fit within tolerance, it is stored instead: the cheapest accurate model is used.
 
@@ -31,10 +34,10 @@ use super::fitted::{AdaptiveFit, LeaveOneOutErrors};
 use super::linear::{Linear, LinearModelErrors};
 use super::prediction::{STREAK, Test, Verdict};
 use super::stagnation::is_stagnant;
-use crate::fit::KernelSystem;
+use crate::fit::{Base, KernelSystem, LEAST_ROOT_J};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, distance, norm};
-use crate::spec::{GridIndex, MIN_RADIUS_M, Requirements, UNIT_M, displacement_m, nearest_index};
+use crate::spec::{GridIndex, MIN_RADIUS_M, Quantity, Requirements, UNIT_M, displacement_m, nearest_index};
 
 /// Maximum number of positions of a batch; also the length of the short validation streak.
 const BATCH: usize = 4;
@@ -47,12 +50,15 @@ const OUTLIER_DIVISOR: usize = 5;
 const MAX_DEVIATION: f64 = 0.5;
 /// Candidate kernel lengths, as shares of the initial estimate of the reachable distance.
 const LENGTH_SHARES: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
+/// The kernel length of a chart, as a share of its radius: the force changes over the edges of the skin. Others are not
+/// tried, because the fits of hundreds of charts take longer than their solves.
+const CHART_LENGTH_SHARE: f64 = 0.5;
 /// Index of the length that predicts the first batch, before any leave-one-out error compares the lengths.
 const INITIAL_LENGTH: usize = 1;
 /// A configuration with a force above this multiple of the limit is neither added to the fit nor counted as a
 /// test, because the fit must be accurate below the limit. Positions on both sides of the limit are chosen on
 /// purpose; those just beyond it are the hardest tests.
-const MAX_FORCE_FACTOR: f64 = 1.15;
+pub(crate) const MAX_FORCE_FACTOR: f64 = 1.15;
 
 /// Minimum number of positions for the comparison of the linear model with the fit and for the kriging
 /// variance test; rounded up to whole sets of rays (768).
@@ -137,9 +143,13 @@ impl CandidateFit {
 }
 
 impl Search {
-    /// Starts a search with the configuration at rest, where energy and force are zero by definition.
+    /// Starts a search with the configuration at zero displacement: that at rest, where energy and force are zero by
+    /// definition, or one of a sphere that touches the body.
     pub fn new(wanted: Requirements, rest: &EnergyJet) -> Self {
-        let rest = rest.as_rest();
+        let rest = match wanted.quantity {
+            Quantity::Energy => rest.as_rest(),
+            Quantity::Root => *rest,
+        };
         let stiffness = rest.stiffness_n_m;
         let eigen = stiffness.symmetric_eigen();
         let mean = (stiffness.trace() / 3.0).max(f64::MIN_POSITIVE);
@@ -149,19 +159,26 @@ impl Search {
         let metric = eigen.eigenvectors * Matrix3::from_diagonal(&roots) * eigen.eigenvectors.transpose();
         // Mean displacement of a linear body at the force limit, at most the radius.
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m).max(UNIT_M);
-        let fits: Vec<CandidateFit> = LENGTH_SHARES
-            .iter()
-            .filter_map(|share| {
-                let mut system = KernelSystem::new(share * reach, stiffness);
+        let lengths_m: Vec<f64> = match wanted.column {
+            None => LENGTH_SHARES.iter().map(|share| share * reach).collect(),
+            Some(column) => vec![CHART_LENGTH_SHARE * column.whole_m],
+        };
+        let base = Base::of(wanted.quantity, &rest).unwrap_or(Base::quadratic(stiffness));
+        let fits: Vec<CandidateFit> = lengths_m
+            .into_iter()
+            .filter_map(|length_m| {
+                let mut system = KernelSystem::new(length_m, wanted.quantity, base);
                 system.add(&[rest]).ok()?;
                 Some(CandidateFit { system, leave_one_out: Vec::new() })
             })
             .collect();
-        let system = &fits[INITIAL_LENGTH].system;
+        let chosen = INITIAL_LENGTH.min(fits.len() - 1);
+        let system = &fits[chosen].system;
         let fitted = AdaptiveFit {
             wanted,
             verdict: None,
             jets: vec![rest],
+            shared: Vec::new(),
             fit: system.fit.clone(),
             tests: Vec::new(),
             leave_one_out: Vec::new(),
@@ -169,13 +186,17 @@ impl Search {
             linear: LinearModelErrors::default(),
             condition: system.condition(),
         };
+        let mut linear = Linear::new(stiffness);
+        if wanted.quantity == Quantity::Root {
+            linear.exclude();
+        }
         Self {
             fitted,
             excluded: Vec::new(),
             fits,
-            chosen: INITIAL_LENGTH,
+            chosen,
             metric,
-            linear: Linear::new(stiffness),
+            linear,
             replacements: Vec::new(),
             given_m: Vec::new(),
             is_given: vec![true],
@@ -249,7 +270,8 @@ impl Search {
         if self.fitted.displacement_in_softest_direction_m() < MIN_RADIUS_M {
             return Some(Verdict::TooStiff);
         }
-        let is_full = self.fitted.jets.len() + self.excluded.len() >= self.fitted.wanted.max_configurations;
+        let own = self.fitted.jets.len() - self.fitted.shared.len() + self.excluded.len();
+        let is_full = own >= self.fitted.wanted.max_configurations;
         while !is_full && self.batch.is_empty() && !self.given_m.is_empty() {
             let first = self.given_m.len().saturating_sub(BATCH);
             for at in self.given_m.split_off(first).into_iter().rev() {
@@ -258,6 +280,13 @@ impl Search {
         }
         if !self.batch.is_empty() {
             return None;
+        }
+        if self.fitted.wanted.quantity == Quantity::Root {
+            if is_full {
+                return Some(Verdict::NotReached);
+            }
+            self.choose_in_gaps();
+            return self.batch.is_empty().then_some(Verdict::Passed);
         }
         if self.linear.tests_missing() == Some(0) && self.linear_agrees() {
             return Some(Verdict::Linear);
@@ -343,7 +372,10 @@ impl Search {
             match found {
                 SolveResult::Solved(jet) => {
                     self.score(target, jet);
-                    if norm(jet.force_n) <= MAX_FORCE_FACTOR * self.fitted.wanted.max_force_n {
+                    let has_root = jet.energy_j > LEAST_ROOT_J;
+                    if self.fitted.wanted.quantity == Quantity::Root && !has_root {
+                        self.excluded.push(at);
+                    } else if norm(jet.force_n) <= MAX_FORCE_FACTOR * self.fitted.wanted.max_force_n {
                         learned.push(*jet);
                         is_given.push(!target.is_test);
                     } else {
@@ -363,37 +395,7 @@ impl Search {
                 }
             }
         }
-        let grown: Vec<bool> =
-            self.fits.iter_mut().map(|candidate| candidate.system.add(&learned).is_ok()).collect();
-        if grown.contains(&true) {
-            let mut grown = grown.into_iter();
-            self.fits.retain(|_| grown.next().unwrap_or(false));
-            self.fitted.jets.extend(learned);
-            self.is_given.extend(is_given);
-        } else {
-            // No kernel length makes the matrix regular, so the fits do not change.
-            self.excluded.extend(learned.iter().map(|jet| jet.control_m));
-        }
-        let tolerance = self.fitted.wanted.tolerance;
-        for candidate in &mut self.fits {
-            let missed = candidate.system.leave_one_out_n().zip(&self.fitted.jets).zip(&self.is_given);
-            let missed = missed.filter(|(_, is_given)| !**is_given);
-            candidate.leave_one_out =
-                missed.map(|((missed, jet), _)| norm(missed) / tolerance.at(jet.force_n)).collect();
-        }
-        // Given positions have no errors that compare the lengths.
-        let are_all_given = self.is_given.len() > 1 && self.is_given.iter().all(|is_given| *is_given);
-        if !are_all_given || self.chosen >= self.fits.len() {
-            let best = (0..self.fits.len())
-                .min_by(|&a, &b| self.fits[a].mean_left_out().total_cmp(&self.fits[b].mean_left_out()));
-            self.chosen = best.unwrap_or(0);
-        }
-        let CandidateFit { system, leave_one_out } = &self.fits[self.chosen];
-        self.fitted.fit = system.fit.clone();
-        self.fitted.leave_one_out.clone_from(leave_one_out);
-        self.fitted.condition = system.condition();
-        self.fitted.linear = self.linear.errors;
-        self.fitted.deviation = self.largest_deviation();
+        self.learn(learned, &is_given);
     }
 
     fn score(&mut self, target: &Target, jet: &EnergyJet) {
@@ -422,5 +424,7 @@ impl Search {
     }
 }
 
+mod gaps;
+mod learning;
 #[cfg(test)]
 mod tests;

@@ -334,7 +334,7 @@ mod tests {
 
     #[test]
     fn configurations_at_the_rounding_floor_are_counted() {
-        let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: None };
+        let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: None, chart: None };
         let record = |force_n: f64, residual_n: f64| {
             let mut numbers = [0.0; 20];
             numbers[1] = force_n;

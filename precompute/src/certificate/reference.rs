@@ -30,6 +30,7 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
             Some(radial(&planes.centres, &planes.weights, cell.position, |r| r * r * r))
         }
         Method::Hermite => cell.hermite(),
+        Method::Energy if cell.planes.is_root => cell.root(),
         Method::Energy => {
             let clear = space.planes().flags[cell.slot([0; 3])] & BRANCH_JUMP == 0;
             let share = if clear { cell.share(0, SMOOTH) } else { 0.0 };
@@ -212,12 +213,25 @@ impl<'s, 'a> Cell<'s, 'a> {
     }
 
     fn energy(&self) -> Option<[f64; 3]> {
-        let mut sum = [0.0; 3];
+        self.quintic().map(|(_, slope)| slope)
+    }
+
+    /// h = max(0, s) ds/dp.
+    fn root(&self) -> Option<[f64; 3]> {
+        let (value, slope) = self.quintic()?;
+        let root = f64::from(self.space.lattice().spacing_m()) * value.max(0.0);
+        Some(slope.map(|slope| root * slope))
+    }
+
+    /// The interpolated quantity, in cells, and its gradient.
+    fn quintic(&self) -> Option<(f64, [f64; 3])> {
+        let (mut total, mut sum) = (0.0, [0.0; 3]);
         for corner in CORNERS {
             let derivative = self.derivatives(corner)?;
             for orders in (0..27).map(|code: usize| [code / 9, code / 3 % 3, code % 3]) {
                 let value = derivative(orders);
                 let of = |axis: usize| &QUINTIC[3 * corner[axis] as usize + orders[axis]];
+                total += value * (0..3).map(|axis| polynomial(of(axis), self.t[axis])).product::<f64>();
                 for (along, sum) in sum.iter_mut().enumerate() {
                     let factor = |axis: usize| {
                         let f = if axis == along { slope } else { polynomial };
@@ -227,7 +241,7 @@ impl<'s, 'a> Cell<'s, 'a> {
                 }
             }
         }
-        Some(sum)
+        Some((total, sum))
     }
 
     fn hermite(&self) -> Option<[f64; 3]> {

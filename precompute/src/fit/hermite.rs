@@ -38,6 +38,18 @@ pub struct HermiteNodes {
     pub nodes: Vec<HermiteNode>,
 }
 
+/// The table of a sphere's root at `samples`. All other slots share a node of zeros.
+pub(crate) fn root_nodes(grid: &SpaceGrid, samples: &[Sample]) -> HermiteNodes {
+    let mut table = HermiteNodes { row: vec![0; grid.lattice.slots()], nodes: vec![HermiteNode::default()] };
+    for sample in samples {
+        if let Some(slot) = grid.lattice.slot(sample.index) {
+            table.row[slot] = table.nodes.len() as u32;
+            table.nodes.push(packed(&exact(sample, grid.spacing_m).w));
+        }
+    }
+    table
+}
+
 /// The table of `samples`, sorted by index, including the rest point.
 pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], branch_jumps: &[BranchJump]) -> HermiteNodes {
     let slots = grid.lattice.slots();

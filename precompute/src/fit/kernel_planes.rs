@@ -37,11 +37,11 @@ impl KernelPlanes {
         radius_m: f64,
         is_valid_at: impl Fn([f64; 3]) -> bool,
     ) -> Option<Self> {
-        let KernelFit { length_m, rest_stiffness_n_m, centres, weights } = fit;
+        let KernelFit { length_m, quantity: _, base, centres, weights } = fit;
         if centres.len() > kernel::MAX_CENTRES {
             return None;
         }
-        let base = |[i, j]: [usize; 2]| length_m * rest_stiffness_n_m[(i, j)];
+        let base = |[i, j]: [usize; 2]| length_m * base.curvature[(i, j)];
         let [xx, xy, xz, yy, yz, zz] = SECOND_INDICES.map(base);
         let scalars = [*length_m, xx, xy, xz, yy, yz, zz];
         let mut blocks = vec![[[0.0; LANES]; NUMBERS]; centres.len().div_ceil(LANES)];
@@ -112,7 +112,7 @@ mod tests {
     const RADIUS_M: f64 = 0.05;
 
     fn fit(configurations: u32, length_m: f64) -> KernelFit {
-        let mut system = KernelSystem::new(length_m, jet([0.0; 3]).stiffness_n_m);
+        let mut system = KernelSystem::of_energy(length_m, jet([0.0; 3]).stiffness_n_m);
         system.add(&[jet([0.0; 3])]).expect("the first");
         for n in 1..configurations {
             system.add(&[jet(spread(n, RADIUS_M))]).expect("apart");

@@ -19,11 +19,12 @@ pub(crate) use displacement::{
     DisplacementFault, DisplacementFit, Misfit, SurfaceMotionSample, fit_displacement,
 };
 pub use ghosts::{LatticeValues, lattice_values};
+pub(crate) use hermite::root_nodes;
 pub use hermite::{HermiteNodes, hermite_nodes};
 pub(crate) use kernel::DATA;
 pub(crate) use kernel::Derivatives;
-pub use kernel::KernelFit;
-pub(crate) use kernel::KernelSystem;
+pub use kernel::{Base, KernelFit};
+pub(crate) use kernel::{KernelSystem, LEAST_ROOT_J};
 pub(crate) use kernel_planes::KernelPlanes;
 pub(crate) use modes::PackedModes;
 pub(crate) use motion::ScatteredMotion;

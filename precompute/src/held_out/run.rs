@@ -15,7 +15,7 @@ use super::{Draw, HeldOutError, Places};
 use crate::adaptive::AdaptiveFit;
 use crate::space::executor::Dispatcher;
 use crate::space::{Done, Executor, ExecutorError, Kind, Store, StoreError, Walk, WalkJob, Work, state};
-use crate::spec::{GridIndex, Sampling, corners};
+use crate::spec::{GridIndex, Sampling, corners, displacement_m};
 
 /// The held-out walks to solve.
 #[derive(Debug, Clone)]
@@ -163,8 +163,16 @@ impl HeldOut {
     }
 }
 
-/// A point of the space, and the attempt whose solution is used.
-type Start = (GridIndex, u32);
+/// A solved point of a space, the attempt whose solution is used, and where the displacements of its chart begin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Start {
+    /// The active node that it belongs to.
+    active: usize,
+    point: GridIndex,
+    attempt: u32,
+    /// Zero of that node's displacement from that of the position's, m.
+    from_m: [f64; 3],
+}
 
 /// One call of [`HeldOut::run`].
 struct Run<'a> {
@@ -179,8 +187,9 @@ struct Run<'a> {
 impl Run<'_> {
     /// Input of a worker for a walk. It is made just before it is sent, so that no states wait in memory.
     fn job(&self, walk: Walk, start: Option<Start>) -> Result<WalkJob, StoreError> {
-        let seed = |(point, attempt)| {
-            Ok::<_, StoreError>((point, self.store.stored_seed(walk.active as usize, point, attempt)?))
+        let seed = |Start { active, point, attempt, from_m }| {
+            let seed = self.store.stored_seed(active, point, attempt)?.moved_by(from_m);
+            Ok::<_, StoreError>((point, seed))
         };
         let HeldOut { places, actives, draw, .. } = self.held_out;
         let active = walk.active as usize;
@@ -281,14 +290,35 @@ impl Uniform {
         let distance = |corner: &GridIndex| -> f64 {
             corner.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
         };
-        if let Some(fit) = &self.fit {
-            let nearest = || self.reachable.iter().min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
-            return fit.is_reachable(at).then(nearest)?.map(|(index, attempt)| (*index, *attempt));
+        let own = |(point, attempt): (&GridIndex, &u32)| Start {
+            active: self.active,
+            point: *point,
+            attempt: *attempt,
+            from_m: [0.0; 3],
+        };
+        if let Some(fit) = self.fit.as_ref().filter(|fit| fit.is_reachable(at)) {
+            // A configuration of another chart may be nearer.
+            let nearest = fit.nearest(at);
+            if let Some(shared) = nearest.checked_sub(1).and_then(|nearest| fit.shared.get(nearest)) {
+                let there_m = displacement_m(shared.index);
+                let from_m = std::array::from_fn(|k| shared.jet.control_m[k] - there_m[k]);
+                return Some(Start {
+                    active: shared.chart as usize,
+                    point: shared.index,
+                    attempt: 0,
+                    from_m,
+                });
+            }
+            return self.reachable.iter().min_by(|a, b| distance(a.0).total_cmp(&distance(b.0))).map(own);
+        }
+        if self.fit.is_some() {
+            return None;
         }
         corners(cells.map(|x| x.floor() as i32))
             .into_iter()
-            .filter_map(|corner| Some((corner, *self.reachable.get(&corner)?)))
-            .min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)))
+            .filter_map(|corner| self.reachable.get_key_value(&corner))
+            .min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)))
+            .map(own)
     }
 
     /// Number of drawn positions that count.

@@ -88,6 +88,27 @@ impl EnergyJet {
         Some(Self { energy_j: s, force_n: first.into(), stiffness_n_m: second, third_n_m2: third, ..*self })
     }
 
+    /// The jet of W = s^2 / 2 from this one of s, the inverse of [`Self::root`]; zero where s is not positive.
+    pub(crate) fn squared(&self) -> Self {
+        let s = self.energy_j;
+        if s.is_nan() || s <= 0.0 {
+            return Self::from_numbers(self.control_m, &[0.0; 20]);
+        }
+        let (first, second) = (Vector3::from(self.force_n), &self.stiffness_n_m);
+        let mut third = self.third_n_m2;
+        for (value, &[i, j, k]) in third.iter_mut().zip(&THIRD_INDICES) {
+            let mixed = first[i] * second[(j, k)] + first[j] * second[(i, k)] + first[k] * second[(i, j)];
+            *value = s * *value + mixed;
+        }
+        Self {
+            energy_j: 0.5 * s * s,
+            force_n: (s * first).into(),
+            stiffness_n_m: first * first.transpose() + s * second,
+            third_n_m2: third,
+            ..*self
+        }
+    }
+
     /// Value of the third-order Taylor series at another control.
     pub(crate) fn taylor_value(&self, control_m: [f64; 3]) -> f64 {
         let d = Vector3::from(control_m) - Vector3::from(self.control_m);

@@ -22,6 +22,9 @@ pub enum PackError {
         /// The error.
         error: FitError,
     },
+    /// The table of a sphere is of the root of the energy.
+    #[error("the field of a sphere has the method energy alone; ask for `--methods energy`")]
+    OnlyEnergy,
     /// The displacements have no modes.
     #[error(
         "active node {0}: its displacements have no modes; look for damaged configurations with `palpate inspect`"

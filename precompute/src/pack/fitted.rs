@@ -9,11 +9,11 @@ use super::PackError;
 use crate::adaptive::{AdaptiveFit, Resampled, Verdict, resample};
 use crate::fit::{
     BranchJump, DisplacementFault, DisplacementFit, HermiteNodes, KernelPlanes, Misfit, Sample,
-    ScatteredMotion, SurfaceMotionSample, fit_displacement, hermite_nodes,
+    ScatteredMotion, SurfaceMotionSample, fit_displacement, hermite_nodes, root_nodes,
 };
 use crate::num::parallel::in_parallel;
 use crate::space::{Record, Store, SurfaceMotion, branch_jumps, samples, state};
-use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid, displacement_m};
+use crate::spec::{DisplacementBound, GridIndex, Lattice, Quantity, Sampling, SpaceGrid, displacement_m};
 
 /// A space that is packed.
 pub(super) struct SelectedSpace {
@@ -85,14 +85,19 @@ impl Fitter<'_> {
     fn one(&self, store: &Store, selected: &SelectedSpace) -> Result<Fitted, PackError> {
         let known = self.known(store, selected)?;
         let TableInput { grid, samples, branch_jumps, fit, .. } = &known;
+        let is_root = fit.as_ref().is_some_and(|fit| fit.wanted.quantity == Quantity::Root);
         let is_wanted = |method| self.methods.contains(&method);
-        let hermite = (is_wanted(Method::Hermite) || is_wanted(Method::Energy))
-            .then(|| hermite_nodes(grid, samples, branch_jumps));
+        let hermite = (is_wanted(Method::Hermite) || is_wanted(Method::Energy)).then(|| {
+            if is_root { root_nodes(grid, samples) } else { hermite_nodes(grid, samples, branch_jumps) }
+        });
         let radius_m = f64::from(grid.radius_m as f32);
         let kernel = fit.as_ref().filter(|_| is_wanted(Method::Kernel));
         let kernel = kernel.and_then(|fit| KernelPlanes::new(&fit.fit, radius_m, |at| fit.is_valid_at(at)));
-        let displacement =
-            self.visual.map(|bound| self.displacement(store, selected, &known, bound)).transpose()?;
+        let displacement = self
+            .visual
+            .filter(|_| !is_root)
+            .map(|bound| self.displacement(store, selected, &known, bound))
+            .transpose()?;
         Ok(Fitted { known, hermite, kernel, displacement })
     }
 

@@ -14,11 +14,12 @@ use palpate_core::format::{
 };
 use palpate_core::{AlignedBytes, Limits, Method, Organ};
 
+use crate::fem::Sphere;
 use crate::fit::{Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, fit_rbf, lattice_values};
 use crate::mesh::{Surface, TetMesh};
-use crate::num::vector::unit;
+use crate::num::vector::{distance, unit};
 use crate::space::{Store, StoreIdentity};
-use crate::spec::GridIndex;
+use crate::spec::{Charts, GridIndex, Tool};
 use fitted::{Fitted, Fitter, SelectedSpace, TableInput};
 
 /// Bulk data of a blob under construction.
@@ -113,6 +114,9 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
         *x = std::array::from_fn(|axis| x[axis] + f64::from(rest[axis]));
     }
     let surface = Surface::of(&mesh).seen(&mesh);
+    if identity.charts.is_some() && options.methods.iter().any(|method| *method != Method::Energy) {
+        return Err(PackError::OnlyEnergy);
+    }
     let visual = identity.visual && !options.methods.is_empty();
     let visual = visual.then_some(identity.displacement_bound);
     let mut selected = Vec::new();
@@ -148,9 +152,7 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
         mesh_hash: identity.mesh_hash,
         surface: surface_header,
         contact,
-        tool: identity.contacts.as_ref().map_or(palpate_core::format::Tool::Point, |contacts| {
-            palpate_core::format::Tool::Fingertip(fingertip(&contacts.fingertip))
-        }),
+        tool: stated(&identity.tool()),
         certificate: None,
         space_count: spaces.len() as u32,
     };
@@ -184,6 +186,18 @@ fn surface(
     })
 }
 
+/// A tool as the blob states it.
+fn stated(tool: &Tool) -> format::Tool {
+    match tool {
+        Tool::Point => format::Tool::Point,
+        Tool::Fingertip(tip) => format::Tool::Fingertip(fingertip(tip)),
+        Tool::Sphere(Sphere { radius_m, layer }) => format::Tool::Sphere(format::Sphere {
+            radius_m: *radius_m as f32,
+            layer_m: layer.thickness_m as f32,
+        }),
+    }
+}
+
 /// A fingertip as the blob states it.
 pub(crate) fn fingertip(tip: &crate::fem::Fingertip) -> Fingertip {
     Fingertip { radius_m: tip.radius_m as f32, stiffness_n_m: tip.stiffness_on_a_plane_n_m() as f32 }
@@ -206,6 +220,9 @@ impl Packer<'_> {
         selected: &[SelectedSpace],
         spaces: &[SpaceHeader],
     ) -> Result<SurfaceHeader, PackError> {
+        if let Some(charts) = &self.identity.charts {
+            return self.charted(charts, selected);
+        }
         let Some(contacts) = &self.identity.contacts else { return Ok(SurfaceHeader::default()) };
         let vertex = |active: &u32| selected.iter().position(|space| space.active == *active as usize);
         let corners = |triangle: &[u32; 3]| -> Option<[u32; 3]> {
@@ -224,6 +241,27 @@ impl Packer<'_> {
             position_m: planes.push3(&[position(0), position(1), position(2)])?,
             triangles: planes.push(&triangles)?,
             fixed: planes.push(&vec![0_u8; spaces.len()])?,
+        })
+    }
+
+    /// The skin, with the chart of each vertex as its space; a chart without a space is replaced by the nearest one.
+    fn charted(&mut self, charts: &Charts, selected: &[SelectedSpace]) -> Result<SurfaceHeader, PackError> {
+        let centre = |chart: usize| charts.charts[chart].centre_m;
+        let space_of = |&owner: &u32| -> u32 {
+            let away_m = |space: &usize| distance(centre(owner as usize), centre(selected[*space].active));
+            let spaces = 0..selected.len();
+            spaces.min_by(|a, b| away_m(a).total_cmp(&away_m(b))).expect("a blob has a space") as u32
+        };
+        let spaces: Vec<u32> = charts.owners.iter().map(space_of).collect();
+        let position = |axis: usize| -> Vec<f32> {
+            charts.vertices.iter().map(|&node| self.mesh.nodes_m[node as usize][axis] as f32).collect()
+        };
+        let position_m = [position(0), position(1), position(2)];
+        Ok(SurfaceHeader {
+            node: self.planes.push(&spaces)?,
+            position_m: self.planes.push3(&position_m)?,
+            triangles: self.planes.push(&charts.triangles)?,
+            fixed: self.planes.push(&vec![0_u8; spaces.len()])?,
         })
     }
 
@@ -265,6 +303,8 @@ impl Packer<'_> {
         let normal = self.identity.at_active(active, node, surface_normal);
         let normal = if self.identity.contacts.is_some() { unit(normal) } else { normal };
         let rest_m = self.identity.at_active(active, node, |node| self.mesh.nodes_m[node as usize]);
+        let chart = self.identity.charts.as_ref().map(|charts| charts.charts[active]);
+        let (rest_m, normal) = chart.map_or((rest_m, normal), |chart| (chart.centre_m, chart.normal));
         Ok(SpaceHeader {
             name: short_text(name, "an active node's name")?,
             node,

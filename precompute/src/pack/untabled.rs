@@ -3,8 +3,7 @@
 use palpate_core::format::{Preamble, SpaceHeader, SurfaceHeader};
 use palpate_core::{BallLattice, flags};
 
-use super::{PackError, PlaneArea, assemble, fingertip, short_text, surface};
-use crate::fem::Sphere;
+use super::{PackError, PlaneArea, assemble, short_text, stated, surface};
 use crate::mesh::{Surface, TetMesh};
 use crate::spec::Tool;
 
@@ -94,16 +93,6 @@ impl Untabled<'_> {
             })
         };
         let spaces = self.places.iter().map(space).collect::<Result<Vec<_>, PackError>>()?;
-        let tool = match self.tool {
-            Tool::Point => palpate_core::format::Tool::Point,
-            Tool::Fingertip(tip) => palpate_core::format::Tool::Fingertip(fingertip(tip)),
-            Tool::Sphere(Sphere { radius_m, layer }) => {
-                palpate_core::format::Tool::Sphere(palpate_core::format::Sphere {
-                    radius_m: *radius_m as f32,
-                    layer_m: layer.thickness_m as f32,
-                })
-            }
-        };
         let preamble = Preamble {
             scene: short_text(self.scene, "the scene's name")?,
             law: short_text(self.law, "the law's name")?,
@@ -111,7 +100,7 @@ impl Untabled<'_> {
             mesh_hash: self.mesh.content_hash(),
             surface,
             contact,
-            tool,
+            tool: stated(self.tool),
             certificate: None,
             space_count: count as u32,
         };

@@ -26,6 +26,10 @@ pub fn unfinished(store: &Store) -> Result<Vec<InputError>, PipelineError> {
             unfinished.push(InputError::new(store.path(), what, fix));
         }
     }
+    if unfinished.is_empty() && store.identity()?.charts.is_some() && !store.are_charts_complete()? {
+        let what = "the charts of the field are not complete";
+        unfinished.push(InputError::new(store.path(), what, "run `palpate precompute` again"));
+    }
     Ok(unfinished)
 }
 

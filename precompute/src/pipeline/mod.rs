@@ -18,6 +18,7 @@ mod error;
 mod ledger;
 mod visits;
 
+pub use crate::space::complete_charts;
 pub use blob::{add_ledgers, certified, certified_blob, solve_held_out_positions, unfinished};
 pub use discretisation::{DISCRETISATION_POSITIONS, discretisation_in, solve_discretisation};
 pub use error::PipelineError;
@@ -163,10 +164,6 @@ impl Analysis {
 
     /// The positions that the scene requests.
     pub fn sampling(&self) -> Result<Sampling, PipelineError> {
-        if self.scene.tool.sphere().is_some() {
-            let what = "a sphere has no configuration space";
-            return Err(InputError::new(&self.path, what, "solve its force with `palpate path`").into());
-        }
         let none = || InputError::new(&self.path, "no [grid]", "add radius_m and spacing_m").into();
         self.scene.grid.ok_or_else(none)
     }
@@ -213,6 +210,7 @@ impl Analysis {
             normals: self.normals(),
             visited_m: self.scene.active.iter().map(|active| active.visited_m.clone()).collect(),
             contacts: self.scene.contacts(),
+            charts: self.scene.charts.clone(),
             visual: self.scene.visual,
             displacement_bound: self.scene.displacement_bound,
         })
@@ -250,9 +248,11 @@ impl Analysis {
         run: Run<'_>,
         progress: impl FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, PipelineError> {
-        with_threads(&self.context()?, run.threads, |executor| {
-            Ok(expand(actives, store, executor, run.stop, progress)?)
-        })
+        let counts = with_threads(&self.context()?, run.threads, |executor| {
+            Ok::<_, PipelineError>(expand(actives, store, executor, run.stop, progress)?)
+        })?;
+        complete_charts(store, run.threads)?;
+        Ok(counts)
     }
 
     /// Solves the spaces of all active nodes into the `.space` file at `path`. Continues the file of an

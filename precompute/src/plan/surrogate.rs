@@ -59,12 +59,12 @@ impl Surrogate {
         let mean = (rest.stiffness_n_m.trace() / 3.0).max(f64::MIN_POSITIVE);
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m);
         let scores = LENGTH_SHARES.iter().filter_map(|share| {
-            let mut system = KernelSystem::new(share * reach, rest.stiffness_n_m);
+            let mut system = KernelSystem::of_energy(share * reach, rest.stiffness_n_m);
             system.add(&probed.jets).ok()?;
             Some((left_out(&system, &probed.jets), share))
         });
         let (score, share) = scores.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let mut system = KernelSystem::new(LENGTH_RATIO * share * reach, rest.stiffness_n_m);
+        let mut system = KernelSystem::of_energy(LENGTH_RATIO * share * reach, rest.stiffness_n_m);
         system.add(&probed.jets).ok()?;
         let doubt = doubt(score.sqrt(), probed.jets.len() - 1);
         Some(Self { fit: system.fit, rest, wanted, doubt })
@@ -73,7 +73,7 @@ impl Surrogate {
     /// A linear body with the same stiffness at rest, for any displacement.
     pub(super) fn linear(&self) -> Self {
         let rest = EnergyJet { third_n_m2: [0.0; 10], ..self.rest };
-        let mut system = KernelSystem::new(self.fit.length_m, rest.stiffness_n_m);
+        let mut system = KernelSystem::of_energy(self.fit.length_m, rest.stiffness_n_m);
         system.add(&[rest]).expect("one configuration is apart from all others");
         Self { fit: system.fit, rest, wanted: self.wanted, doubt: 1.0 }
     }
@@ -154,7 +154,7 @@ fn doubt(error: f64, probes: usize) -> f64 {
 pub(super) mod tests {
     use super::*;
     use crate::adaptive::Step;
-    use crate::spec::SpaceGrid;
+    use crate::spec::{Quantity, SpaceGrid};
 
     /// A body that stiffens under load: W = 100 |p|^2 + 0.02 (exp(g.p) - 1 - g.p).
     pub(in crate::plan) fn stiffening(p: [f64; 3]) -> EnergyJet {
@@ -184,6 +184,8 @@ pub(super) mod tests {
             max_force_n,
             push: None,
             workspace_m: None,
+            column: None,
+            quantity: Quantity::Energy,
             max_configurations: 160,
         };
         let rest = stiffening([0.0; 3]);

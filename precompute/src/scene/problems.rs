@@ -93,6 +93,10 @@ impl Problems {
                 let first = self.first.get_or_init(|| new(Contact::Pad(pad.clone())));
                 Arc::new(first.at(pad))
             }
+            Contact::Sphere(sphere) => {
+                let first = self.first.get_or_init(|| new(Contact::Sphere(sphere.clone())));
+                Arc::new(first.at(sphere))
+            }
             other => new(other),
         }
     }

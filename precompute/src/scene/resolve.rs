@@ -12,7 +12,9 @@ use super::nodes::Touchable;
 use super::place::{Place, check_name, finite, positive};
 use super::plausible::doubt_of_size;
 use super::refine::{self, Loaded};
-use super::{ActiveNode, ElementOrder, ResolvedScene, Scene, SolverOptions, Tool, device, reach, tool};
+use super::{
+    ActiveNode, ElementOrder, ResolvedScene, Scene, SolverOptions, Tool, charts::charts, device, reach, tool,
+};
 use crate::error::{InputError, count};
 use crate::fem::pressure::PressurePair;
 use crate::mesh::{Surface, TetMesh, doubtful_for_pressure, surface};
@@ -52,6 +54,8 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         lookup.all_active(scene, &tool, &fixed, workspace.as_ref()).map_err(doubt)?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
     let only_push = file.needs.contact == Contact::Push;
+    let charted = tool.sphere().filter(|_| file.grid.is_some());
+    let (active, charts) = charts(&mesh, &seen, &fixed, charted, active);
     let grid =
         file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n, workspace)).transpose()?;
     lookup.check_visited(file.active(), grid.as_ref())?;
@@ -73,7 +77,6 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         }
     }
     let displacement_bound = displacement_bound(place, &file.needs)?;
-    let discretisation = discretisation(place, &file.needs)?;
     let text = place.canonical(max_force_n);
     Ok(ResolvedScene {
         name,
@@ -86,6 +89,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         active,
         cover,
         contact_triangles: Vec::new(),
+        charts,
         unreachable,
         grid,
         max_force_n,
@@ -93,7 +97,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         solver,
         visual: file.needs.visual.unwrap_or(true),
         displacement_bound,
-        discretisation,
+        discretisation: discretisation(place, &file.needs)?,
         text,
         warnings,
     })
@@ -158,9 +162,12 @@ fn solver(scene: &Scene, order: ElementOrder) -> Result<SolverOptions, InputErro
 
 /// Refuses what does not go with a sphere, or with quadratic elements near the tool only.
 fn check_tool(scene: &Scene, order: ElementOrder, tool: &Tool) -> Result<(), InputError> {
-    if let (Some(table), Some(_)) = (&scene.file.grid, tool.sphere()) {
-        let what = "a sphere has no active nodes for a [grid] to surround";
-        return Err(scene.place.error(table.span(), what, "remove [grid]"));
+    if let (Some(table), Some(_)) = (&scene.file.grid, tool.sphere())
+        && table.get_ref().adaptive_key().is_none()
+    {
+        let what = "the field of a sphere has no lattice";
+        let fix = "give [grid] `cannot_be_felt = true` or a tolerance in place of `spacing_m`";
+        return Err(scene.place.error(table.span(), what, fix));
     }
     let Some(key) = scene.file.mesh.get_ref().order.as_ref().filter(|_| order == ElementOrder::NearTool)
     else {

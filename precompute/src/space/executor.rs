@@ -202,7 +202,7 @@ mod tests {
         let grid = SpaceGrid::new(0.01, 0.03).expect("a lattice");
         let sampling = Sampling::Lattice(Lattice { grid, complete_cells: false, increments: None });
         let context = WorkerContext::new(|_, _| panic!("planted"), sampling, 1.0);
-        let task = Task { target: [0; 3], attempt: 0, round: 0, parent: None };
+        let task = Task { target: [0; 3], attempt: 0, round: 0, parent: None, chart: None };
         let work = Work::Point(Job { active: 0, task, seed: None });
         let ended: Result<(), ExecutorError> = with_threads(&Arc::new(context), 1, |threads| {
             threads.give(0, work)?;

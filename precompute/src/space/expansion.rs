@@ -73,6 +73,8 @@ struct Space {
     known: HashMap<(GridIndex, u32), Record>,
     /// Attempts in the store.
     tried: usize,
+    /// Whether the body must have an equilibrium at zero displacement. A chart without one has no table.
+    needs_rest: bool,
 }
 
 impl Space {
@@ -83,10 +85,11 @@ impl Space {
         let finished = store.finished(active)?;
         let is_kept = finished.is_some();
         let mut space = Self {
+            needs_rest: !plans.are_charts(),
             tried: known.len(),
             plan: match finished {
                 Some(state) => Box::new(state),
-                None => plans.plan(active),
+                None => plans.plan(store, active)?,
             },
             ahead: None,
             known: known.into_iter().map(|r| ((r.index, r.attempt), r)).collect(),
@@ -128,7 +131,9 @@ impl Space {
                 );
                 return Err(store.corrupt(what).into());
             }
-            expect_rest(&record)?;
+            if self.needs_rest {
+                expect_rest(&record)?;
+            }
             self.plan.decide(&record);
         }
         Ok(None)
@@ -237,7 +242,8 @@ impl Expansion<'_> {
                 let Done::Point(outcome) = done else { return Err(ExecutorError::UnexpectedResult.into()) };
                 let at = self.position_of(outcome.active as usize).unwrap_or(usize::MAX);
                 let mut space = self.spaces.get_mut(&at);
-                let taken = match (expect_rest(&outcome.record), &mut space) {
+                let rest = if self.plans.are_charts() { Ok(()) } else { expect_rest(&outcome.record) };
+                let taken = match (rest, &mut space) {
                     (Ok(()), Some(space)) => space.take(&outcome.record, self.store),
                     (rest, _) => rest.map(|()| None),
                 };
@@ -267,7 +273,11 @@ impl Expansion<'_> {
             let Some((at, task)) = self.next_task(prefer)? else { break };
             let active = self.actives[at];
             let seed = match task.parent {
-                Some((parent, attempt)) => Some(self.store.stored_seed(active, parent, attempt)?),
+                Some((parent, attempt)) => {
+                    let solver = task.chart.map_or(active, |chart| chart as usize);
+                    let from_m = self.plans.origin_m(active, task.chart);
+                    Some(self.store.stored_seed(solver, parent, attempt)?.moved_by(from_m))
+                }
                 None => None,
             };
             dispatcher.give(worker, active, Work::Point(Job { active: active as u32, task, seed }))?;
@@ -288,6 +298,10 @@ impl Expansion<'_> {
         // A space that earlier runs finished is removed before the next one starts.
         if self.begun < self.actives.len() && self.spaces.values().all(|space| !space.plan.is_done()) {
             let at = self.begun;
+            let is_open = |other: usize| self.spaces.keys().any(|at| self.actives[*at] == other);
+            if self.plans.before(self.actives[at]).any(is_open) {
+                return Ok(None);
+            }
             self.begun += 1;
             let mut space = Space::begin(self.store, &self.plans, self.actives[at])?;
             let task = space.next(self.store)?;

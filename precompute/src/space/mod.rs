@@ -26,7 +26,7 @@ pub use fallback::FallbackLattice;
 pub use job::{Done, ExecutorError, Job, Outcome, Work};
 pub(crate) use motion::SurfaceMotion;
 pub use plan::{Phase, SolvesLeft};
-pub use plans::{expand_model, replays, state};
+pub use plans::{complete_charts, expand_model, replays, state};
 pub use record::{Equilibrium, Record, Solution, StoredSeed};
 pub(crate) use salvage::Salvaged;
 pub use samples::branch_jumps;

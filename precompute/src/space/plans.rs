@@ -8,10 +8,15 @@ use super::plan::{Plan, ScatteredPlan, SpacePlan};
 use super::record::Record;
 use super::state::SpaceState;
 use super::store::{Store, StoreError};
-use crate::fit::Sample;
+use crate::adaptive::{MAX_FORCE_FACTOR, Shared};
+use crate::fit::{LEAST_ROOT_J, Sample};
 use crate::num::jet::EnergyJet;
-use crate::num::vector::norm;
-use crate::spec::{Domain, GridIndex, Lattice, Requirements, Sampling, SpaceGrid};
+use crate::num::parallel::in_parallel;
+use crate::num::vector::{difference, distance, dot, norm};
+use crate::spec::{
+    Chart, Domain, GridIndex, Lattice, Requirements, Sampling, SpaceGrid, Tolerance, displacement_m,
+    from_axis_m,
+};
 
 /// Makes the plans of the spaces of one store.
 #[derive(Debug)]
@@ -22,7 +27,22 @@ pub(crate) enum Plans {
     },
     /// By active node, with the displacements to solve first.
     Scattered(Vec<(Requirements, Vec<[f64; 3]>)>),
+    /// By chart of a sphere's field, with the charts.
+    Charts(Vec<Requirements>, Vec<Chart>),
 }
+
+/// A configuration of another chart is used this far beyond the column, m.
+const MARGIN_M: f64 = 2e-3;
+/// Two configurations in one fit are at least so far apart, m.
+const APART_M: f64 = 3e-4;
+/// A configuration is on another branch if the Taylor series of the nearest one on the chart's branch misses its force
+/// by more than this multiple of the tolerance at the distance [`CLOSE_M`], and by more than the other up to half of it;
+/// the error of a series grows with the third power. It is too if none is nearer than twice that distance.
+const CONTRADICTION: f64 = 8.0;
+const LEAST_CONTRADICTION: f64 = 4.0;
+const CLOSE_M: f64 = 4e-3;
+/// Most configurations of a chart with those of others.
+const MOST_DATA: usize = 110;
 
 impl Plans {
     /// The plans that the scene of `store` defines.
@@ -36,6 +56,11 @@ impl Plans {
             Sampling::Scattered(scattered) => scattered,
         };
         let ((mesh, _), active) = (store.body()?, store.active()?);
+        if let Some(charts) = identity.charts {
+            let charts = charts.charts;
+            let wanted = charts.iter().map(|chart| scattered.wanted_of(identity.max_force_n, chart));
+            return Ok(Self::Charts(wanted.collect(), charts));
+        }
         if identity.normals.len() != active.len() {
             return Err(store.corrupt("the numbers of normals and of active nodes differ"));
         }
@@ -52,8 +77,28 @@ impl Plans {
     pub(crate) fn points(&self) -> Option<usize> {
         match self {
             Self::Lattice { domain, .. } => Some(domain.count() - 1),
-            Self::Scattered(_) => None,
+            Self::Scattered(_) | Self::Charts(..) => None,
         }
+    }
+
+    /// The zero of the displacement of one chart from that of another, m.
+    pub(crate) fn origin_m(&self, active: usize, chart: Option<u32>) -> [f64; 3] {
+        match (self, chart) {
+            (Self::Charts(_, charts), Some(chart)) => {
+                difference(charts[chart as usize].centre_m, charts[active].centre_m)
+            }
+            _ => [0.0; 3],
+        }
+    }
+
+    /// Whether the spaces are charts of a sphere's field.
+    pub(crate) fn are_charts(&self) -> bool {
+        matches!(self, Self::Charts(..))
+    }
+
+    /// The active nodes whose configurations the plan of this one uses; they must be finished before it begins.
+    pub(crate) fn before(&self, active: usize) -> impl Iterator<Item = usize> {
+        (0..active).filter(move |other| self.overlap(active, *other))
     }
 
     /// Plan of an active node with nothing solved.
@@ -61,15 +106,148 @@ impl Plans {
     /// # Panics
     ///
     /// If the store has no such active node.
-    pub(crate) fn plan(&self, active: usize) -> Box<dyn SpacePlan> {
-        match self {
+    pub(crate) fn plan(&self, store: &Store, active: usize) -> Result<Box<dyn SpacePlan>, StoreError> {
+        Ok(match self {
+            Self::Charts(wanted, _) => {
+                let shared = self.shared(store, active, self.before(active), &[])?;
+                Box::new(ScatteredPlan::new(wanted[active], Vec::new()).knowing(shared))
+            }
             Self::Lattice { domain, grid } => Box::new(Plan::new(domain.clone(), *grid)),
             Self::Scattered(all) => {
                 let (wanted, visited_m) = &all[active];
                 Box::new(ScatteredPlan::new(*wanted, visited_m.clone()))
             }
-        }
+        })
     }
+
+    /// The configurations of `others` that lie in a chart, as displacements from its origin, those near it first. They are
+    /// apart from `own` ones and do not contradict them.
+    fn shared(
+        &self,
+        store: &Store,
+        active: usize,
+        others: impl Iterator<Item = usize>,
+        own: &[EnergyJet],
+    ) -> Result<Vec<Shared>, StoreError> {
+        let Self::Charts(wanted, charts) = self else { return Ok(Vec::new()) };
+        let (wanted, Chart { centre_m, normal, column }) = (&wanted[active], charts[active]);
+        let mut found: Vec<Shared> = Vec::new();
+        for other in others {
+            let from_m = difference(charts[other].centre_m, centre_m);
+            let solved = store.records(other)?;
+            let solved = solved.iter().filter(|record| record.equilibrium().is_some_and(|at| !at.switched));
+            for record in solved {
+                let at_m = displacement_m(record.index);
+                let Some(jet) = record.jet_for_fit(at_m, wanted.quantity) else { continue };
+                let jet = EnergyJet { control_m: std::array::from_fn(|k| at_m[k] + from_m[k]), ..jet };
+                let is_near = from_axis_m(&normal, jet.control_m) <= column.whole_m + MARGIN_M
+                    && dot(jet.control_m, normal) <= column.top_m + MARGIN_M
+                    && norm(jet.control_m) <= wanted.radius_m;
+                let is_datum =
+                    jet.energy_j > LEAST_ROOT_J && norm(jet.force_n) <= MAX_FORCE_FACTOR * wanted.max_force_n;
+                if is_near && is_datum {
+                    found.push(Shared { chart: other as u32, index: record.index, jet });
+                }
+            }
+        }
+        found.sort_by(|a, b| norm(a.jet.control_m).total_cmp(&norm(b.jet.control_m)));
+        let mut kept: Vec<Shared> = Vec::new();
+        for shared in found {
+            let at_m = shared.jet.control_m;
+            let others = own.iter().chain(kept.iter().map(|kept| &kept.jet)).map(|jet| jet.control_m);
+            let least_m = others.map(|other| distance(other, at_m)).fold(norm(at_m), f64::min);
+            if least_m >= APART_M && own.len() + kept.len() < MOST_DATA {
+                kept.push(shared);
+            }
+        }
+        Ok(kept)
+    }
+
+    /// The state of a finished chart with the configurations of all charts round it, in place of only those that were
+    /// finished before it.
+    fn completed(&self, store: &Store, active: usize, state: SpaceState) -> Result<SpaceState, StoreError> {
+        let Self::Charts(_, charts) = self else { return Ok(state) };
+        let Some(fit) = &state.fit else { return Ok(state) };
+        let own: Vec<EnergyJet> = fit.own().copied().collect();
+        let others = (0..charts.len()).filter(|other| *other != active && self.overlap(active, *other));
+        let shared = self.shared(store, active, others, &own)?;
+        let jets: Vec<EnergyJet> =
+            own.iter().copied().chain(shared.iter().map(|shared| shared.jet)).collect();
+        let agrees = on_one_branch(&jets, &fit.wanted.tolerance);
+        let own: Vec<EnergyJet> =
+            own.iter().zip(&agrees).filter(|(_, agrees)| **agrees).map(|(jet, _)| *jet).collect();
+        let first = jets.len() - shared.len();
+        let shared = shared.into_iter().zip(&agrees[first..]).filter(|(_, agrees)| **agrees);
+        let shared = shared.map(|(shared, _)| shared).collect();
+        Ok(SpaceState { fit: Some(fit.with_shared(&own, shared)), ..state })
+    }
+
+    fn overlap(&self, active: usize, other: usize) -> bool {
+        let Self::Charts(_, charts) = self else { return false };
+        let (a, b) = (&charts[active], &charts[other]);
+        distance(a.centre_m, b.centre_m) < a.column.whole_m + b.column.core_m + MARGIN_M
+            && dot(a.normal, b.normal) > 0.0
+    }
+}
+
+/// Which of the configurations are on the branch of the first. An organ that gives way has several equilibria at one place
+/// of the sphere; they meet where it was pushed round a rim. From the first on, always the one nearest to those on
+/// the branch is compared with the Taylor series there.
+fn on_one_branch(jets: &[EnergyJet], tolerance: &Tolerance) -> Vec<bool> {
+    let roots: Vec<Option<EnergyJet>> = jets.iter().map(|jet| jet.root(LEAST_ROOT_J)).collect();
+    let mut agrees = vec![false; jets.len()];
+    // The nearest one on the branch, and its distance.
+    let mut nearest = vec![(f64::INFINITY, 0); jets.len()];
+    let mut is_open = vec![true; jets.len()];
+    let mut next = (!jets.is_empty()).then_some(0);
+    while let Some(at) = next {
+        is_open[at] = false;
+        let (away_m, from) = nearest[at];
+        let predicted_n = roots[from].map(|root| {
+            let value = root.taylor_value(jets[at].control_m).max(0.0);
+            root.taylor_force_n(jets[at].control_m).map(|slope| value * slope)
+        });
+        agrees[at] = at == 0
+            || away_m <= 2.0 * CLOSE_M
+                && predicted_n.is_some_and(|predicted_n| {
+                    let most = (CONTRADICTION * (away_m / CLOSE_M).powi(3)).max(LEAST_CONTRADICTION);
+                    distance(predicted_n, jets[at].force_n) <= most * tolerance.at(jets[at].force_n)
+                });
+        if agrees[at] {
+            for (other, nearest) in nearest.iter_mut().enumerate() {
+                let away_m = distance(jets[other].control_m, jets[at].control_m);
+                if away_m < nearest.0 {
+                    *nearest = (away_m, at);
+                }
+            }
+        }
+        let open = (0..jets.len()).filter(|other| is_open[*other] && nearest[*other].0.is_finite());
+        next = open.min_by(|&a, &b| nearest[a].0.total_cmp(&nearest[b].0));
+    }
+    agrees
+}
+
+/// Fits every chart of a sphere's field to the configurations of all charts round it, once all are finished. Nothing
+/// happens for another tool, or if it is done already.
+pub fn complete_charts(store: &Store, threads: usize) -> Result<(), StoreError> {
+    let Plans::Charts(_, charts) = Plans::of(store)? else { return Ok(()) };
+    if store.are_charts_complete()? {
+        return Ok(());
+    }
+    let all: Vec<usize> = (0..charts.len()).collect();
+    // A connection serves one thread, and sees only committed rows.
+    store.commit()?;
+    let path = store.path();
+    let one = |&active: &usize| -> Result<Option<SpaceState>, StoreError> {
+        let store = Store::open(path)?;
+        let Some(state) = store.finished(active)? else { return Ok(None) };
+        Plans::of(&store)?.completed(&store, active, state).map(Some)
+    };
+    let one_by_one = |_| all.iter().map(one).collect();
+    let completed: Vec<Result<Option<SpaceState>, StoreError>> =
+        in_parallel(&all, threads, one).unwrap_or_else(one_by_one);
+    let completed = completed.into_iter().collect::<Result<Option<Vec<SpaceState>>, StoreError>>()?;
+    completed.map_or(Ok(()), |states| store.complete_charts(&states))
 }
 
 /// State of the space of one active node: as stored if it is finished, otherwise replayed from its attempts.
@@ -79,7 +257,7 @@ pub fn state(store: &Store, active: usize) -> Result<SpaceState, StoreError> {
     }
     // A search repeats all of its fits.
     REPLAYS.fetch_add(1, Ordering::Relaxed);
-    let (mut plan, attempts) = (Plans::of(store)?.plan(active), store.attempts(active)?);
+    let (mut plan, attempts) = (Plans::of(store)?.plan(store, active)?, store.attempts(active)?);
     let known: HashMap<(GridIndex, u32), &Record> =
         attempts.iter().map(|r| ((r.index, r.attempt), r)).collect();
     let mut open = 0;

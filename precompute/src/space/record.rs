@@ -8,7 +8,7 @@ use super::task::Task;
 use crate::fem::solve::{Configuration, NewtonOptions, SolveFailure};
 use crate::num::jet::{EnergyJet, SECOND_INDICES, SymmetricThird};
 use crate::num::vector::norm;
-use crate::spec::{GridIndex, Tolerance};
+use crate::spec::{GridIndex, Quantity, Tolerance};
 
 /// The outcome of one [`Task`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -127,7 +127,7 @@ impl Solution {
 impl Record {
     /// Record of a task that took no time.
     pub(super) fn new(task: &Task, result: Result<Solution, String>) -> Self {
-        let Task { target, attempt, round, parent } = *task;
+        let Task { target, attempt, round, parent, chart: _ } = *task;
         Self {
             index: target,
             attempt,
@@ -202,12 +202,14 @@ impl Record {
         self.result.as_ref().ok().map(|solution| solution.jet(displacement_m))
     }
 
-    /// [`Self::jet`] for fits. At rest W and h are zero by definition, S is exactly symmetric, and no zero
-    /// has a sign. So a new record and the same record from a store give identical fits.
-    pub(crate) fn jet_for_fit(&self, displacement_m: [f64; 3]) -> Option<EnergyJet> {
+    /// [`Self::jet`] for fits. At rest W and h are zero by definition unless the tool touches the body there, S is
+    /// exactly symmetric, and no zero has a sign. So a new record and the same record from a store give identical
+    /// fits.
+    pub(crate) fn jet_for_fit(&self, displacement_m: [f64; 3], quantity: Quantity) -> Option<EnergyJet> {
         let jet = self.jet(displacement_m)?;
         let jet = EnergyJet::from_numbers(displacement_m, &jet.numbers().map(|x| x + 0.0));
-        Some(if self.index == [0; 3] { jet.as_rest() } else { jet })
+        let is_rest = self.index == [0; 3] && quantity == Quantity::Energy;
+        Some(if is_rest { jet.as_rest() } else { jet })
     }
 }
 
@@ -228,6 +230,8 @@ pub struct StoredSeed {
     pub(super) sensitivity: Vec<u8>,
     /// W, h, S and W_ijk, [`EnergyJet::numbers`]. The store keeps them in the record.
     pub(super) numbers: [f64; 20],
+    /// The zero of the displacement of the chart that solved it, from that of the chart that uses it, m.
+    pub(super) from_m: [f64; 3],
 }
 
 impl StoredSeed {
@@ -239,11 +243,18 @@ impl StoredSeed {
             state: bytes(&seed.state),
             sensitivity: seed.sensitivity.iter().flat_map(|c| bytes(c)).collect(),
             numbers: seed.jet.numbers(),
+            from_m: [0.0; 3],
         }
+    }
+
+    /// The same for a chart whose displacements begin so far before those of the chart that solved it, m.
+    pub(crate) fn moved_by(self, from_m: [f64; 3]) -> Self {
+        Self { from_m, ..self }
     }
 
     /// The seed at `displacement_m`; `None` if the bytes are invalid.
     pub(crate) fn unpack(&self, displacement_m: [f64; 3]) -> Option<crate::fem::solve::Seed> {
+        let displacement_m = std::array::from_fn(|axis| displacement_m[axis] + self.from_m[axis]);
         let numbers = |bytes: &[u8]| -> Vec<f64> {
             bytes.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect()
         };

@@ -76,7 +76,7 @@ impl Store {
                 }
                 Sampling::Scattered(_) => {
                     // The search determines its positions batch by batch.
-                    let mut plan = Plans::of(&store)?.plan(number);
+                    let mut plan = Plans::of(&store)?.plan(&store, number)?;
                     while let Some(task) = plan.next_task() {
                         salvaged.copy(&old, &store, number, task.target, None)?;
                         let copied = store.attempts(number)?.into_iter().find(|r| r.index == task.target);

@@ -2,7 +2,7 @@
 
 use super::record::Record;
 use crate::fit::{self, BranchJump, Sample};
-use crate::spec::SpaceGrid;
+use crate::spec::{Quantity, SpaceGrid};
 
 /// The solved points among `records`, sorted by grid index.
 pub(crate) fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
@@ -14,7 +14,7 @@ pub(crate) fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
             Some(Sample {
                 index: r.index,
                 attempt: r.attempt,
-                jet: r.jet_for_fit(grid.displacement_m(r.index))?,
+                jet: r.jet_for_fit(grid.displacement_m(r.index), Quantity::Energy)?,
                 derivatives: None,
                 terminating: at.terminating,
                 inverted: at.inverted > 0,

@@ -15,6 +15,8 @@ pub struct Task {
     pub round: u32,
     /// Start of the transition: a point and the attempt whose solution is used; `None` for the rest point.
     pub parent: Option<(GridIndex, u32)>,
+    /// The chart that solved the parent, if it is another one; the parent's index is in its displacements.
+    pub chart: Option<u32>,
 }
 
 /// Number of points by tag.

@@ -62,7 +62,7 @@ fn flagged_points_are_solved_from_another_parent_and_the_lower_energy_is_kept_bo
         let attempts = store.attempts(0).expect("records");
         let kept = store.records(0).expect("records");
         let lower = |r: &Record| {
-            let task = Task { target: r.index, attempt: 0, round: 0, parent: None };
+            let task = Task { target: r.index, attempt: 0, round: 0, parent: None, chart: None };
             energy_j(&smooth.record(0, &task, false))
         };
         let first_upper: Vec<GridIndex> = first_tries(&attempts)
@@ -113,7 +113,7 @@ fn an_energy_that_is_not_finite_or_does_not_fit_the_force_breaks_every_pair_of_i
 fn numbers_that_are_not_finite_are_never_stored() {
     let folder = tempfile::tempdir().expect("a folder");
     let store = SyntheticExecutor::new(1.0, 0.0).store(&folder.path().join("a.space"), 1);
-    let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)) };
+    let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)), chart: None };
     let sound = EnergyJet::from_numbers([0.01, 0.0, 0.0], &[1.0; 20]);
     let add = |jet: &EnergyJet, intermediate| {
         let record = Record::of_jet(&task, jet, false);

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::fem::{Body, Contact, Fingertip, Handle, Pad, Sphere};
+use crate::fem::{Body, CoatedSphere, Contact, Fingertip, Handle, Pad, Sphere};
 use crate::mesh::{SkinPoint, Surface, TetMesh};
-use crate::num::vector::unit;
+use crate::num::vector::{dot, norm, unit};
 
 /// What touches the body.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -51,6 +51,52 @@ pub struct ActiveNode {
     /// Displacements that adaptive sampling solves before those that it chooses, m.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub visited_m: Vec<[f64; 3]>,
+    /// Its chart, if the tool is a sphere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chart: Option<Chart>,
+}
+
+/// A part of a sphere's field: the displacements of the centre from a place where it touches the skin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Chart {
+    /// Place of the centre where the displacement is zero, m. The sphere touches the body there.
+    pub centre_m: [f64; 3],
+    /// Outward unit normal of the skin, the axis of the column that the chart covers.
+    pub normal: [f64; 3],
+    /// The column.
+    pub column: Column,
+}
+
+/// The displacements of a chart: a column along its normal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Column {
+    /// Radius of the part that this chart samples, m; its neighbours sample the rest.
+    pub core_m: f64,
+    /// Radius of the part in which its table is used, m.
+    pub whole_m: f64,
+    /// Largest displacement along the normal, m. Above it the sphere can only touch other parts of the skin.
+    pub top_m: f64,
+}
+
+/// Distance of a displacement from the axis of this direction, m.
+pub(crate) fn from_axis_m(normal: &[f64; 3], displacement_m: [f64; 3]) -> f64 {
+    let along_m = dot(displacement_m, *normal);
+    norm(std::array::from_fn(|k| displacement_m[k] - along_m * normal[k]))
+}
+
+/// The charts of a sphere's field, and the skin that they cover.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Charts {
+    /// The sphere.
+    pub sphere: Sphere,
+    /// One for each active node.
+    pub charts: Vec<Chart>,
+    /// Mesh nodes of the vertices of the skin.
+    pub vertices: Vec<u32>,
+    /// The chart of each vertex.
+    pub owners: Vec<u32>,
+    /// Vertices at the corners of each triangle, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
 }
 
 /// The contact points of a tool with a size, and the triangles between them.
@@ -68,7 +114,7 @@ pub struct ContactSurface {
 impl ActiveNode {
     /// A single node.
     pub fn node(name: String, node: u32) -> Self {
-        Self { name, node, patch: Vec::new(), contact: None, visited_m: Vec::new() }
+        Self { name, node, patch: Vec::new(), contact: None, visited_m: Vec::new(), chart: None }
     }
 
     /// A contact point.
@@ -86,6 +132,10 @@ impl ActiveNode {
             (Tool::Fingertip(tip), Some(at)) => {
                 let centre_m = at.interpolate(|node| body.nodes_m[node as usize]);
                 Pad::new(body, *tip, centre_m).expect("the scene was checked").into()
+            }
+            (Tool::Sphere(Sphere { radius_m, layer }), _) => {
+                let start_m = self.chart.expect("an active node of a sphere has a chart").centre_m;
+                CoatedSphere::new(body, *radius_m, *layer, start_m).into()
             }
             _ => self.handle().into(),
         }

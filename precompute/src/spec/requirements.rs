@@ -2,12 +2,24 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::active::{Column, from_axis_m};
 use super::tolerance::Tolerance;
 use super::workspace::{Workspace, is_within};
-use crate::num::vector::norm;
+use crate::num::vector::{dot, norm};
 
 /// Largest ratio of pull to |h| at which a lattice still continues from a configuration.
 const MAX_PULL_SHARE: f64 = 0.25;
+
+/// What a fit interpolates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Quantity {
+    /// W, whose gradient is h.
+    #[default]
+    Energy,
+    /// s = sqrt(2 W) with h = max(0, s) ds/dd, of a tool that can leave the body: s rises linearly from the first touch,
+    /// where W has no third derivatives.
+    Root,
+}
 
 /// Requirements of the sampling of one space.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -22,6 +34,10 @@ pub struct Requirements {
     pub push: Option<[f64; 3]>,
     /// The device's workspace as displacements, m; `None` if the ball lies within it.
     pub workspace_m: Option<Workspace>,
+    /// The column along `push` in which the displacements lie; `None` for the whole ball.
+    pub column: Option<Column>,
+    /// What is interpolated.
+    pub quantity: Quantity,
     /// Maximum number of configurations.
     pub max_configurations: usize,
 }
@@ -30,6 +46,23 @@ impl Requirements {
     /// Whether pushing or the workspace limits the tool in addition to radius and force.
     pub(crate) fn is_kept_in(&self) -> bool {
         self.push.is_some() || self.workspace_m.is_some()
+    }
+
+    /// Whether a displacement, m, lies in the core of the column, if there is one.
+    pub(crate) fn is_in_column(&self, displacement_m: [f64; 3]) -> bool {
+        self.column.zip(self.push).is_none_or(|(column, normal)| {
+            from_axis_m(&normal, displacement_m) <= column.core_m
+                && dot(displacement_m, normal) <= column.top_m
+        })
+    }
+
+    /// Whether a tool that only pushes can have this force: it does not pull. A tool that leaves the body without being
+    /// held has any force but none.
+    pub(crate) fn pushes(&self, force_n: [f64; 3], normal: [f64; 3]) -> bool {
+        match self.quantity {
+            Quantity::Energy => dot(force_n, normal) <= 0.0,
+            Quantity::Root => force_n != [0.0; 3],
+        }
     }
 
     /// Whether a lattice continues from a configuration, that is, whether its neighbours are solved. It

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{GridIndex, SpaceGrid};
-use crate::spec::{Requirements, Tolerance, Workspace};
+use crate::spec::{Chart, Quantity, Requirements, Tolerance, Workspace};
 
 /// The positions at which the space of each active node of a scene is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,7 +54,19 @@ impl Scattered {
             max_force_n,
             push,
             workspace_m,
+            column: None,
+            quantity: Quantity::Energy,
             max_configurations: MAX_SOLVES,
+        }
+    }
+
+    /// Requirements of a chart of a sphere's field.
+    pub fn wanted_of(&self, max_force_n: f64, chart: &Chart) -> Requirements {
+        Requirements {
+            push: Some(chart.normal),
+            column: Some(chart.column),
+            quantity: Quantity::Root,
+            ..self.wanted(max_force_n, chart.centre_m, chart.normal)
         }
     }
 

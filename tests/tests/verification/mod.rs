@@ -7,3 +7,4 @@ mod live;
 mod live_sphere;
 mod sphere;
 mod sphere_contact;
+mod sphere_field;

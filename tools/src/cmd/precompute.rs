@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::adaptive::Verdict;
-use palpate_precompute::pipeline::Analysis;
+use palpate_precompute::pipeline::{Analysis, complete_charts};
 use palpate_precompute::space::{
     ExpansionError, Progress, Store, TagCounts, Threads, expand, state, with_threads,
 };
@@ -167,8 +167,12 @@ fn solve(
         solved_now = p.solved_now;
         progress.spaces(p);
     });
-    progress.finish();
     let counts = counts?;
+    if bench.scene.charts.is_some() {
+        progress.phase("the charts with those round them");
+    }
+    complete_charts(store, team.workers)?;
+    progress.finish();
     let seconds = start.elapsed().as_secs_f64();
     let peak_bytes = memory::peak_bytes().filter(|_| team.alone && solved_now > 0);
     if let Some(bytes) = peak_bytes {

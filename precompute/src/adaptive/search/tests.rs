@@ -10,6 +10,8 @@ const WANTED: Requirements = Requirements {
     max_force_n: 8.0,
     push: None,
     workspace_m: None,
+    column: None,
+    quantity: Quantity::Energy,
     max_configurations: 100,
 };
 

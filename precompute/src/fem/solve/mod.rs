@@ -352,10 +352,17 @@ impl Solver {
         &self.problem
     }
 
-    /// The configuration at rest (the paper's C_000): zero displacement and force, with its tangent.
+    /// The configuration at zero displacement: at rest (the paper's C_000), with zero force and its tangent. A sphere that
+    /// overlaps the body at rest comes in from beside it, away from the nearest point of the skin.
     pub fn rest(&mut self) -> Result<Configuration, SolveFailure> {
         let state = self.problem.body.rest_state.clone();
-        self.solve_at(&Pose::default(), &state)
+        let beside = self.problem.contact.as_ref().and_then(|contact| match contact {
+            Contact::Sphere(sphere) => sphere.beside_m(&self.problem.body),
+            Contact::Held(_) | Contact::Pad(_) => None,
+        });
+        let Some(beside_m) = beside else { return self.solve_at(&Pose::default(), &state) };
+        let free = self.solve_at(&Pose::translation(beside_m), &state)?;
+        self.advance(&free.seed, [0.0; 3])
     }
 
     /// Force on every node at the last residual, 3 per node, N; the reactions at the prescribed nodes.

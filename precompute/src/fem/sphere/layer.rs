@@ -48,6 +48,10 @@ impl Layer {
 /// Skin within this share of the radius from the centre is pierced: the pressure there would fill the sphere.
 const PIERCED: f64 = 0.5;
 
+/// Steps out of a body, and the length of each as a multiple of the overlap.
+const STEPS_OUT: u32 = 20;
+const BESIDE: f64 = 1.05;
+
 /// A face of the skin.
 #[derive(Debug, Clone, PartialEq)]
 struct Face {
@@ -123,6 +127,21 @@ impl CoatedSphere {
     /// Distance of the layer from the body at rest, m; zero or less where they overlap.
     pub fn clearance_m(&self, body: &Body, displacement_m: [f64; 3]) -> f64 {
         self.foot(body, displacement_m).1 - self.outer_m()
+    }
+
+    /// A displacement from zero out of the body, if the layer overlaps the skin at rest there: step by step away from
+    /// the nearest point of the skin. `None` if it does not overlap.
+    pub(crate) fn beside_m(&self, body: &Body) -> Option<[f64; 3]> {
+        let mut away_m = [0.0; 3];
+        for step in 0..STEPS_OUT {
+            let (foot_m, distance_m) = self.foot(body, away_m);
+            if distance_m >= self.outer_m() {
+                return (step > 0).then_some(away_m);
+            }
+            let overlap = BESIDE * (self.outer_m() - distance_m) / distance_m.max(f64::MIN_POSITIVE);
+            away_m = std::array::from_fn(|k| away_m[k] + overlap * (self.start_m[k] + away_m[k] - foot_m[k]));
+        }
+        Some(away_m)
     }
 
     /// The place of the skin at rest that is nearest to the centre, and its distance from it, m.

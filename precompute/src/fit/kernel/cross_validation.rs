@@ -24,39 +24,69 @@ use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par, Side};
 
+use nalgebra::Vector3;
+
 use super::{DATA, KernelSystem, diagonal, entry, polynomials};
+use crate::spec::Quantity;
 
 /// Indices of the force components x, y and z among the data.
 const FORCE: [usize; 3] = [1, 2, 3];
 /// Number of positions in one batch; limits the memory.
 const BATCH: usize = 64;
 
+/// The error of the others' fit at a configuration.
+struct LeftOut {
+    /// Of the quantity.
+    missed_value: f64,
+    /// Of its gradient.
+    missed: [f64; 3],
+    /// Variance of the gradient for s = 1, 1/m^2.
+    own: f64,
+}
+
+impl LeftOut {
+    const UNKNOWN: Self =
+        Self { missed_value: f64::INFINITY, missed: [f64::INFINITY; 3], own: f64::INFINITY };
+}
+
 impl KernelSystem {
     /// Leave-one-out errors of the force, N, in the order of the configurations: the true force minus the
     /// prediction of the fit to all other configurations.
     pub(crate) fn leave_one_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
-        self.leave_one_out().map(|(missed_n, _)| missed_n)
+        self.leave_one_out().zip(&self.data).map(|(left_out, (value, slope))| match self.fit.quantity {
+            Quantity::Energy => left_out.missed,
+            Quantity::Root => {
+                let predicted = (value - left_out.missed_value).max(0.0);
+                (*value * slope - predicted * (slope - Vector3::from(left_out.missed))).into()
+            }
+        })
     }
 
     /// Standard deviation of the force (all three components together) at these positions, N. Infinite if it
     /// is undefined, for example with rest as the only configuration. The first configuration, which is rest,
-    /// is excluded from s.
+    /// is excluded from s. Of a root it is s times the deviation of ds/dp.
     ///
     /// Cost: (20 N)^2 operations for N configurations and each of the three right-hand sides of a position.
     pub(crate) fn deviation_n(&self, places: &[[f64; 3]]) -> Vec<f64> {
-        let by_its_own = |(missed_n, own): ([f64; 3], f64)| missed_n.iter().map(|e| e * e).sum::<f64>() / own;
+        let by_its_own = |left: LeftOut| left.missed.iter().map(|e| e * e).sum::<f64>() / left.own;
         let shares: Vec<f64> = self.leave_one_out().skip(1).map(by_its_own).collect();
         let variance = shares.iter().sum::<f64>() / shares.len() as f64;
         let deviation_n = |own: f64| Some((variance * own).sqrt()).filter(|n| !n.is_nan());
-        self.variances(places).into_iter().map(|own| deviation_n(own).unwrap_or(f64::INFINITY)).collect()
+        let of_slope =
+            self.variances(places).into_iter().map(|own| deviation_n(own).unwrap_or(f64::INFINITY));
+        let times = |(sigma, &at): (f64, &[f64; 3])| match self.fit.quantity {
+            Quantity::Energy => sigma,
+            Quantity::Root => sigma * self.fit.value_and_slope(at).0.max(0.0),
+        };
+        of_slope.zip(places).map(times).collect()
     }
 
     /// Leave-one-out errors, and their variance for s = 1, 1/m^2.
-    fn leave_one_out(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
+    fn leave_one_out(&self) -> impl Iterator<Item = LeftOut> {
         let scale = DATA.map(diagonal).map(f64::sqrt);
         let length_m = self.fit.length_m;
         self.inverse.iter().zip(&self.fit.weights).map(move |(block, weights)| {
-            let Ok(factor) = block.llt(Side::Lower) else { return ([f64::INFINITY; 3], f64::INFINITY) };
+            let Ok(factor) = block.llt(Side::Lower) else { return LeftOut::UNKNOWN };
             // The solution, and unit vectors of the first derivatives with respect to x = p / l, whose scale
             // is 1.
             let right = Mat::from_fn(DATA.len(), 4, |a, column| match column {
@@ -64,9 +94,9 @@ impl KernelSystem {
                 axis => f64::from(u8::from(a == FORCE[axis - 1])),
             });
             let solved = factor.solve(&right);
-            let missed_n = FORCE.map(|a| solved[(a, 0)] / length_m);
+            let (missed_value, missed) = (solved[(0, 0)], FORCE.map(|a| solved[(a, 0)] / length_m));
             let own = FORCE.iter().zip(1..).map(|(&a, column)| solved[(a, column)]).sum::<f64>();
-            (missed_n, own / length_m.powi(2))
+            LeftOut { missed_value, missed, own: own / length_m.powi(2) }
         })
     }
 
@@ -115,7 +145,7 @@ mod tests {
     #[test]
     fn what_the_others_say_is_what_a_fit_without_it_says() {
         let jets = jets(14);
-        let empty = || KernelSystem::new(0.03, jets[0].stiffness_n_m);
+        let empty = || KernelSystem::of_energy(0.03, jets[0].stiffness_n_m);
         let mut whole = empty();
         for batch in [&jets[..1], &jets[1..5], &jets[5..6], &jets[6..]] {
             whole.add(batch).expect("apart");
@@ -123,7 +153,7 @@ mod tests {
         let (leave_one_out, mut largest): (Vec<_>, f64) = (whole.leave_one_out().collect(), 0.0);
         let mut shares = Vec::new();
         assert_eq!(leave_one_out.len(), jets.len());
-        for (left, (missed, variance)) in leave_one_out.into_iter().enumerate() {
+        for (left, LeftOut { missed, own: variance, .. }) in leave_one_out.into_iter().enumerate() {
             let mut system = empty();
             let others: Vec<EnergyJet> = (0..jets.len()).filter(|&m| m != left).map(|m| jets[m]).collect();
             system.add(&others).expect("apart");
@@ -150,7 +180,7 @@ mod tests {
     #[test]
     fn the_deviation_falls_from_that_of_the_process_to_nothing() {
         let jets = jets(20);
-        let mut system = KernelSystem::new(0.03, jets[0].stiffness_n_m);
+        let mut system = KernelSystem::of_energy(0.03, jets[0].stiffness_n_m);
         system.add(&jets[..8]).expect("apart");
         let [far, near] = [[0.5; 3], jets[5].control_m];
         let [by_far, by_near] = [far, near].map(|at| system.variances(&[at])[0] * 0.03 * 0.03);
@@ -171,7 +201,7 @@ mod tests {
     #[test]
     fn rest_alone_says_nothing_of_its_errors() {
         let rest = jets(1);
-        let mut system = KernelSystem::new(0.03, rest[0].stiffness_n_m);
+        let mut system = KernelSystem::of_energy(0.03, rest[0].stiffness_n_m);
         system.add(&rest).expect("the first");
         assert_eq!(system.deviation_n(&[[0.0; 3], [0.01; 3]]), [f64::INFINITY; 2]);
     }
@@ -183,7 +213,7 @@ mod tests {
         let places: Vec<[f64; 3]> = (1000..1300).map(|n| spread(n, 0.045)).collect();
         for count in [11, 15, 24, 36] {
             let jets = jets(count);
-            let mut system = KernelSystem::new(0.04, jets[0].stiffness_n_m);
+            let mut system = KernelSystem::of_energy(0.04, jets[0].stiffness_n_m);
             system.add(&jets).expect("apart");
             let deviations = system.deviation_n(&places);
             let rms =

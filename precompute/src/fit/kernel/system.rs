@@ -11,8 +11,9 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Mat, MatRef, Par, Side};
 use nalgebra::{Matrix3, Vector3};
 
-use super::{DATA, KernelFit, NUGGET, diagonal, entry, polynomials};
+use super::{Base, DATA, KernelFit, NUGGET, diagonal, entry, polynomials, quantity_of};
 use crate::num::jet::EnergyJet;
+use crate::spec::Quantity;
 
 /// Error: two configurations are too close for the kernel to distinguish them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -30,17 +31,33 @@ pub(crate) struct KernelSystem {
     forward: Mat<f64>,
     /// The diagonal block of each configuration in the inverse of the scaled matrix.
     pub(super) inverse: Vec<Mat<f64>>,
+    /// Whether those blocks are computed, which takes most of the time.
+    estimates_errors: bool,
+    /// The quantity at each configuration with its slope.
+    pub(super) data: Vec<(f64, Vector3<f64>)>,
 }
 
 impl KernelSystem {
-    /// A system without configurations, for the kernel length l, m, and the stiffness at rest, N/m.
-    pub(crate) fn new(length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
+    /// A system without configurations, for the kernel length l, m.
+    pub(crate) fn new(length_m: f64, quantity: Quantity, base: Base) -> Self {
         Self {
-            fit: KernelFit::quadratic(length_m, rest_stiffness_n_m),
+            fit: KernelFit::empty(length_m, quantity, base),
             factor: Mat::zeros(0, 0),
             forward: Mat::zeros(0, 1),
             inverse: Vec::new(),
+            estimates_errors: true,
+            data: Vec::new(),
         }
+    }
+
+    /// The same without error estimates.
+    pub(crate) fn without_errors(length_m: f64, quantity: Quantity, base: Base) -> Self {
+        Self { estimates_errors: false, ..Self::new(length_m, quantity, base) }
+    }
+
+    /// A system of an energy, for the stiffness at rest, N/m.
+    pub(crate) fn of_energy(length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
+        Self::new(length_m, Quantity::Energy, Base::quadratic(rest_stiffness_n_m))
     }
 
     /// Lower bound of the condition number of the scaled matrix: the squared ratio of the factor's diagonal
@@ -51,13 +68,17 @@ impl KernelSystem {
         (high / low).powi(2)
     }
 
-    /// Adds configurations. Nothing changes if one of them is too close to another.
+    /// Adds configurations, each with a root if that is interpolated. Nothing changes if one of them is too close to
+    /// another.
     ///
     /// Each configuration extends the factor by 20 rows. N configurations cost (20 N)^3 / 3 operations in
     /// total, for any number of calls.
     pub(crate) fn add(&mut self, jets: &[EnergyJet]) -> Result<(), CoincidentData> {
         let (old, more) = (self.factor.nrows(), DATA.len() * jets.len());
         let length_m = self.fit.length_m;
+        let of_quantity =
+            |jet: &EnergyJet| quantity_of(self.fit.quantity, jet).expect("its caller checked it");
+        let jets: Vec<EnergyJet> = jets.iter().map(of_quantity).collect();
         let added: Vec<[f64; 3]> = jets.iter().map(|jet| jet.control_m.map(|x| x / length_m)).collect();
         let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());
         // Columns of the new rows: against the old data, and among themselves.
@@ -89,15 +110,16 @@ impl KernelSystem {
         // The data in the same scale, as derivatives with respect to x = p / l.
         let mut right = Mat::<f64>::zeros(more, 1);
         for (m, jet) in jets.iter().enumerate() {
-            for ((a, orders), value) in DATA.iter().enumerate().zip(beside(jet, &self.fit.rest_stiffness_n_m))
-            {
+            for ((a, orders), value) in DATA.iter().enumerate().zip(beside(jet, &self.fit.base)) {
                 let order = orders.iter().sum::<usize>() as i32;
                 right[(DATA.len() * m + a, 0)] = scale[a] * value * length_m.powi(order);
             }
         }
         right -= across.transpose() * &self.forward;
         solve_lower_triangular_in_place(corner, right.as_mut(), Par::Seq);
-        self.extend_inverse(&across, corner);
+        if self.estimates_errors {
+            self.extend_inverse(&across, corner);
+        }
         let n = old + more;
         self.factor.resize_with(n, n, |_, _| 0.0);
         self.forward.resize_with(n, 1, |_, _| 0.0);
@@ -110,6 +132,7 @@ impl KernelSystem {
             }
             self.forward[(old + row, 0)] = right[(row, 0)];
         }
+        self.data.extend(jets.iter().map(|jet| (jet.energy_j, jet.force_n.into())));
         self.fit.centres.extend(added);
         let mut solved = self.forward.clone();
         solve_upper_triangular_in_place(self.factor.transpose(), solved.as_mut(), Par::Seq);
@@ -139,13 +162,13 @@ impl KernelSystem {
     }
 }
 
-/// The data of a configuration in the order of [`DATA`], minus those of the quadratic energy of `base`.
-fn beside(jet: &EnergyJet, base: &Matrix3<f64>) -> [f64; 20] {
-    let p = Vector3::from(jet.control_m);
+/// The data of a configuration in the order of [`DATA`], minus those of `base`.
+fn beside(jet: &EnergyJet, base: &Base) -> [f64; 20] {
+    let (value, slope) = base.at(jet.control_m.into());
     let beside = EnergyJet {
-        energy_j: jet.energy_j - 0.5 * p.dot(&(base * p)),
-        force_n: (Vector3::from(jet.force_n) - base * p).into(),
-        stiffness_n_m: jet.stiffness_n_m - base,
+        energy_j: jet.energy_j - value,
+        force_n: (Vector3::from(jet.force_n) - slope).into(),
+        stiffness_n_m: jet.stiffness_n_m - base.curvature,
         ..*jet
     };
     beside.numbers()

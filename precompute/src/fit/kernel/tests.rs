@@ -4,7 +4,7 @@ use super::super::synthetic::{jet, spread};
 use super::*;
 
 fn system(configurations: u32, length_m: f64) -> KernelSystem {
-    let mut system = KernelSystem::new(length_m, jet([0.0; 3]).stiffness_n_m);
+    let mut system = KernelSystem::of_energy(length_m, jet([0.0; 3]).stiffness_n_m);
     system.add(&[jet([0.0; 3])]).expect("the first");
     for n in 1..configurations {
         system.add(&[jet(spread(n, 0.05))]).expect("apart");
@@ -91,10 +91,70 @@ fn derivatives_are_those_of_the_energy() {
     }
 }
 
+/// The jet of a touched body: the energy at p = 0 is not zero.
+fn touched(p: [f64; 3]) -> EnergyJet {
+    let jet = jet(p);
+    EnergyJet { energy_j: jet.energy_j + 2.0, ..jet }
+}
+
+fn root_system(configurations: u32, length_m: f64) -> KernelSystem {
+    let base = Base::of(Quantity::Root, &touched([0.0; 3])).expect("a root");
+    let mut system = KernelSystem::new(length_m, Quantity::Root, base);
+    let places = std::iter::once([0.0; 3]).chain((1..configurations).map(|n| spread(n, 0.05)));
+    system.add(&places.map(touched).collect::<Vec<_>>()).expect("apart");
+    system
+}
+
+#[test]
+fn a_root_is_squared_to_its_energy() {
+    let whole = touched([0.01, -0.02, 0.015]);
+    let back = whole.root(LEAST_ROOT_J).expect("a root").squared();
+    for (found, exact) in back.numbers().into_iter().zip(whole.numbers()) {
+        assert!((found - exact).abs() < 1e-12 * exact.abs().max(1.0), "{found} {exact}");
+    }
+    assert_eq!(EnergyJet { energy_j: 1e-6, ..whole }.root(LEAST_ROOT_J), None);
+    let beside = EnergyJet { energy_j: -0.1, ..whole }.squared();
+    assert!(beside.numbers().iter().all(|x| *x == 0.0));
+}
+
+/// A fit of the root has the force, the energy and the derivatives of the energy, and knows its errors.
+#[test]
+fn a_fit_of_the_root_gives_the_energy() {
+    let errors = [6, 12, 36].map(|n| {
+        let fit = root_system(n, 0.04).fit;
+        let at = |n| spread(n, 0.045);
+        (1000..1200).map(|n| apart(fit.force_n(at(n)), touched(at(n)).force_n)).fold(0.0, f64::max)
+    });
+    assert!(errors[2] < 0.02 && errors[0] > 2.0 * errors[1] && errors[1] > 5.0 * errors[2], "{errors:?} N");
+    let system = root_system(36, 0.04);
+    let at = [0.012, -0.008, 0.019];
+    let (found, exact) = (system.fit.jet(at), touched(at));
+    for (n, (found, exact)) in found.numbers().into_iter().zip(exact.numbers()).enumerate() {
+        assert!((found - exact).abs() < 1e-2 * exact.abs().max(1.0), "{n}: {found} {exact}");
+    }
+    // The table holds the root itself.
+    let (value, slope) = system.fit.value_and_slope(at);
+    let table = system.fit.derivatives(at);
+    assert!((value - (2.0 * exact.energy_j).sqrt()).abs() < 1e-4, "{value}");
+    assert!((table[0][0][0] - value).abs() < 1e-12 && (table[0][1][0] - slope[1]).abs() < 1e-9);
+    // What the others say of one is what a fit without it says.
+    let (left, missed) = (20, system.leave_one_out_n().nth(20).expect("an error"));
+    let base = Base::of(Quantity::Root, &touched([0.0; 3])).expect("a root");
+    let mut without = KernelSystem::new(0.04, Quantity::Root, base);
+    let places = std::iter::once([0.0; 3]).chain((1..36).map(|n| spread(n, 0.05)));
+    let others: Vec<EnergyJet> =
+        places.enumerate().filter(|(n, _)| *n != left).map(|(_, at)| touched(at)).collect();
+    without.add(&others).expect("apart");
+    let truth = touched(spread(left as u32, 0.05));
+    let said = without.fit.force_n(truth.control_m);
+    let expected: [f64; 3] = std::array::from_fn(|i| truth.force_n[i] - said[i]);
+    assert!(apart(missed, expected) < 1e-5 + 1e-3 * apart(expected, [0.0; 3]), "{missed:?} {expected:?}");
+}
+
 #[test]
 fn one_by_one_is_as_all_at_once() {
     let jets: Vec<EnergyJet> = (1..12).map(|n| jet(spread(n, 0.05))).collect();
-    let mut whole = KernelSystem::new(0.03, jet([0.0; 3]).stiffness_n_m);
+    let mut whole = KernelSystem::of_energy(0.03, jet([0.0; 3]).stiffness_n_m);
     whole.add(&[&[jet([0.0; 3])], &jets[..]].concat()).expect("apart");
     let at = [0.02, 0.01, -0.03];
     assert!(apart(whole.fit.force_n(at), fit(12, 0.03).force_n(at)) < 1e-6);

@@ -144,7 +144,12 @@ fn a_sphere_has_a_radius_and_a_layer() {
     refuses(format!("{SCENE}{tool}"), "has no active node", "remove [[active]]");
     let gridded =
         sphere("radius_m = 0.01").replace("[device]", "[grid]\nradius_m = 0.05\nspacing_m = 0.01\n[device]");
-    refuses(gridded, "for a [grid] to surround", "remove [grid]");
+    refuses(gridded.clone(), "the field of a sphere has no lattice", "cannot_be_felt");
+    // With a tolerance it has charts all over the free skin.
+    let found = bench.resolve(&gridded.replace("spacing_m = 0.01", "cannot_be_felt = true")).expect("sound");
+    let charts = found.charts.expect("charts");
+    assert!(charts.charts.len() == found.active.len() && charts.charts.len() > 20);
+    assert!(found.active.iter().zip(&charts.charts).all(|(active, chart)| active.chart == Some(*chart)));
 }
 
 #[test]

@@ -4,11 +4,12 @@ use std::collections::{HashMap, VecDeque};
 
 use super::switched::Switched;
 use super::{Phase, PlanStatus, SolvesLeft, SpacePlan};
-use crate::adaptive::{AdaptiveFit, STREAK, Search, SolveResult, Step, Target, Verdict};
+use crate::adaptive::{AdaptiveFit, STREAK, Search, Shared, SolveResult, Step, Target, Verdict};
+use crate::fit::LEAST_ROOT_J;
 use crate::num::jet::EnergyJet;
 use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
-use crate::spec::{GridIndex, Requirements, displacement_m, nearest_index};
+use crate::spec::{GridIndex, Quantity, Requirements, displacement_m, nearest_index};
 
 /// The rest point.
 const REST: GridIndex = [0; 3];
@@ -19,10 +20,13 @@ pub(crate) struct ScatteredPlan {
     wanted: Requirements,
     /// Displacements to solve first, m.
     visited_m: Vec<[f64; 3]>,
+    /// Configurations of neighbouring charts.
+    shared: Vec<Shared>,
     /// `None` before rest is solved.
     search: Option<Search>,
-    /// The points of the search in its order. Parents are indices into this list.
-    learned: Vec<GridIndex>,
+    /// The configurations of the search in its order, each with the chart that solved it if it is another one. Parents
+    /// are indices into this list.
+    learned: Vec<(Option<u32>, GridIndex)>,
     /// The batch in progress.
     batch: Vec<Target>,
     found: HashMap<GridIndex, SolveResult>,
@@ -42,17 +46,34 @@ impl ScatteredPlan {
         Self {
             wanted,
             visited_m,
+            shared: Vec::new(),
             search: None,
             learned: Vec::new(),
             batch: Vec::new(),
             found: HashMap::new(),
-            ready: VecDeque::from([Task { target: REST, attempt: 0, round: 0, parent: None }]),
+            ready: VecDeque::from([Task { target: REST, attempt: 0, round: 0, parent: None, chart: None }]),
             counts: TagCounts::default(),
             round: 0,
             verdict: None,
             rest: None,
             switched: None,
         }
+    }
+
+    /// The plan with configurations that neighbouring charts have solved.
+    pub(crate) fn knowing(self, shared: Vec<Shared>) -> Self {
+        Self { shared, ..self }
+    }
+
+    /// Notes the configurations of the fit.
+    fn learn(&mut self) {
+        let Some(search) = &self.search else { return };
+        let fitted = &search.fitted;
+        let own = |jet: &EnergyJet| (None, nearest_index(jet.control_m));
+        let shared = fitted.shared.iter().map(|shared| (Some(shared.chart), shared.index));
+        let (first, rest) = fitted.jets.split_at(1);
+        let rest = rest.iter().skip(fitted.shared.len());
+        self.learned = first.iter().map(own).chain(shared).chain(rest.map(own)).collect();
     }
 
     fn begin_batch(&mut self) {
@@ -69,8 +90,8 @@ impl ScatteredPlan {
                 self.round += 1;
                 let round = self.round;
                 let task = |target: &Target| {
-                    let parent = Some((self.learned[target.parent], 0));
-                    Task { target: target.index, attempt: 0, round, parent }
+                    let (chart, parent) = self.learned[target.parent];
+                    Task { target: target.index, attempt: 0, round, parent: Some((parent, 0)), chart }
                 };
                 self.ready = targets.iter().map(task).collect();
                 self.batch = targets;
@@ -95,11 +116,13 @@ impl SpacePlan for ScatteredPlan {
         if let Some(lattice) = &mut self.switched {
             return lattice.decide(record);
         }
-        let jet = record.jet_for_fit(displacement_m(record.index));
+        let jet = record.jet_for_fit(displacement_m(record.index), self.wanted.quantity);
         let Some(search) = &mut self.search else {
-            if let Some(jet) = jet {
-                self.search = Some(Search::new(self.wanted, &jet).after(&self.visited_m));
-                self.learned.push(REST);
+            let has_root = |jet: &EnergyJet| jet.energy_j > LEAST_ROOT_J;
+            if let Some(jet) = jet.filter(|jet| self.wanted.quantity == Quantity::Energy || has_root(jet)) {
+                let search = Search::new(self.wanted, &jet).after(&self.visited_m);
+                self.search = Some(search.knowing(std::mem::take(&mut self.shared)));
+                self.learn();
                 self.rest = Some(record.clone());
             } else {
                 self.verdict = Some(Verdict::NotReached);
@@ -120,8 +143,7 @@ impl SpacePlan for ScatteredPlan {
                 .map(|target| self.found.remove(&target.index).unwrap_or(SolveResult::Failed))
                 .collect();
             search.take(&found);
-            let at = |jet: &EnergyJet| nearest_index(jet.control_m);
-            self.learned = search.fitted.jets.iter().map(at).collect();
+            self.learn();
         }
     }
 
@@ -181,6 +203,8 @@ mod tests {
         max_force_n: 8.0,
         push: None,
         workspace_m: None,
+        column: None,
+        quantity: Quantity::Energy,
         max_configurations: 160,
     };
 

@@ -158,7 +158,7 @@ impl Plan {
         point.pending = true;
         point.queued = false;
         self.pending += 1;
-        Task { target: self.domain.index(p), attempt, round, parent: from }
+        Task { target: self.domain.index(p), attempt, round, parent: from, chart: None }
     }
 
     /// The best parent of the lowest level. The list is sorted, best first.

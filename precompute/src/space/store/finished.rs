@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use super::rows::{self, CHECKSUM};
 use super::{Store, StoreError};
-use crate::adaptive::{AdaptiveFit, LinearModelErrors, Test, Verdict};
-use crate::fit::KernelFit;
+use crate::adaptive::{AdaptiveFit, LinearModelErrors, Shared, Test, Verdict};
+use crate::fit::{Base, KernelFit};
 use crate::num::jet::EnergyJet;
 use crate::space::state::SpaceState;
 use crate::space::task::TagCounts;
-use crate::spec::{GridIndex, Requirements, displacement_m, nearest_index};
+use crate::spec::{GridIndex, Quantity, Requirements, displacement_m, nearest_index};
 
 /// The stored form of the fit, in postcard. The jets of its configurations are in their rows.
 #[derive(Serialize, Deserialize)]
@@ -18,8 +18,10 @@ struct StoredFit {
     wanted: Requirements,
     verdict: Verdict,
     length_m: f64,
-    /// Indices and weights of the configurations of the fit, rest first.
+    /// Indices and weights of the configurations of the fit, rest first, without those of neighbouring charts.
     configurations: Vec<(GridIndex, [f64; 20])>,
+    /// Configurations of neighbouring charts with their weights. In the fit they follow rest.
+    shared: Vec<(Shared, [f64; 20])>,
     tests: Vec<Test>,
     leave_one_out: Vec<f64>,
     deviation: Option<f64>,
@@ -31,11 +33,15 @@ impl StoredFit {
     /// `None` while the search continues.
     fn of(fit: &AdaptiveFit) -> Option<Self> {
         let configuration = |(jet, weights): (&EnergyJet, &_)| (nearest_index(jet.control_m), *weights);
+        let all = || fit.jets.iter().zip(&fit.fit.weights);
+        let is_shared = |at: usize| (1..=fit.shared.len()).contains(&at);
+        let own = all().enumerate().filter(|(at, _)| !is_shared(*at)).map(|(_, of)| configuration(of));
         Some(Self {
             wanted: fit.wanted,
             verdict: fit.verdict?,
             length_m: fit.fit.length_m,
-            configurations: fit.jets.iter().zip(&fit.fit.weights).map(configuration).collect(),
+            configurations: own.collect(),
+            shared: fit.shared.iter().copied().zip(fit.fit.weights.iter().skip(1).copied()).collect(),
             tests: fit.tests.clone(),
             leave_one_out: fit.leave_one_out.clone(),
             deviation: fit.deviation,
@@ -44,18 +50,35 @@ impl StoredFit {
         })
     }
 
-    /// The fit with the jets of its configurations; `None` without rest.
+    /// The fit with the jets of its own configurations; `None` without rest.
     fn with(self, jets: Vec<EnergyJet>) -> Option<AdaptiveFit> {
-        let length_m = self.length_m;
+        let (length_m, quantity) = (self.length_m, self.wanted.quantity);
+        let own = jets.into_iter().zip(self.configurations.iter().map(|(_, weights)| *weights));
+        let (mut jets, mut weights): (Vec<EnergyJet>, Vec<[f64; 20]>) = own.unzip();
+        let (shared, their_weights): (Vec<Shared>, Vec<_>) = self.shared.into_iter().unzip();
+        jets.splice(1.min(jets.len())..1.min(jets.len()), shared.iter().map(|shared| shared.jet));
+        weights.splice(1.min(weights.len())..1.min(weights.len()), their_weights);
         let fit = KernelFit {
             length_m,
-            rest_stiffness_n_m: jets.first()?.stiffness_n_m,
+            quantity,
+            base: Base::of(quantity, jets.first()?)?,
             centres: jets.iter().map(|jet| jet.control_m.map(|x| x / length_m)).collect(),
-            weights: self.configurations.iter().map(|(_, weights)| *weights).collect(),
+            weights,
         };
         let Self { wanted, verdict, tests, leave_one_out, deviation, linear, condition, .. } = self;
         let verdict = Some(verdict);
-        Some(AdaptiveFit { wanted, verdict, jets, fit, tests, leave_one_out, deviation, linear, condition })
+        Some(AdaptiveFit {
+            wanted,
+            verdict,
+            jets,
+            shared,
+            fit,
+            tests,
+            leave_one_out,
+            deviation,
+            linear,
+            condition,
+        })
     }
 }
 
@@ -82,7 +105,8 @@ impl Store {
         let fit = match fit {
             Some(bytes) => {
                 let stored: StoredFit = postcard::from_bytes(&bytes).map_err(|_| damaged())?;
-                let jet = |(index, _): &_| self.jet(active, *index);
+                let quantity = stored.wanted.quantity;
+                let jet = |(index, _): &_| self.jet(active, *index, quantity);
                 let jets = stored.configurations.iter().map(jet).collect::<Result<_, _>>()?;
                 Some(stored.with(jets).ok_or_else(damaged)?)
             }
@@ -92,15 +116,36 @@ impl Store {
     }
 
     /// The jet of an adaptively sampled configuration, as fits use it.
-    fn jet(&self, active: usize, index: GridIndex) -> Result<EnergyJet, StoreError> {
+    fn jet(&self, active: usize, index: GridIndex, quantity: Quantity) -> Result<EnergyJet, StoreError> {
         let row = self.wrap(rows::record(&self.connection, active, index, 0))?;
-        let jet = self.checked(active, row)?.jet_for_fit(displacement_m(index));
+        let jet = self.checked(active, row)?.jet_for_fit(displacement_m(index), quantity);
         jet.ok_or_else(|| self.corrupt(rows::damaged(&index)))
     }
 
     /// Stores the state of a finished space.
     pub(crate) fn finish(&self, active: usize, state: &SpaceState) -> Result<(), StoreError> {
         self.write(|connection| insert(connection, active, state))
+    }
+}
+
+/// The key of the table `meta` that says whether the charts of a sphere's field are complete.
+const COMPLETE: &str = "charts_complete";
+
+impl Store {
+    /// Whether the fits of all charts contain the configurations of the charts round them.
+    pub fn are_charts_complete(&self) -> Result<bool, StoreError> {
+        Ok(self.optional(COMPLETE)?.is_some())
+    }
+
+    /// Stores the completed states of all charts.
+    pub(in crate::space) fn complete_charts(&self, states: &[SpaceState]) -> Result<(), StoreError> {
+        self.write(|connection| {
+            for (active, state) in states.iter().enumerate() {
+                insert(connection, active, state)?;
+            }
+            let sql = "INSERT OR REPLACE INTO meta VALUES (?1, 'yes')";
+            connection.execute(sql, [COMPLETE]).map(drop)
+        })
     }
 }
 
@@ -115,7 +160,7 @@ pub(super) fn insert(connection: &Connection, active: usize, state: &SpaceState)
     let fit = fit.map(|fit| postcard::to_stdvec(&fit)).transpose();
     let fit = fit.map_err(|error| rusqlite::Error::ToSqlConversionFailure(error.into()))?;
     let checksum = checksum(active, &whole, fit.as_deref());
-    let sql = "INSERT INTO finished VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
+    let sql = "INSERT OR REPLACE INTO finished VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
     let row = params![active as i64, expandable, terminating, failed, unknown, attempts, fit, checksum];
     connection.prepare_cached(sql)?.execute(row).map(drop)
 }
@@ -165,7 +210,7 @@ mod tests {
         identity.normals = vec![[0.0, 0.0, 1.0]];
         let path = folder.join(format!("{radius_m}-{jump_n}.space"));
         let store = Store::create_or_resume(&path, &identity, &mesh(), &[0], &actives(1)).expect("a store");
-        let mut plan = Plans::of(&store).expect("a body").plan(0);
+        let mut plan = Plans::of(&store).expect("a body").plan(&store, 0).expect("a plan");
         while let Some(task) = plan.next_task() {
             let outcome = outcome(&task, jump_n);
             plan.decide(&outcome.record);

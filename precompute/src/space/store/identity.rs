@@ -5,13 +5,13 @@ use serde::de::DeserializeOwned;
 
 use super::error::StoreFault;
 use super::{Store, StoreError};
-use crate::spec::{ContactSurface, DisplacementBound, Lattice, Sampling, SpaceGrid};
+use crate::spec::{Charts, ContactSurface, DisplacementBound, Lattice, Sampling, SpaceGrid, Tool};
 
 /// Layout of the file. A store of another layout is refused.
 const LAYOUT: &str = "5";
 
 /// Increased whenever the bits of the solver or the course of a search change.
-const SOLVER_REVISION: u32 = 9;
+const SOLVER_REVISION: u32 = 10;
 
 /// Inputs of a store. A resumed run must have the same.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +36,8 @@ pub struct StoreIdentity {
     pub visited_m: Vec<Vec<[f64; 3]>>,
     /// Contact points of a tool with a size; `None` for a point tool.
     pub contacts: Option<ContactSurface>,
+    /// The charts of a sphere's field; `None` for another tool.
+    pub charts: Option<Charts>,
     /// Whether the scene requests displacements for rendering.
     pub visual: bool,
     /// Error bound of these displacements.
@@ -51,6 +53,7 @@ impl StoreIdentity {
         let sampling = &self.sampling;
         let scattered = sampling.scattered().map(|scattered| serde_json::json!(scattered).to_string());
         let contacts = self.contacts.as_ref().map(|contacts| serde_json::json!(contacts).to_string());
+        let charts = self.charts.as_ref().map(|charts| serde_json::json!(charts).to_string());
         let is_visited = self.visited_m.iter().any(|visited| !visited.is_empty());
         let visited = is_visited.then(|| serde_json::json!(self.visited_m).to_string());
         let normals: Vec<String> = self.normals.as_flattened().iter().map(|x| format!("{x:?}")).collect();
@@ -73,8 +76,18 @@ impl StoreIdentity {
             ("scattered", scattered.unwrap_or_default()),
             ("normals", normals.join(" ")),
             ("contacts", contacts.unwrap_or_default()),
+            ("charts", charts.unwrap_or_default()),
             ("visited", visited.unwrap_or_default()),
         ]
+    }
+
+    /// The tool.
+    pub fn tool(&self) -> Tool {
+        match (&self.contacts, &self.charts) {
+            (Some(contacts), _) => Tool::Fingertip(contacts.fingertip),
+            (None, Some(charts)) => Tool::Sphere(charts.sphere),
+            (None, None) => Tool::Point,
+        }
     }
 
     /// The value at an active node of a field given at the mesh nodes; `node` is its node.
@@ -171,6 +184,7 @@ impl Store {
             normals: self.normals()?,
             visited_m: self.json("visited")?.unwrap_or_default(),
             contacts: self.json("contacts")?,
+            charts: self.json("charts")?,
             visual: self.parsed("visual")?,
             displacement_bound: DisplacementBound {
                 rms_m: self.parsed("displacement_rms_m")?,

@@ -204,7 +204,12 @@ impl State {
     /// damaged or the attempt failed.
     pub(in crate::space) fn seed(self, record: &Record) -> Option<StoredSeed> {
         let numbers = record.jet([0.0; 3])?.numbers();
-        self.is_intact().then_some(StoredSeed { state: self.state, sensitivity: self.sensitivity, numbers })
+        self.is_intact().then_some(StoredSeed {
+            state: self.state,
+            sensitivity: self.sensitivity,
+            numbers,
+            from_m: [0.0; 3],
+        })
     }
 }
 
@@ -308,7 +313,7 @@ mod tests {
     fn a_null_in_a_solution_is_damage() {
         let folder = tempfile::tempdir().expect("a folder");
         let store = SyntheticExecutor::new(1.0, 0.0).store(&folder.path().join("a.space"), 1);
-        let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)) };
+        let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)), chart: None };
         let jet = EnergyJet::from_numbers([0.01, 0.0, 0.0], &[1.0; 20]);
         let sound = Record::of_jet(&task, &jet, false);
         let failed = Record { attempt: 1, residual_n: None, ..Record::new(&task, Err("not-finite".into())) };

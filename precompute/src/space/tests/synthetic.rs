@@ -76,7 +76,7 @@ impl SyntheticExecutor {
     fn point(&self, job: &Job) -> Outcome {
         let upper = self.upper(job);
         let state = vec![u8::from(upper), 0, 0, 0];
-        let seed = StoredSeed { sensitivity: state.repeat(3), state, numbers: [0.0; 20] };
+        let seed = StoredSeed { sensitivity: state.repeat(3), state, numbers: [0.0; 20], from_m: [0.0; 3] };
         let (active, intermediate) = (job.active, Vec::new());
         if self.rest_fails {
             let record = Record { residual_n: Some(1.0), ..Record::new(&job.task, Err("singular".into())) };
@@ -117,6 +117,7 @@ impl SyntheticExecutor {
             normals: Vec::new(),
             visited_m: Vec::new(),
             contacts: None,
+            charts: None,
             visual: false,
             displacement_bound: DisplacementBound::default(),
         }

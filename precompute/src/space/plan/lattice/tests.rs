@@ -114,7 +114,7 @@ fn handing_out_ahead_is_the_same_as_rounds() {
                     .filter(|(_, index)| tags.get(index) == Some(&ConfigTag::Expandable))
                     .min_by_key(|&(distance, index)| (distance, squared(index), index));
                 if let Some((_, parent)) = parent {
-                    tasks.push(Task { target, attempt: 0, round, parent: Some((parent, 0)) });
+                    tasks.push(Task { target, attempt: 0, round, parent: Some((parent, 0)), chart: None });
                 }
             }
             if tasks.is_empty() {
@@ -234,7 +234,7 @@ fn later_tries_start_from_the_solution_that_counted_when_their_round_began() {
 
 #[test]
 fn the_first_solution_is_kept_unless_a_later_one_is_clearly_lower() {
-    let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: None };
+    let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: None, chart: None };
     let with = |tag, energy_j| with(&task, tag, energy_j);
     let first = with(ConfigTag::Expandable, 1.0);
     assert!(

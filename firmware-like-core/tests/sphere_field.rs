@@ -1,0 +1,173 @@
+//! The field of a sphere: charts of s = sqrt(2 W) that agree where they overlap.
+
+use crate::common::{Monomial, Recipe, polynomial};
+use palpate_core::format::{Sphere, SurfaceHeader, Tool};
+use palpate_core::vec3::{self, Vec3};
+use palpate_core::{
+    AlignedBytes, Command, Config, Controller, HermiteNode, Method, Organ, Phase, Sample, State, TouchSurface,
+};
+
+/// The root in the coordinates of the centre, (0.01 - z) (10 + 60 x + 900 x^2 + 400 y^2): zero at z = 10 mm, where a
+/// sphere of 9 mm with a layer of 1 mm touches the plane z = 0.
+const ROOT: [Monomial; 8] = [
+    (0.1, [0, 0, 0]),
+    (-10.0, [0, 0, 1]),
+    (0.6, [1, 0, 0]),
+    (-60.0, [1, 0, 1]),
+    (9.0, [2, 0, 0]),
+    (-900.0, [2, 0, 1]),
+    (4.0, [0, 2, 0]),
+    (-400.0, [0, 2, 1]),
+];
+
+/// Places of the centre at zero displacement of the two charts.
+const ORIGINS: [Vec3; 2] = [[0.0, 0.0, 0.007], [0.04, 0.0, 0.007]];
+
+/// h of a centre.
+fn force(centre_m: Vec3) -> [f64; 3] {
+    let of = |orders| polynomial(&ROOT, centre_m, orders);
+    let root = of([0; 3]).max(0.0);
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map(|orders| root * of(orders))
+}
+
+/// Two charts on a square of 60 mm: the left vertices belong to the first, the right ones to the second.
+fn blob() -> AlignedBytes {
+    let recipe = Recipe {
+        nodes: ORIGINS.to_vec(),
+        spacing_m: 0.01,
+        radius_m: 0.05,
+        lattice_table: false,
+        rbf: false,
+        displacement: false,
+        ..Recipe::default()
+    };
+    let lattice = recipe.lattice();
+    recipe.blob_with(|draft| {
+        draft.preamble.tool = Tool::Sphere(Sphere { radius_m: 0.009, layer_m: 0.001 });
+        let corners = [[-0.01, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.01, 0.03]];
+        let plane = |axis: usize| corners.map(|corner| if axis < 2 { corner[axis] } else { 0.0_f32 });
+        draft.preamble.contact = SurfaceHeader {
+            node: draft.area.push(&[0_u32, 1, 1, 0]),
+            position_m: [0, 1, 2].map(|axis| draft.area.push(&plane(axis))),
+            triangles: draft.area.push(&[[0_u32, 1, 2], [0, 2, 3]]),
+            fixed: draft.area.push(&[0_u8; 4]),
+        };
+        for (space, origin_m) in draft.spaces.iter_mut().zip(ORIGINS) {
+            let node = |slot: usize| -> HermiteNode {
+                let at_m = vec3::add(origin_m, lattice.displacement_m(lattice.ijk(slot)));
+                let mut node = HermiteNode::default();
+                for (a, b, c) in (0..27).map(|code| (code / 9, code / 3 % 3, code % 3)) {
+                    let scale = f64::from(lattice.spacing_m()).powi((a + b + c) as i32 - 1);
+                    node[a][b][c] = (scale * polynomial(&ROOT, at_m, [a, b, c])) as f32;
+                }
+                node
+            };
+            let nodes: Vec<HermiteNode> = (0..lattice.slots()).map(node).collect();
+            space.hermite.as_mut().expect("a table").nodes = draft.area.push(&nodes);
+        }
+    })
+}
+
+/// The commands on a path, one sample per millisecond.
+fn play(blob: &AlignedBytes, path: impl Iterator<Item = Vec3>) -> Vec<(Vec3, Command)> {
+    let organ = <Organ<'_, 2>>::read(blob).expect("good");
+    let mut memory = vec![0; TouchSurface::words(&organ)];
+    let mut config = Config::new(Method::Energy);
+    config.limits.max_stiffness_n_m = f32::INFINITY;
+    let surface = TouchSurface::new(&organ, &mut memory);
+    let controller = Controller::new(&organ, config).expect("packed").on_surface(surface);
+    let mut state = State::new();
+    state.arm();
+    let tick = |(t, position_m): (u64, Vec3)| {
+        let sample = Sample { t_us: 1_000 * t, position_m, buttons: 0 };
+        (position_m, controller.tick(&mut state, sample.t_us, Some(&sample)))
+    };
+    (0..).zip(path).map(tick).collect()
+}
+
+fn error_n(found: Vec3, exact: [f64; 3]) -> f64 {
+    (0..3).map(|k| (f64::from(found[k]) - exact[k]).powi(2)).sum::<f64>().sqrt()
+}
+
+#[test]
+fn a_table_of_roots_gives_force_energy_and_stiffness() {
+    let blob = blob();
+    let organ = <Organ<'_, 2>>::read(&blob).expect("good");
+    let space = &organ.spaces[0];
+    assert!(space.has(Method::Energy) && !space.has(Method::Hermite));
+    let mut largest = 0.0_f64;
+    for d in [[0.004, -0.003, -0.006], [-0.013, 0.011, -0.021], [0.02, 0.005, 0.001], [0.0, 0.0, 0.009]] {
+        let centre_m = vec3::add(ORIGINS[0], d);
+        let (found, exact) = (space.estimate(Method::Energy, d).expect("packed"), force(centre_m));
+        assert!(error_n(found.force_n, exact) < 1e-5, "{d:?}: {found:?} {exact:?}");
+        largest = largest.max(exact.iter().map(|h| h.abs()).fold(0.0, f64::max));
+        let root = polynomial(&ROOT, centre_m, [0; 3]).max(0.0);
+        let energy_j = f64::from(found.energy_j.expect("an energy"));
+        assert!((energy_j - 0.5 * root * root).abs() < 1e-7, "{energy_j} {root}");
+        let alone_j = f64::from(space.energy_j(Method::Energy, d).expect("packed"));
+        assert!((alone_j - energy_j).abs() < 1e-7, "{alone_j} {energy_j}");
+        for axis in 0..3 {
+            let at = |sign: f32| {
+                let mut at = centre_m;
+                at[axis] += sign * 1e-4;
+                force(at)
+            };
+            let (low, high) = (at(-1.0), at(1.0));
+            for i in 0..3 {
+                let slope_n_m = (high[i] - low[i]) / 2e-4;
+                let found_n_m = f64::from(found.stiffness_n_m[i][axis]);
+                assert!((found_n_m - slope_n_m).abs() < 0.1, "{d:?} {i}{axis}: {found_n_m} {slope_n_m}");
+            }
+        }
+    }
+    assert!(largest > 1.0, "{largest} N");
+    // Beside the body the root is negative, and the force exactly zero.
+    let beside = space.estimate(Method::Energy, [0.0, 0.0, 0.009]).expect("packed");
+    assert_eq!((beside.force_n, beside.energy_j), ([0.0; 3], Some(0.0)));
+}
+
+/// A touch begins and ends without a step, slides from one chart to the other, and has the force of the body everywhere.
+#[test]
+fn a_sphere_slides_over_its_charts() {
+    let blob = blob();
+    let down = (0..160).map(|n| [0.0, 0.0, 0.014 - 1e-4 * n as f32]);
+    let along = (0..400).map(|n| [1e-4 * n as f32, 0.002, -0.002]);
+    let up = (0..200).map(|n| [0.04, 0.0, -0.002 + 1e-4 * n as f32]);
+    let played = play(&blob, down.chain(along).chain(up));
+    let (mut previous_n, mut touched, mut blended) = ([0.0_f32; 3], 0, 0);
+    for (position_m, command) in &played {
+        assert_eq!(command.phase, Phase::Active);
+        let exact = force(*position_m);
+        assert!(error_n(command.reaction_n, exact) < 2e-5, "{position_m:?}: {command:?} {exact:?}");
+        let step_n = vec3::distance(command.reaction_n, previous_n);
+        assert!(step_n < 0.05, "{position_m:?}: a step of {step_n} N");
+        previous_n = command.reaction_n;
+        touched += usize::from(command.engaged.is_some());
+        let weights = command.weights.map(|node| node.weight);
+        assert!(command.engaged.is_none() || (weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+        let of_second: f32 =
+            command.weights.iter().filter(|node| node.space == 1).map(|node| node.weight).sum();
+        blended += usize::from((0.2..0.8).contains(&of_second));
+    }
+    assert!(touched > 500 && blended > 200, "{touched} {blended}");
+    assert_eq!(played.last().expect("a tick").1.engaged, None);
+}
+
+/// The displacement counts from the first touch, along the normal of the chart.
+#[test]
+fn the_displacement_of_a_sphere_is_its_depth() {
+    let blob = blob();
+    let played = play(&blob, (0..100).map(|n| [0.01, 0.01, 0.011 - 1e-4 * n as f32]));
+    let (position_m, command) = played.last().expect("a tick");
+    let [x, y, z] = command.displacement_m;
+    assert!(x.abs() < 1e-6 && y.abs() < 1e-6, "{command:?}");
+    assert!((z - (position_m[2] - 0.01)).abs() < 1e-6, "{command:?}");
+}
+
+/// A sphere that starts inside the body, where no surface is near, touches nothing.
+#[test]
+fn a_start_inside_the_body_has_no_force() {
+    let blob = blob();
+    let played = play(&blob, (0..5).map(|_| [0.02, 0.0, -0.015]));
+    assert!(played.iter().all(|(_, command)| command.engaged.is_none() && command.reaction_n == [0.0; 3]));
+}
