@@ -121,8 +121,8 @@ pub enum Tool {
     Point,
     /// A fingertip, which touches contact points.
     Fingertip(Fingertip),
-    /// A sphere, which touches the surface anywhere. It has one space: the displacement is that of its centre from
-    /// the space's position.
+    /// A sphere, which touches the surface anywhere. The displacement of a space is that of its centre from the space's
+    /// position. A live field has one space, a packed one a chart for each part of the surface.
     Sphere(Sphere),
 }
 

@@ -40,8 +40,7 @@ impl Domain for Known<'_> {
 
     #[inline(always)]
     fn inside(self, displacement_m: &Vec3) -> Result<Location, Vec3> {
-        let at = self.0.lattice.locate_inside(*displacement_m)?;
-        if self.0.cell_flags(&at) & CELL != 0 { Ok(at) } else { Err(*displacement_m) }
+        self.place(*displacement_m).ok_or(*displacement_m)
     }
 
     /// The last known point on the way from the origin; the origin if none is.

@@ -117,10 +117,15 @@ mod tests {
         for corners in &triangles {
             for &corner in corners {
                 let chart = &charts[owners[corner as usize] as usize];
-                // Each triangle with a vertex of a chart lies in its column.
-                for &other in corners {
-                    let away_m = difference(mesh.nodes_m[vertices[other as usize] as usize], chart.centre_m);
+                // Where a sphere touches a triangle with a vertex of a chart, its centre lies in the column.
+                let places = corners.map(|corner| mesh.nodes_m[vertices[corner as usize] as usize]);
+                let [a, b, c] = places;
+                let face = unit(cross(difference(b, a), difference(c, a)));
+                for place in places {
+                    let centre_m = plus(place, face.map(|x| x * (0.015 + Layer::of(0.015).thickness_m)));
+                    let away_m = difference(centre_m, chart.centre_m);
                     let across_m = from_axis_m(&chart.normal, away_m);
+                    assert!(dot(away_m, chart.normal) <= chart.column.top_m + 1e-12, "{corner}");
                     assert!(across_m <= chart.column.whole_m + 1e-12, "{corner}: {across_m}");
                     assert!(chart.column.core_m < chart.column.whole_m);
                 }

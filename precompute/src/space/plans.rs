@@ -121,7 +121,7 @@ impl Plans {
     }
 
     /// The configurations of `others` that lie in a chart, as displacements from its origin, those near it first. They are
-    /// apart from `own` ones and do not contradict them.
+    /// apart from `own` ones; whether they are on the same branch is [`on_one_branch`]'s question.
     fn shared(
         &self,
         store: &Store,
