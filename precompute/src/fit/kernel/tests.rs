@@ -129,8 +129,27 @@ fn a_fit_of_the_root_gives_the_energy() {
     let system = root_system(36, 0.04);
     let at = [0.012, -0.008, 0.019];
     let (found, exact) = (system.fit.jet(at), touched(at));
-    for (n, (found, exact)) in found.numbers().into_iter().zip(exact.numbers()).enumerate() {
-        assert!((found - exact).abs() < 1e-2 * exact.abs().max(1.0), "{n}: {found} {exact}");
+    assert!((found.energy_j - exact.energy_j).abs() < 1e-4, "{} {}", found.energy_j, exact.energy_j);
+    assert!(apart(found.force_n, system.fit.force_n(at)) < 1e-9);
+    // Its derivatives are those of its force: the square of the root is differentiated right.
+    for axis in 0..3 {
+        let beside = [-1e-5, 1e-5].map(|step| {
+            let mut at = at;
+            at[axis] += step;
+            system.fit.jet(at)
+        });
+        let slope = |value: &dyn Fn(&EnergyJet) -> f64| (value(&beside[1]) - value(&beside[0])) / 2e-5;
+        for i in 0..3 {
+            let stiffness_n_m = slope(&|jet| jet.force_n[i]);
+            assert!(
+                (found.stiffness_n_m[(i, axis)] - stiffness_n_m).abs() < 1e-4 * stiffness_n_m.abs().max(1.0)
+            );
+        }
+        let pure = found.third_n_m2[[0, 6, 9][axis]];
+        let third = slope(&|jet| jet.stiffness_n_m[(axis, axis)]);
+        assert!((pure - third).abs() < 1e-4 * third.abs().max(1.0), "{axis}: {pure} {third}");
+        let mixed = slope(&|jet| jet.stiffness_n_m[((axis + 1) % 3, (axis + 2) % 3)]);
+        assert!((found.third_n_m2[4] - mixed).abs() < 1e-4 * mixed.abs().max(1.0), "{mixed}");
     }
     // The table holds the root itself.
     let (value, slope) = system.fit.value_and_slope(at);
