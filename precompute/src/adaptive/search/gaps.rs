@@ -56,7 +56,7 @@ impl Search {
         };
         let radius_m = |n: usize| {
             let share = n.checked_sub(1).and_then(|own| shares.get(own)).copied().unwrap_or(1.0);
-            (nearest_m(n) * (SAFETY / share).powf(0.25)).clamp(LEAST_M, MOST_M)
+            (nearest_m(n) * (SAFETY / share).sqrt().sqrt()).clamp(LEAST_M, MOST_M)
         };
         let data = places.iter().enumerate().map(|(n, place)| (*place, radius_m(n)));
         data.chain(self.taken().skip(places.len()).map(|place| (place, MOST_M))).collect()
