@@ -45,7 +45,8 @@ fn blob() -> AlignedBytes {
     recipe.blob_with(|draft| {
         draft.preamble.tool = Tool::Sphere(Sphere { radius_m: 0.009, layer_m: 0.001 });
         let corners = [[-0.01, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.01, 0.03]];
-        let plane = |axis: usize| corners.map(|corner| if axis < 2 { corner[axis] } else { 0.0_f32 });
+        // Where the centre is when the sphere just touches the plane z = 0.
+        let plane = |axis: usize| corners.map(|corner| if axis < 2 { corner[axis] } else { 0.01_f32 });
         draft.preamble.contact = SurfaceHeader {
             node: draft.area.push(&[0_u32, 1, 1, 0]),
             position_m: [0, 1, 2].map(|axis| draft.area.push(&plane(axis))),

@@ -19,9 +19,11 @@ use crate::guard::stiffness;
 use crate::method::ForceSample;
 use crate::num::vec3::{self, Vec3};
 use crate::space::Space;
-use crate::touch::contact::{Contact, ContactKind, Engaged};
+use crate::touch::contact::{Contact, ContactKind, Engaged, blended_slope_n};
 use crate::touch::{NodeWeight, TouchSurface};
 
+/// A sphere is engaged within this share of its reach from the surface of the first touch.
+const BESIDE_FIRST_TOUCH: f32 = 0.25;
 /// A sphere presses at most so far, metres: the bound of the energy that it stores.
 const SPHERE_DEPTH_M: f32 = 0.05;
 /// Time in which a new stiffness lowers the force from all to nothing, s.
@@ -256,8 +258,9 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     ) -> Result<Command, Fault> {
         let (config, spaces) = (&self.config.contact, &self.organ.spaces);
         let (surface, hip_m) = (self.surface.as_ref(), sample.position_m);
+        let was_engaged = contact.is_engaged();
         let at = match self.organ.tool.sphere() {
-            Some(sphere) => contact.follow(spaces, surface, (hip_m, sphere.reach_m())),
+            Some(_) => contact.follow(spaces, surface, (hip_m, self.sphere_engaged_within_m())),
             None => contact.update(config, spaces, surface, hip_m, sample.buttons),
         };
         let Some(at) = at else {
@@ -265,8 +268,21 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         };
         let displacement_m = vec3::sub(hip_m, at.anchor_m);
         let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m };
-        let answer = field.force(&touch).ok_or(Fault::Internal)?;
-        if self.is_released(&at, (hip_m, displacement_m), answer.force_n) {
+        let mut answer = field.force(&touch).ok_or(Fault::Internal)?;
+        if let (ContactKind::Sphere, Some(foot), Some(surface)) = (at.kind, &at.foot, surface) {
+            let energy_j = |space: u16| {
+                let origin_m = spaces.get(usize::from(space))?.active.rest_position_m;
+                field.energy_j(space, vec3::sub(hip_m, origin_m))
+            };
+            let slope_n = blended_slope_n(surface, &at, foot, energy_j).ok_or(Fault::Internal)?;
+            answer.force_n = vec3::add(answer.force_n, slope_n);
+        }
+        // A sphere that starts inside the body touches nothing until it has left it.
+        let starts_inside = at.kind == ContactKind::Sphere
+            && at.foot.is_some()
+            && !was_engaged
+            && answer.force_n != vec3::ZERO;
+        if starts_inside || self.is_released(&at, (hip_m, displacement_m), answer.force_n) {
             contact.release(hip_m);
             return untouched(field, now_us, hip_m);
         }
@@ -285,11 +301,19 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         })
     }
 
-    /// Whether a sphere touches nothing, and is beyond its reach of the surface at rest.
+    /// Distance from the surface within which a sphere is engaged, metres: its reach of the skin, or a small part of that of
+    /// the surface of the first touch.
+    fn sphere_engaged_within_m(&self) -> f32 {
+        let reach_m = self.organ.tool.sphere().map_or(0.0, |sphere| sphere.reach_m());
+        let is_of_contacts = self.surface.is_some_and(|surface| surface.is_of_contacts);
+        if is_of_contacts { BESIDE_FIRST_TOUCH * reach_m } else { reach_m }
+    }
+
+    /// Whether a sphere touches nothing, and is not within the distance at which it is engaged.
     #[inline(never)]
     fn has_left(&self, hip_m: Vec3, reaction_n: Vec3) -> bool {
-        let reach_m = self.organ.tool.sphere().map_or(0.0, |sphere| sphere.reach_m());
-        let is_near = || self.surface.is_some_and(|surface| surface.is_within(hip_m, reach_m));
+        let within_m = self.sphere_engaged_within_m();
+        let is_near = || self.surface.is_some_and(|surface| surface.is_within(hip_m, within_m));
         reaction_n == vec3::ZERO && !is_near()
     }
 

@@ -152,31 +152,31 @@ impl Contact {
         self.engaged
     }
 
-    /// The same for a sphere, which is engaged within its reach of the surface at rest, and as long as the controller
-    /// does not release it.
+    /// The same for a sphere, which is engaged within a distance of the surface, and as long as the controller does not
+    /// release it.
     ///
-    /// The foot is the point of the surface at rest that is nearest to the centre at the first touch. Then it follows
-    /// along the surface, so that it stays on the side from which the sphere came. Its weights are those of the charts.
-    /// The displacement counts from the place of the centre that just touches the foot. A live field has one space.
+    /// The surface of a field of charts is that of the first touch, where the centre is when the sphere just touches the
+    /// skin. The foot is its point nearest to the centre at the beginning. Then it follows along the surface, so that it
+    /// stays on the side from which the sphere came. Its weights are those of the charts, and the displacement counts from
+    /// it. A live field has one space, and the surface is the skin.
     // On its own, so that it costs the ticks of other tools nothing.
     #[inline(never)]
     pub(crate) fn follow(
         &mut self,
         spaces: &[Space<'_>],
         surface: Option<&TouchSurface<'_>>,
-        (hip_m, reach_m): (Vec3, f32),
+        (hip_m, engaged_within_m): (Vec3, f32),
     ) -> Option<Engaged> {
         self.previous_hip_m = Some(hip_m);
         let surface = surface?;
         let foot = match &self.engaged {
-            None => Some(surface.nearest(hip_m, reach_m)?),
+            None => Some(surface.nearest(hip_m, engaged_within_m)?),
             Some(at) => at.foot.map(|foot| surface.slide(foot, vec3::sub(hip_m, surface.point(&foot))).0),
         };
         let charts = foot.and_then(|foot| Some((foot, surface.node_weights(&foot)?)));
-        if let Some((foot, weights)) = charts {
+        if let Some((foot, weights)) = charts.filter(|_| surface.is_of_contacts) {
             let normal = blended_normal(spaces, &weights)?;
-            let anchor_m = vec3::add(surface.point(&foot), vec3::scale(normal, reach_m));
-            let kind = ContactKind::Sphere;
+            let (anchor_m, kind) = (surface.point(&foot), ContactKind::Sphere);
             self.engaged = Some(Engaged { weights, foot: Some(foot), anchor_m, normal, kind });
         } else if self.engaged.is_none() {
             let active = &spaces.first()?.active;
@@ -254,14 +254,19 @@ impl Contact {
     }
 }
 
-/// sum W_i grad w_i, newtons; `None` if a space has no energy.
-fn blended_slope_n(
+/// sum W_i grad w_i, newtons; `None` if a space has no energy. With it the force of a sphere, whose foot is the projection of
+/// its centre, is the exact gradient of sum w_i W_i. It is small where the charts agree, and zero within one chart.
+pub(crate) fn blended_slope_n(
     surface: &TouchSurface<'_>,
     at: &Engaged,
     foot: &Foot,
     energy_j: impl Fn(u16) -> Option<f32>,
 ) -> Option<Vec3> {
     let mut sum = vec3::ZERO;
+    let [a, b, c] = at.weights.map(|node| node.space);
+    if a == b && b == c {
+        return Some(sum);
+    }
     for (node, slope) in at.weights.iter().zip(surface.weight_slopes(foot.triangle)?) {
         sum = vec3::add(sum, vec3::scale(slope, energy_j(node.space)?));
     }

@@ -59,6 +59,8 @@ pub(super) struct Crossing {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchSurface<'m> {
     surface: Surface<'m>,
+    /// Whether it is that of the contact points, and not the body's skin.
+    pub(crate) is_of_contacts: bool,
     cells: Cells,
     cell_start: &'m [u32],
     cell_triangle: &'m [u32],
@@ -102,16 +104,25 @@ impl<'m> TouchSurface<'m> {
         fill_lists(triangles, cells_of, cell_start, cell_triangle);
         let vertices_of = |triangle: &[u32; 3]| triangle.map(|vertex| vertex as usize).into_iter();
         fill_lists(triangles, vertices_of, vertex_start, vertex_triangle);
-        let is_contact = !organ.contact.triangles.is_empty();
+        let is_of_contacts = !organ.contact.triangles.is_empty();
         for (space, node) in vertex_space.iter_mut().zip(surface.node) {
-            if is_contact {
+            if is_of_contacts {
                 *space = *node;
                 continue;
             }
             let found = (0_u32..).zip(&organ.spaces).find(|(_, space)| space.active.node == *node);
             *space = found.map_or(NO_SPACE, |(index, _)| index);
         }
-        Some(Self { surface, cells, cell_start, cell_triangle, vertex_start, vertex_triangle, vertex_space })
+        Some(Self {
+            surface,
+            is_of_contacts,
+            cells,
+            cell_start,
+            cell_triangle,
+            vertex_start,
+            vertex_triangle,
+            vertex_space,
+        })
     }
 
     /// Where the path from one HIP to the next first enters the body, if it does.

@@ -11,6 +11,9 @@ use serde::{Deserialize, Serialize};
 /// A force predicted above this multiple of the limit counts as beyond the limit.
 const LIMIT_FACTOR: f64 = 1.3;
 
+/// Most configurations of the fit of a complete chart.
+const MOST_DATA: usize = 80;
+
 /// A configuration that another chart has solved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Shared {
@@ -54,16 +57,34 @@ impl AdaptiveFit {
         self.jets.iter().take(1).chain(self.jets.iter().skip(1 + self.shared.len()))
     }
 
-    /// The fit to these own configurations, the origin first, and shared ones; unchanged if some are too close.
+    /// The search with these own configurations, the origin first, and shared ones. Its fit, which then only tells what is
+    /// reachable, is to those nearest to the origin; unchanged if some are too close.
     pub(crate) fn with_shared(&self, own: &[EnergyJet], shared: Vec<Shared>) -> Self {
         let of_others: Vec<EnergyJet> = shared.iter().map(|shared| shared.jet).collect();
         let jets = [&own[..1], &of_others, &own[1..]].concat();
+        let mut by_distance: Vec<usize> = (0..jets.len()).collect();
+        by_distance.sort_by(|&a, &b| norm(jets[a].control_m).total_cmp(&norm(jets[b].control_m)));
+        by_distance.truncate(MOST_DATA);
+        let in_fit: Vec<EnergyJet> = by_distance.iter().map(|&at| jets[at]).collect();
         let mut system = KernelSystem::without_errors(self.fit.length_m, self.fit.quantity, self.fit.base);
-        if system.add(&jets).is_err() {
+        if system.add(&in_fit).is_err() {
             return self.clone();
         }
         let condition = system.condition();
-        Self { jets, shared, fit: system.fit, condition, ..self.clone() }
+        let mut fit = KernelFit {
+            centres: jets.iter().map(|jet| jet.control_m.map(|x| x / self.fit.length_m)).collect(),
+            weights: vec![[0.0; 20]; jets.len()],
+            ..system.fit.clone()
+        };
+        for (&at, weights) in by_distance.iter().zip(&system.fit.weights) {
+            fit.weights[at] = *weights;
+        }
+        Self { jets, shared, fit, condition, ..self.clone() }
+    }
+
+    /// Whether the fit contains all configurations.
+    pub(super) fn is_fit_whole(&self) -> bool {
+        self.shared.is_empty() || self.jets.len() <= MOST_DATA
     }
 
     /// Length of the validation streak: predictions within tolerance since the last failure, among those that

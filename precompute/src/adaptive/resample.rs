@@ -5,8 +5,10 @@ use std::collections::HashSet;
 use palpate_core::{HermitePlanes, LatticeError};
 
 use super::fitted::AdaptiveFit;
+use super::local::Fits;
 use super::prediction::Verdict;
-use crate::fit::{KernelFit, Sample, hermite_nodes, root_nodes};
+use crate::fit::{Derivatives, KernelFit, Sample, hermite_nodes, root_nodes};
+use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, norm};
 use crate::spec::{
     Column, Domain, GridIndex, MAX_RADIUS_M, MIN_RADIUS_M, Quantity, Requirements, SpaceGrid, corners,
@@ -14,6 +16,8 @@ use crate::spec::{
 
 /// Numbers of cells along the radius, in the order of the attempts.
 const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
+/// Number of cells of the lattice of a chart along the length of its kernel.
+const CELLS_A_LENGTH: f64 = 3.0;
 /// Largest error of the table, as a share of the tolerance.
 const SHARE: f64 = 0.1;
 /// A finer lattice counts as better if its error is below this share of the best one.
@@ -52,11 +56,16 @@ pub fn resample(search: &AdaptiveFit) -> Result<Resampled, LatticeError> {
         return Ok(linear);
     }
     let [asked, reached] = places(search);
+    let fits = Fits::of(search);
     let measured = |grid: SpaceGrid| {
-        let on = on_lattice(search, grid, &reached);
-        Resampled { added: added(search, &on, &asked), ..on }
+        let on = on_lattice(search, &fits, grid, &reached);
+        Resampled { added: added(search, &fits, &on, &asked), ..on }
     };
     let grid = |cells: u32| SpaceGrid::new(radius_m / f64::from(cells), radius_m);
+    if let Some(column) = search.wanted.column {
+        // Beside the body the table differs from the fits on purpose, so that a comparison would not find its lattice.
+        return Ok(measured(grid((CELLS_A_LENGTH * radius_m / column.length_m).ceil() as u32)?));
+    }
     let [coarsest, finer @ ..] = CELLS;
     let (mut best, mut not_better) = (measured(grid(coarsest)?), 0);
     for grid in finer.into_iter().filter_map(|cells| grid(cells).ok()) {
@@ -113,7 +122,7 @@ fn cell_corners(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
 
 /// The corners of the cells of a chart in which a sphere touches the body with a force within reach, and of the cells
 /// beside them: there the root falls below zero.
-fn touched_corners(search: &AdaptiveFit, grid: &SpaceGrid) -> HashSet<GridIndex> {
+fn touched_corners(search: &AdaptiveFit, fits: &Fits<'_>, grid: &SpaceGrid) -> HashSet<GridIndex> {
     let wanted = &search.wanted;
     let wide = |column: Column| Column {
         core_m: column.whole_m + grid.spacing_m,
@@ -123,11 +132,12 @@ fn touched_corners(search: &AdaptiveFit, grid: &SpaceGrid) -> HashSet<GridIndex>
     let wide = Requirements { column: wanted.column.map(wide), ..*wanted };
     let is_touched = |index: &GridIndex| {
         let at = grid.displacement_m(*index);
-        let (value, slope) = search.fit.value_and_slope(at);
-        let away_m = value / slope.norm().max(f64::MIN_POSITIVE);
-        wide.is_in_column(at)
-            && away_m > -grid.spacing_m
-            && norm(search.fit.force_n(at)) <= TABLE_FORCE * wanted.max_force_n
+        let is_within = || {
+            let (value, slope) = fits.beside(at).unwrap_or_else(|| fits.at(at).value_and_slope(at));
+            let away_m = value / slope.norm().max(f64::MIN_POSITIVE);
+            away_m > -grid.spacing_m && value.max(0.0) * slope.norm() <= TABLE_FORCE * wanted.max_force_n
+        };
+        wide.is_in_column(at) && fits.reach(at) && is_within()
     };
     let points = Domain::new(grid, true).points().collect::<Vec<_>>();
     let cell = |index: GridIndex| [-1, 0].map(|k| index.map(|n| n + k));
@@ -139,10 +149,10 @@ fn touched_corners(search: &AdaptiveFit, grid: &SpaceGrid) -> HashSet<GridIndex>
 /// Evaluates the fit at the points where it is valid, and at all corners of reachable cells. A corner beyond
 /// the boundary of the reachable set has a force far above the limit. It still needs the fit's own
 /// derivatives, because other values would change the interpolated force inside the set.
-fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
-    let (fit, limit_n) = (&search.fit, search.wanted.max_force_n);
+fn on_lattice(search: &AdaptiveFit, fits: &Fits<'_>, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
+    let limit_n = search.wanted.max_force_n;
     let is_root = search.wanted.quantity == Quantity::Root;
-    let corners = if is_root { touched_corners(search, &grid) } else { cell_corners(&grid, reached) };
+    let corners = if is_root { touched_corners(search, fits, &grid) } else { cell_corners(&grid, reached) };
     let mut samples = Vec::new();
     let mut points: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
     points.sort_unstable();
@@ -152,7 +162,17 @@ fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Re
         if grid.lattice.slot(index).is_none() || !is_valid {
             continue;
         }
-        let (mut jet, mut all) = (fit.jet(at), fit.derivatives(at));
+        let (mut jet, mut all) = match fits.beside(at) {
+            Some((value, slope)) => {
+                let mut all = Derivatives::default();
+                (all[0][0][0], all[1][0][0], all[0][1][0], all[0][0][1]) = (value, slope.x, slope.y, slope.z);
+                (EnergyJet::from_numbers(at, &[0.0; 20]), all)
+            }
+            None => {
+                let fit = fits.at(at);
+                (fit.jet(at), fit.derivatives(at))
+            }
+        };
         let terminating = norm(jet.force_n) > limit_n;
         if index == [0; 3] && !is_root {
             jet = jet.as_rest();
@@ -165,7 +185,7 @@ fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Re
 
 /// 99th percentile of the difference between table and fit over these reachable positions, as a share of the
 /// tolerance.
-fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
+fn added(search: &AdaptiveFit, fits: &Fits<'_>, on: &Resampled, places: &[[f64; 3]]) -> f64 {
     let is_root = search.wanted.quantity == Quantity::Root;
     let nodes =
         if is_root { root_nodes(&on.grid, &on.samples) } else { hermite_nodes(&on.grid, &on.samples, &[]) };
@@ -183,7 +203,7 @@ fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
             } else {
                 table.energy_gradient(lattice, &located)
             };
-            let exact = search.fit.force_n(at);
+            let exact = fits.at(at).force_n(at);
             distance(found.map(f64::from), exact) / search.wanted.tolerance.at(exact)
         })
         .collect();
@@ -196,7 +216,6 @@ mod tests {
     use super::*;
     use crate::adaptive::{Search, SolveResult};
     use crate::fit::synthetic::jet;
-    use crate::num::jet::EnergyJet;
     use crate::spec::Tolerance;
 
     /// A body whose stiffness grows by e every 9 mm on one side; an extrapolating polynomial has a large
@@ -239,10 +258,11 @@ mod tests {
         assert!(cells <= 5.0 && on.added <= SHARE, "{cells} cells, {}", on.added);
         // Without the corners that only the cells at the boundary need; they lie beyond the limit.
         let [asked, reached] = places(&search);
-        let bare = on_lattice(&search, on.grid, &[]);
-        let whole = on_lattice(&search, on.grid, &reached);
+        let fits = Fits::of(&search);
+        let bare = on_lattice(&search, &fits, on.grid, &[]);
+        let whole = on_lattice(&search, &fits, on.grid, &reached);
         assert!(bare.samples.len() < whole.samples.len());
-        let (without, with) = (added(&search, &bare, &asked), added(&search, &whole, &asked));
+        let (without, with) = (added(&search, &fits, &bare, &asked), added(&search, &fits, &whole, &asked));
         println!("{without:.4} without them, {with:.4} with them");
         assert!(without > 3.0 * with, "{without} {with}");
         assert_eq!(with, on.added);

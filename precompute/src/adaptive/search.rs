@@ -30,6 +30,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::branch::contradicts;
 use super::fitted::{AdaptiveFit, LeaveOneOutErrors};
 use super::linear::{Linear, LinearModelErrors};
 use super::prediction::{STREAK, Test, Verdict};
@@ -50,9 +51,6 @@ const OUTLIER_DIVISOR: usize = 5;
 const MAX_DEVIATION: f64 = 0.5;
 /// Candidate kernel lengths, as shares of the initial estimate of the reachable distance.
 const LENGTH_SHARES: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
-/// The kernel length of a chart, as a share of its radius: the force changes over the edges of the skin. Others are not
-/// tried, because the fits of hundreds of charts take longer than their solves.
-const CHART_LENGTH_SHARE: f64 = 0.5;
 /// Index of the length that predicts the first batch, before any leave-one-out error compares the lengths.
 const INITIAL_LENGTH: usize = 1;
 /// A configuration with a force above this multiple of the limit is neither added to the fit nor counted as a
@@ -161,7 +159,7 @@ impl Search {
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m).max(UNIT_M);
         let lengths_m: Vec<f64> = match wanted.column {
             None => LENGTH_SHARES.iter().map(|share| share * reach).collect(),
-            Some(column) => vec![CHART_LENGTH_SHARE * column.whole_m],
+            Some(column) => vec![column.length_m],
         };
         let base = Base::of(wanted.quantity, &rest).unwrap_or(Base::quadratic(stiffness));
         let fits: Vec<CandidateFit> = lengths_m
@@ -372,8 +370,12 @@ impl Search {
             match found {
                 SolveResult::Solved(jet) => {
                     self.score(target, jet);
-                    let has_root = jet.energy_j > LEAST_ROOT_J;
-                    if self.fitted.wanted.quantity == Quantity::Root && !has_root {
+                    let is_root = self.fitted.wanted.quantity == Quantity::Root;
+                    if is_root && self.is_on_another_branch(jet) {
+                        // Configurations in between show whether the branch goes on to it.
+                        self.excluded.push(at);
+                        self.add_replacement(target, f64::INFINITY);
+                    } else if is_root && jet.energy_j <= LEAST_ROOT_J {
                         self.excluded.push(at);
                     } else if norm(jet.force_n) <= MAX_FORCE_FACTOR * self.fitted.wanted.max_force_n {
                         learned.push(*jet);
@@ -396,6 +398,12 @@ impl Search {
             }
         }
         self.learn(learned, &is_given);
+    }
+
+    /// Whether the nearest configuration contradicts one.
+    fn is_on_another_branch(&self, jet: &EnergyJet) -> bool {
+        let nearest = &self.fitted.jets[self.fitted.nearest(jet.control_m)];
+        contradicts(jet, nearest, &self.fitted.wanted.tolerance)
     }
 
     fn score(&mut self, target: &Target, jet: &EnergyJet) {

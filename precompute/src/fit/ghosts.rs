@@ -25,37 +25,42 @@ pub struct LatticeValues {
 /// cells can diverge.
 pub(super) const GHOST_FORCE_LIMIT: f64 = 2.0;
 
-/// Table of `samples` (one per solved grid point, including the rest point), with the branch-jump flag in
-/// every cell that has a flagged pair among its corners.
-pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample], branch_jumps: &[BranchJump]) -> LatticeValues {
-    let slots = grid.lattice.slots();
-    let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
-    let mut values = LatticeValues { force_n: vec![[0.0; 3]; slots], flags: vec![0; slots] };
-    let mut store = |slot: usize, force: [f64; 3], bits: u8| {
-        values.force_n[slot] = force.map(|component| component as f32);
-        values.flags[slot] = bits;
-    };
-    let mut solved = vec![false; slots];
+/// Flags of every slot of the box for `samples` (one per solved grid point, including the rest point), with the
+/// branch-jump flag in every cell that has a flagged pair among its corners.
+pub(crate) fn lattice_flags(grid: &SpaceGrid, samples: &[Sample], branch_jumps: &[BranchJump]) -> Vec<u8> {
+    let mut found = vec![0; grid.lattice.slots()];
     for sample in samples {
         let Some(slot) = grid.lattice.slot(sample.index) else { continue };
-        let mut bits = flags::SOLVED;
+        found[slot] = flags::SOLVED;
         if sample.terminating {
-            bits |= flags::TERMINATING;
+            found[slot] |= flags::TERMINATING;
         }
         if sample.inverted {
-            bits |= flags::INVERTED;
+            found[slot] |= flags::INVERTED;
         }
-        solved[slot] = true;
-        store(slot, sample.jet.force_n, bits);
-    }
-    for slot in (0..slots).filter(|&slot| !solved[slot]) {
-        store(slot, ghost(grid, samples, grid.lattice.ijk(slot), GHOST_FORCE_LIMIT * largest), 0);
     }
     for slot in branch_jumps.iter().flat_map(cells_with_jumps).filter_map(|cell| grid.lattice.slot(cell)) {
-        values.flags[slot] |= flags::BRANCH_JUMP;
+        found[slot] |= flags::BRANCH_JUMP;
     }
-    flags::derive(&grid.lattice, &mut values.flags);
-    values
+    flags::derive(&grid.lattice, &mut found);
+    found
+}
+
+/// Table of `samples` with the flags of [`lattice_flags`].
+pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample], branch_jumps: &[BranchJump]) -> LatticeValues {
+    let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
+    let mut solved = vec![None; grid.lattice.slots()];
+    for sample in samples {
+        if let Some(slot) = grid.lattice.slot(sample.index) {
+            solved[slot] = Some(sample.jet.force_n);
+        }
+    }
+    let force = |(slot, solved): (usize, Option<[f64; 3]>)| {
+        let ghost = || ghost(grid, samples, grid.lattice.ijk(slot), GHOST_FORCE_LIMIT * largest);
+        solved.unwrap_or_else(ghost).map(|component| component as f32)
+    };
+    let force_n = solved.into_iter().enumerate().map(force).collect();
+    LatticeValues { force_n, flags: lattice_flags(grid, samples, branch_jumps) }
 }
 
 /// The cells with both ends of a flagged pair among their corners, including the lower cell on axes where the

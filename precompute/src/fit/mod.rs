@@ -18,6 +18,7 @@ pub(crate) use branch_jump::{branch_jumps, flagged_pairs};
 pub(crate) use displacement::{
     DisplacementFault, DisplacementFit, Misfit, SurfaceMotionSample, fit_displacement,
 };
+pub(crate) use ghosts::lattice_flags;
 pub use ghosts::{LatticeValues, lattice_values};
 pub(crate) use hermite::root_nodes;
 pub use hermite::{HermiteNodes, hermite_nodes};

@@ -15,7 +15,9 @@ use palpate_core::format::{
 use palpate_core::{AlignedBytes, Limits, Method, Organ};
 
 use crate::fem::Sphere;
-use crate::fit::{Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, fit_rbf, lattice_values};
+use crate::fit::{
+    Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, fit_rbf, lattice_flags, lattice_values,
+};
 use crate::mesh::{Surface, TetMesh};
 use crate::num::vector::{distance, unit};
 use crate::space::{Store, StoreIdentity};
@@ -244,7 +246,8 @@ impl Packer<'_> {
         })
     }
 
-    /// The skin, with the chart of each vertex as its space; a chart without a space is replaced by the nearest one.
+    /// The surface of the first touch, with the chart of each vertex as its space; a chart without a space is replaced by
+    /// the nearest one.
     fn charted(&mut self, charts: &Charts, selected: &[SelectedSpace]) -> Result<SurfaceHeader, PackError> {
         let centre = |chart: usize| charts.charts[chart].centre_m;
         let space_of = |&owner: &u32| -> u32 {
@@ -253,9 +256,8 @@ impl Packer<'_> {
             spaces.min_by(|a, b| away_m(a).total_cmp(&away_m(b))).expect("a blob has a space") as u32
         };
         let spaces: Vec<u32> = charts.owners.iter().map(space_of).collect();
-        let position = |axis: usize| -> Vec<f32> {
-            charts.vertices.iter().map(|&node| self.mesh.nodes_m[node as usize][axis] as f32).collect()
-        };
+        let position =
+            |axis: usize| -> Vec<f32> { charts.places_m.iter().map(|place| place[axis] as f32).collect() };
         let position_m = [position(0), position(1), position(2)];
         Ok(SurfaceHeader {
             node: self.planes.push(&spaces)?,
@@ -270,11 +272,16 @@ impl Packer<'_> {
         let (active, node) = (*active, *node);
         let Fitted { known, hermite, kernel, displacement } = fitted;
         let TableInput { grid, samples, branch_jumps, .. } = known;
-        let values = lattice_values(grid, samples, branch_jumps);
-        let flags = self.planes.push(&values.flags)?;
         let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
         let has_lattice = self.options.methods.iter().any(|m| on_lattice.contains(m));
-        let force_n = has_lattice.then(|| self.planes.push(&values.force_n)).transpose()?;
+        let (flags, force_n) = if has_lattice {
+            let values = lattice_values(grid, samples, branch_jumps);
+            (values.flags, Some(values.force_n))
+        } else {
+            (lattice_flags(grid, samples, branch_jumps), None)
+        };
+        let flags = self.planes.push(&flags)?;
+        let force_n = force_n.map(|force_n| self.planes.push(&force_n)).transpose()?;
         let centres = self.centres(active, known)?;
         let rbf_linear = self.rbf((Method::RbfLinear, Kernel::Linear), name, &centres, |x| x as f32)?;
         let rbf_cubic = self.rbf((Method::RbfCubic, Kernel::Cubic), name, &centres, |x| x)?;

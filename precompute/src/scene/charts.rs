@@ -1,14 +1,21 @@
-//! The charts of a sphere's field: places of the skin, and the part of the space round each that its table covers.
+//! The charts of a sphere's field: places of the centre where the sphere just touches the skin, and the part of the space
+//! round each that its table covers.
 //!
 //! The energy W(c) of a sphere is no function of the place of its centre c: an organ that gives way by centimetres has at
 //! one c the equilibrium of a push from the front and that of one from behind. It is one where the sphere came in on the
-//! same side. So the field has a table for each of many places of the skin, a *chart*, valid in a column along the normal
-//! there. A vertex of the skin belongs to the chart of the nearest place.
+//! same side. So the field has a table for each of many places of the surface of the first touch, a *chart*, valid in a
+//! column along the normal there. A vertex of that surface belongs to the chart of the nearest place. Round a rim of the
+//! body the surface is long, so that it has a chart for each side.
+
+use palpate_core::Limits;
+use toml::Spanned;
 
 use super::ActiveNode;
+use super::place::Place;
+use crate::error::InputError;
 use crate::fem::Sphere;
-use crate::mesh::{SkinPoint, Surface, TetMesh};
-use crate::num::vector::{cross, difference, distance, dot, unit};
+use crate::mesh::{Offset, SkinPoint, Surface, TetMesh};
+use crate::num::vector::{difference, distance, dot};
 use crate::spec::{Chart, Charts, Column, from_axis_m};
 
 /// Least distance of two places, in radii of the sphere.
@@ -16,87 +23,93 @@ const APART: f64 = 1.0;
 /// Depth of the origin of a chart below the first touch, in radii: there the body is surely touched.
 const DEPTH: f64 = 0.3;
 
-/// The charts of a sphere that has a field, with their active nodes; otherwise these active nodes.
-pub(super) fn charts(
-    mesh: &TetMesh,
-    skin: &Surface,
-    fixed: &[u32],
-    sphere: Option<&Sphere>,
-    active: Vec<ActiveNode>,
-) -> (Vec<ActiveNode>, Option<Charts>) {
-    let Some(sphere) = sphere else { return (active, None) };
-    let (active, charts) = on_skin(mesh, skin, fixed, sphere);
-    (active, Some(charts))
-}
+/// Length of the kernel of the fits, in radii.
+const LENGTH: f64 = 0.8;
+/// Charts of a sphere for a unit of skin of the radius squared, about; twice as many as a blob can hold are not built.
+const A_SQUARE: f64 = 0.8;
 
 /// The charts of a sphere on the free skin, as active nodes. The places are chosen one by one, each as far as possible
 /// from those before; so neighbours have distant numbers.
-fn on_skin(mesh: &TetMesh, skin: &Surface, fixed: &[u32], sphere: &Sphere) -> (Vec<ActiveNode>, Charts) {
-    let is_fixed = |node: &u32| fixed.binary_search(node).is_ok();
-    let free: Vec<[u32; 3]> =
-        skin.triangles.iter().filter(|corners| !corners.iter().all(is_fixed)).copied().collect();
-    let mut vertices: Vec<u32> = free.iter().flatten().copied().collect();
-    vertices.sort_unstable();
-    vertices.dedup();
-    let place = |vertex: usize| mesh.nodes_m[vertices[vertex] as usize];
-    let number = |node: u32| vertices.binary_search(&node).expect("a corner of a triangle") as u32;
-    let triangles: Vec<[u32; 3]> = free.iter().map(|corners| corners.map(number)).collect();
-    let (mut chosen, mut owners) = (Vec::new(), vec![0; vertices.len()]);
-    let mut away_m = vec![f64::INFINITY; vertices.len()];
+///
+/// # Errors
+///
+/// If they are more than a blob can hold; the error is one of the table of the tool.
+pub(super) fn charts<T>(
+    mesh: &TetMesh,
+    skin: &Surface,
+    fixed: &[u32],
+    sphere: &Sphere,
+    (place, table): (&Place, Option<&Spanned<T>>),
+) -> Result<(Vec<ActiveNode>, Charts), InputError> {
+    let too_many = |charts: usize| {
+        let most = Limits::PC.spaces;
+        let what =
+            format!("the field of so small a sphere has about {charts} charts, and a blob holds {most}");
+        let fix = "give a larger `radius_m`, or leave out [grid] and use `palpate live`";
+        place.error(table.map_or(0..0, Spanned::span), what, fix)
+    };
+    let about = (A_SQUARE * skin.area_m2(mesh) / sphere.radius_m.powi(2)) as usize;
+    if about > 2 * Limits::PC.spaces {
+        return Err(too_many(about));
+    }
+    let is_free = |foot: &SkinPoint| {
+        let nodes = foot.triangle.iter().zip(foot.weights).filter(|(_, weight)| *weight > 0.0);
+        nodes.into_iter().any(|(node, _)| fixed.binary_search(node).is_err())
+    };
+    let reach_m = sphere.radius_m + sphere.layer.thickness_m;
+    let Offset { places_m, feet, triangles } = Offset::of(mesh, skin, is_free, reach_m);
+    let (mut chosen, mut owners) = (Vec::new(), vec![0; places_m.len()]);
+    let mut away_m = vec![f64::INFINITY; places_m.len()];
     while let Some(next) = (0..away_m.len()).max_by(|&a, &b| away_m[a].total_cmp(&away_m[b]).then(b.cmp(&a)))
         && away_m[next] >= APART * sphere.radius_m
     {
         for (vertex, least_m) in away_m.iter_mut().enumerate() {
-            let to_next_m = distance(place(vertex), place(next));
+            let to_next_m = distance(places_m[vertex], places_m[next]);
             if to_next_m < *least_m {
                 (*least_m, owners[vertex]) = (to_next_m, chosen.len() as u32);
             }
         }
         chosen.push(next);
     }
+    if chosen.len() > Limits::PC.spaces {
+        return Err(too_many(chosen.len()));
+    }
     let chart = |(number, &vertex): (usize, &usize)| {
-        let (at_m, normal) = (place(vertex), skin.normal(vertices[vertex]).expect("a vertex of the skin"));
-        let reach_m = sphere.radius_m + sphere.layer.thickness_m;
-        let rest_m = reach_m - DEPTH * sphere.radius_m;
+        let (place_m, normal) = (places_m[vertex], feet[vertex].1);
         let owned = triangles
             .iter()
             .filter(|corners| corners.iter().any(|&corner| owners[corner as usize] as usize == number));
         let (mut core_m, mut whole_m, mut top_m) = (0.5 * sphere.radius_m, sphere.radius_m, 0.0f64);
         for corners in owned {
-            // Where the centre is when the sphere touches these corners along the face.
-            let [a, b, c] = corners.map(|corner| place(corner as usize));
-            let face = unit(cross(difference(b, a), difference(c, a)));
-            let turned_m: [f64; 3] = std::array::from_fn(|k| reach_m * (face[k] - normal[k]));
-            let away_m = [a, b, c].map(|corner| plus(difference(corner, at_m), turned_m));
-            let middle_m = std::array::from_fn(|k| away_m.iter().map(|away| away[k]).sum::<f64>() / 3.0);
-            core_m = core_m.max(from_axis_m(&normal, middle_m));
-            for away_m in away_m {
-                whole_m = whole_m.max(from_axis_m(&normal, away_m));
+            for &corner in corners {
+                let away_m = difference(places_m[corner as usize], place_m);
+                let across_m = from_axis_m(&normal, away_m);
+                whole_m = whole_m.max(across_m);
                 top_m = top_m.max(dot(away_m, normal));
+                if owners[corner as usize] as usize == number {
+                    core_m = core_m.max(across_m);
+                }
             }
         }
-        let column = Column { core_m, whole_m, top_m: top_m + DEPTH * sphere.radius_m };
-        Chart { centre_m: std::array::from_fn(|k| at_m[k] + rest_m * normal[k]), normal, column }
+        let (top_m, length_m) = (top_m + DEPTH * sphere.radius_m, LENGTH * sphere.radius_m);
+        let column = Column { core_m, whole_m, top_m, length_m };
+        let centre_m = std::array::from_fn(|k| place_m[k] - DEPTH * sphere.radius_m * normal[k]);
+        Chart { centre_m, normal, column }
     };
     let charts: Vec<Chart> = chosen.iter().enumerate().map(chart).collect();
-    let active = (1..).zip(&chosen).zip(&charts).map(|((number, &vertex), chart)| {
-        let node = vertices[vertex];
-        let triangle = *free.iter().find(|corners| corners.contains(&node)).expect("a corner of a triangle");
-        let at = SkinPoint { triangle, weights: triangle.map(|corner| f64::from(u8::from(corner == node))) };
-        ActiveNode { chart: Some(*chart), ..ActiveNode::at(format!("skin-{number}"), at) }
+    let active = (1..).zip(&chosen).zip(&charts).map(|((number, &vertex), chart)| ActiveNode {
+        chart: Some(*chart),
+        ..ActiveNode::at(format!("skin-{number}"), feet[vertex].0)
     });
-    (active.collect(), Charts { sphere: *sphere, charts: charts.clone(), vertices, owners, triangles })
-}
-
-/// a + b
-fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| a[k] + b[k])
+    let active = active.collect();
+    Ok((active, Charts { sphere: *sphere, charts, places_m, owners, triangles }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fem::Layer;
+    use crate::num::vector::unit;
 
     #[test]
     fn charts_cover_the_free_skin() {
@@ -105,36 +118,33 @@ mod tests {
         let fixed: Vec<u32> =
             (0..mesh.nodes_m.len() as u32).filter(|&n| mesh.nodes_m[n as usize][2] < 1e-9).collect();
         let sphere = Sphere { radius_m: 0.015, layer: Layer::of(0.015) };
-        let (active, Charts { charts, vertices, owners, triangles, .. }) =
-            on_skin(&mesh, &skin, &fixed, &sphere);
+        let place = Place { path: "block.toml".into(), text: String::new() };
+        let (active, Charts { charts, places_m, owners, triangles, .. }) =
+            super::charts(&mesh, &skin, &fixed, &sphere, (&place, None::<&Spanned<()>>)).expect("few");
         assert_eq!(active.len(), charts.len());
-        assert!((10..vertices.len()).contains(&charts.len()), "{} of {}", charts.len(), vertices.len());
-        for (one, a) in active.iter().enumerate() {
-            for b in &active[..one] {
-                assert!(distance(a.place_m(&mesh), b.place_m(&mesh)) >= 0.015, "{a:?} {b:?}");
+        assert!((10..places_m.len() / 4).contains(&charts.len()), "{} of {}", charts.len(), places_m.len());
+        for (one, a) in charts.iter().enumerate() {
+            for b in &charts[..one] {
+                // The origins are 0.3 R deeper than the places, which are R apart.
+                assert!(distance(a.centre_m, b.centre_m) >= 0.7 * 0.015, "{a:?} {b:?}");
             }
+            let steep = |z: f64| charts.iter().filter(|chart| (chart.normal[2] - z).abs() < 0.2).count();
+            assert!(steep(1.0) > 5 && steep(0.0) > 5 && steep(0.7) > 5, "the top, the sides and the rims");
         }
         for corners in &triangles {
             for &corner in corners {
                 let chart = &charts[owners[corner as usize] as usize];
-                // Where a sphere touches a triangle with a vertex of a chart, its centre lies in the column.
-                let places = corners.map(|corner| mesh.nodes_m[vertices[corner as usize] as usize]);
-                let [a, b, c] = places;
-                let face = unit(cross(difference(b, a), difference(c, a)));
-                for place in places {
-                    let centre_m = plus(place, face.map(|x| x * (0.015 + Layer::of(0.015).thickness_m)));
-                    let away_m = difference(centre_m, chart.centre_m);
-                    let across_m = from_axis_m(&chart.normal, away_m);
+                for &other in corners {
+                    let away_m = difference(places_m[other as usize], chart.centre_m);
                     assert!(dot(away_m, chart.normal) <= chart.column.top_m + 1e-12, "{corner}");
-                    assert!(across_m <= chart.column.whole_m + 1e-12, "{corner}: {across_m}");
-                    assert!(chart.column.core_m < chart.column.whole_m);
+                    assert!(from_axis_m(&chart.normal, away_m) <= chart.column.whole_m + 1e-12, "{corner}");
                 }
+                let own_m = difference(places_m[corner as usize], chart.centre_m);
+                assert!(from_axis_m(&chart.normal, own_m) <= chart.column.core_m + 1e-12, "{corner}");
+                assert!(dot(chart.normal, unit(own_m)) > -0.9);
             }
         }
-        // The wholly fixed face is not touched.
-        assert!(vertices.iter().all(|&n| mesh.nodes_m[n as usize][2] > 1e-9 || {
-            let [x, y, _] = mesh.nodes_m[n as usize];
-            [x, y].iter().any(|a| *a < 1e-9 || *a > 0.06 - 1e-9)
-        }));
+        // The wholly fixed face is not touched from below.
+        assert!(charts.iter().all(|chart| chart.normal[2] > -0.5));
     }
 }

@@ -53,11 +53,12 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let Touchable { active, cover, unreachable } =
         lookup.all_active(scene, &tool, &fixed, workspace.as_ref()).map_err(doubt)?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
-    let only_push = file.needs.contact == Contact::Push;
     let charted = tool.sphere().filter(|_| file.grid.is_some());
-    let (active, charts) = charts(&mesh, &seen, &fixed, charted, active);
-    let grid =
-        file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n, workspace)).transpose()?;
+    let found = charted.map(|it| charts(&mesh, &seen, &fixed, it, (place, file.tool.as_ref())));
+    let (active, charts) = found.transpose()?.map_or((active, None), |(active, it)| (active, Some(it)));
+    let only_push = file.needs.contact == Contact::Push;
+    let grid = file.grid.as_ref();
+    let grid = grid.map(|grid| lookup.grid(grid, only_push, max_force_n, workspace)).transpose()?;
     lookup.check_visited(file.active(), grid.as_ref())?;
     if let (Some(_), Some(force), Some(table)) = (workspace, &file.body_force, grid_table) {
         let what = "a workspace refers to the undeformed mesh and cannot be combined with [body_force]";
@@ -65,7 +66,6 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         return Err(place.error(span, what, "remove one of the two"));
     }
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
-    let solver = solver(scene, order)?;
     check_tool(scene, order, &tool)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
     let mut warnings = lookup.warnings;
@@ -94,7 +94,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         grid,
         max_force_n,
         body_force,
-        solver,
+        solver: solver(scene, order)?,
         visual: file.needs.visual.unwrap_or(true),
         displacement_bound,
         discretisation: discretisation(place, &file.needs)?,

@@ -8,14 +8,13 @@ use super::plan::{Plan, ScatteredPlan, SpacePlan};
 use super::record::Record;
 use super::state::SpaceState;
 use super::store::{Store, StoreError};
-use crate::adaptive::{MAX_FORCE_FACTOR, Shared};
+use crate::adaptive::{MAX_FORCE_FACTOR, Shared, on_one_branch};
 use crate::fit::{LEAST_ROOT_J, Sample};
 use crate::num::jet::EnergyJet;
 use crate::num::parallel::in_parallel;
 use crate::num::vector::{difference, distance, dot, norm};
 use crate::spec::{
-    Chart, Domain, GridIndex, Lattice, Requirements, Sampling, SpaceGrid, Tolerance, displacement_m,
-    from_axis_m,
+    Chart, Domain, GridIndex, Lattice, Requirements, Sampling, SpaceGrid, displacement_m, from_axis_m,
 };
 
 /// Makes the plans of the spaces of one store.
@@ -35,14 +34,9 @@ pub(crate) enum Plans {
 const MARGIN_M: f64 = 2e-3;
 /// Two configurations in one fit are at least so far apart, m.
 const APART_M: f64 = 3e-4;
-/// A configuration is on another branch if the Taylor series of the nearest one on the chart's branch misses its force
-/// by more than this multiple of the tolerance at the distance [`CLOSE_M`], and by more than the other up to half of it;
-/// the error of a series grows with the third power. It is too if none is nearer than twice that distance.
-const CONTRADICTION: f64 = 8.0;
-const LEAST_CONTRADICTION: f64 = 4.0;
-const CLOSE_M: f64 = 4e-3;
-/// Most configurations of a chart with those of others.
-const MOST_DATA: usize = 110;
+/// Most configurations of a chart with those of others, during its search and at the end.
+const MOST_DATA: usize = 80;
+const MOST_AT_END: usize = 400;
 
 impl Plans {
     /// The plans that the scene of `store` defines.
@@ -109,7 +103,7 @@ impl Plans {
     pub(crate) fn plan(&self, store: &Store, active: usize) -> Result<Box<dyn SpacePlan>, StoreError> {
         Ok(match self {
             Self::Charts(wanted, _) => {
-                let shared = self.shared(store, active, self.before(active), &[])?;
+                let shared = self.shared(store, active, self.before(active), (&[], MOST_DATA))?;
                 Box::new(ScatteredPlan::new(wanted[active], Vec::new()).knowing(shared))
             }
             Self::Lattice { domain, grid } => Box::new(Plan::new(domain.clone(), *grid)),
@@ -127,7 +121,7 @@ impl Plans {
         store: &Store,
         active: usize,
         others: impl Iterator<Item = usize>,
-        own: &[EnergyJet],
+        (own, most): (&[EnergyJet], usize),
     ) -> Result<Vec<Shared>, StoreError> {
         let Self::Charts(wanted, charts) = self else { return Ok(Vec::new()) };
         let (wanted, Chart { centre_m, normal, column }) = (&wanted[active], charts[active]);
@@ -156,7 +150,7 @@ impl Plans {
             let at_m = shared.jet.control_m;
             let others = own.iter().chain(kept.iter().map(|kept| &kept.jet)).map(|jet| jet.control_m);
             let least_m = others.map(|other| distance(other, at_m)).fold(norm(at_m), f64::min);
-            if least_m >= APART_M && own.len() + kept.len() < MOST_DATA {
+            if least_m >= APART_M && own.len() + kept.len() < most {
                 kept.push(shared);
             }
         }
@@ -169,8 +163,9 @@ impl Plans {
         let Self::Charts(_, charts) = self else { return Ok(state) };
         let Some(fit) = &state.fit else { return Ok(state) };
         let own: Vec<EnergyJet> = fit.own().copied().collect();
-        let others = (0..charts.len()).filter(|other| *other != active && self.overlap(active, *other));
-        let shared = self.shared(store, active, others, &own)?;
+        // Its own that the search has left out may agree with those round them.
+        let others = (0..charts.len()).filter(|other| *other == active || self.overlap(active, *other));
+        let shared = self.shared(store, active, others, (&own, MOST_AT_END))?;
         let jets: Vec<EnergyJet> =
             own.iter().copied().chain(shared.iter().map(|shared| shared.jet)).collect();
         let agrees = on_one_branch(&jets, &fit.wanted.tolerance);
@@ -188,43 +183,6 @@ impl Plans {
         distance(a.centre_m, b.centre_m) < a.column.whole_m + b.column.core_m + MARGIN_M
             && dot(a.normal, b.normal) > 0.0
     }
-}
-
-/// Which of the configurations are on the branch of the first. An organ that gives way has several equilibria at one place
-/// of the sphere; they meet where it was pushed round a rim. From the first on, always the one nearest to those on
-/// the branch is compared with the Taylor series there.
-fn on_one_branch(jets: &[EnergyJet], tolerance: &Tolerance) -> Vec<bool> {
-    let roots: Vec<Option<EnergyJet>> = jets.iter().map(|jet| jet.root(LEAST_ROOT_J)).collect();
-    let mut agrees = vec![false; jets.len()];
-    // The nearest one on the branch, and its distance.
-    let mut nearest = vec![(f64::INFINITY, 0); jets.len()];
-    let mut is_open = vec![true; jets.len()];
-    let mut next = (!jets.is_empty()).then_some(0);
-    while let Some(at) = next {
-        is_open[at] = false;
-        let (away_m, from) = nearest[at];
-        let predicted_n = roots[from].map(|root| {
-            let value = root.taylor_value(jets[at].control_m).max(0.0);
-            root.taylor_force_n(jets[at].control_m).map(|slope| value * slope)
-        });
-        agrees[at] = at == 0
-            || away_m <= 2.0 * CLOSE_M
-                && predicted_n.is_some_and(|predicted_n| {
-                    let most = (CONTRADICTION * (away_m / CLOSE_M).powi(3)).max(LEAST_CONTRADICTION);
-                    distance(predicted_n, jets[at].force_n) <= most * tolerance.at(jets[at].force_n)
-                });
-        if agrees[at] {
-            for (other, nearest) in nearest.iter_mut().enumerate() {
-                let away_m = distance(jets[other].control_m, jets[at].control_m);
-                if away_m < nearest.0 {
-                    *nearest = (away_m, at);
-                }
-            }
-        }
-        let open = (0..jets.len()).filter(|other| is_open[*other] && nearest[*other].0.is_finite());
-        next = open.min_by(|&a, &b| nearest[a].0.total_cmp(&nearest[b].0));
-    }
-    agrees
 }
 
 /// Fits every chart of a sphere's field to the configurations of all charts round it, once all are finished. Nothing

@@ -61,7 +61,7 @@ pub struct ActiveNode {
 pub struct Chart {
     /// Place of the centre where the displacement is zero, m. The sphere touches the body there.
     pub centre_m: [f64; 3],
-    /// Outward unit normal of the skin, the axis of the column that the chart covers.
+    /// Unit direction from the skin to the centre at the first touch, the axis of the column that the chart covers.
     pub normal: [f64; 3],
     /// The column.
     pub column: Column,
@@ -76,6 +76,8 @@ pub struct Column {
     pub whole_m: f64,
     /// Largest displacement along the normal, m. Above it the sphere can only touch other parts of the skin.
     pub top_m: f64,
+    /// Length of the kernel of its fits, m.
+    pub length_m: f64,
 }
 
 /// Distance of a displacement from the axis of this direction, m.
@@ -84,15 +86,16 @@ pub(crate) fn from_axis_m(normal: &[f64; 3], displacement_m: [f64; 3]) -> f64 {
     norm(std::array::from_fn(|k| displacement_m[k] - along_m * normal[k]))
 }
 
-/// The charts of a sphere's field, and the skin that they cover.
+/// The charts of a sphere's field, and the surface that they cover: the places of the centre where the sphere just touches
+/// the skin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Charts {
     /// The sphere.
     pub sphere: Sphere,
     /// One for each active node.
     pub charts: Vec<Chart>,
-    /// Mesh nodes of the vertices of the skin.
-    pub vertices: Vec<u32>,
+    /// The vertices of the surface, m.
+    pub places_m: Vec<[f64; 3]>,
     /// The chart of each vertex.
     pub owners: Vec<u32>,
     /// Vertices at the corners of each triangle, counter-clockwise seen from outside.

@@ -115,7 +115,7 @@ fn a_sphere_feels_the_block_through_its_tables() {
     println!("{good} of {count} not felt, worst {worst_n:.4} N, {work_j:.2e} J of {moved_j:.2e} J pumped");
     // Beside the body and at the end there is no force.
     assert_eq!(before.expect("a tick").1, Vector3::zeros());
-    // The aims are 95 % of the positions not felt and 0.1 % of the energy pumped. What is reached today is held here.
-    assert!(worst_n < 0.36 && 100 * good >= 45 * count, "{good} of {count}, {worst_n} N");
-    assert!(work_j.abs() < 0.08 * moved_j, "{work_j} of {moved_j} J");
+    // The aim is 95 % of the positions not felt. What is reached today is held here.
+    assert!(worst_n < 0.2 && 100 * good >= 65 * count, "{good} of {count}, {worst_n} N");
+    assert!(work_j.abs() < 0.001 * moved_j, "{work_j} of {moved_j} J");
 }

@@ -15,8 +15,8 @@ use crate::num::vector::distance;
 /// Share of the tolerance that the estimate may reach.
 const SAFETY: f64 = 4.0;
 /// Bounds of the radius, m. The upper one is that of a position that failed or is no datum, too.
-const LEAST_M: f64 = 3.2e-3;
-const MOST_M: f64 = 6e-3;
+const LEAST_M: f64 = 4e-3;
+const MOST_M: f64 = 7e-3;
 
 impl Search {
     /// Chooses a batch: the replacements, then the candidates that are farthest outside the radius of the nearest

@@ -1,14 +1,19 @@
 //! What a search knows: configurations enter its fits, of which the best one makes the predictions.
 
 use super::{CandidateFit, Search};
-use crate::adaptive::Shared;
+use crate::adaptive::{Shared, on_one_branch};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::norm;
 
 impl Search {
-    /// The search with configurations that neighbouring charts have solved.
+    /// The search with configurations that neighbouring charts have solved, without those on another branch than the
+    /// origin.
     #[must_use]
-    pub(crate) fn knowing(mut self, shared: Vec<Shared>) -> Self {
+    pub(crate) fn knowing(mut self, mut shared: Vec<Shared>) -> Self {
+        let origin = self.fitted.jets[..1].iter().copied();
+        let jets: Vec<EnergyJet> = origin.chain(shared.iter().map(|shared| shared.jet)).collect();
+        let mut agrees = on_one_branch(&jets, &self.fitted.wanted.tolerance).into_iter().skip(1);
+        shared.retain(|_| agrees.next().unwrap_or(false));
         self.learn(shared.iter().map(|shared| shared.jet).collect(), &vec![false; shared.len()]);
         if self.fitted.jets.len() > 1 {
             self.fitted.shared = shared;

@@ -143,8 +143,11 @@ fn a_sphere_has_a_radius_and_a_layer() {
     let tool = "[tool]\nshape = \"sphere\"\nradius_m = 0.01\n";
     refuses(format!("{SCENE}{tool}"), "has no active node", "remove [[active]]");
     let gridded =
-        sphere("radius_m = 0.01").replace("[device]", "[grid]\nradius_m = 0.05\nspacing_m = 0.01\n[device]");
+        sphere("radius_m = 0.05").replace("[device]", "[grid]\nradius_m = 0.05\nspacing_m = 0.01\n[device]");
     refuses(gridded.clone(), "the field of a sphere has no lattice", "cannot_be_felt");
+    let table = "[grid]\nradius_m = 0.05\ncannot_be_felt = true\n[device]";
+    let fine = sphere("radius_m = 0.01").replace("[device]", table);
+    refuses(fine, "charts, and a blob holds 512", "give a larger `radius_m`");
     // With a tolerance it has charts all over the free skin.
     let found = bench.resolve(&gridded.replace("spacing_m = 0.01", "cannot_be_felt = true")).expect("sound");
     let charts = found.charts.expect("charts");

@@ -1,0 +1,60 @@
+//! Branches of a sphere's field: an organ that gives way has several equilibria at one place of the sphere.
+//!
+//! The forces of two branches differ by tens of tolerances. The Taylor series of a neighbour differs from the truth by less
+//! up to a distance of about 6 mm. So a configuration is compared with the series of the nearest one on the branch.
+
+use crate::fit::LEAST_ROOT_J;
+use crate::num::jet::EnergyJet;
+use crate::num::vector::distance;
+use crate::spec::Tolerance;
+
+/// A configuration is on another branch if the Taylor series of the nearest one on the chart's branch misses its force
+/// by more than this multiple of the tolerance at the distance [`CLOSE_M`], and by more than the other up to half of it;
+/// the error of a series grows with the third power. It is too if none is nearer than twice that distance.
+const CONTRADICTION: f64 = 8.0;
+const LEAST_CONTRADICTION: f64 = 4.0;
+const CLOSE_M: f64 = 4e-3;
+
+/// Whether a configuration is near enough to a neighbour to be compared with it.
+fn is_close(of: &EnergyJet, neighbour: &EnergyJet) -> bool {
+    distance(of.control_m, neighbour.control_m) <= 2.0 * CLOSE_M
+}
+
+/// Whether a configuration near a neighbour is on another branch.
+pub(super) fn contradicts(of: &EnergyJet, neighbour: &EnergyJet, tolerance: &Tolerance) -> bool {
+    let share = distance(of.control_m, neighbour.control_m) / CLOSE_M;
+    let most = (CONTRADICTION * share.powi(3)).max(LEAST_CONTRADICTION);
+    let predicted_n = neighbour.root(LEAST_ROOT_J).map(|root| {
+        let value = root.taylor_value(of.control_m).max(0.0);
+        root.taylor_force_n(of.control_m).map(|slope| value * slope)
+    });
+    is_close(of, neighbour)
+        && predicted_n.is_none_or(|n| distance(n, of.force_n) > most * tolerance.at(of.force_n))
+}
+
+/// Which of the configurations are on the branch of the first. From the first on, always the one nearest to those on the
+/// branch is compared with the one there.
+pub(crate) fn on_one_branch(jets: &[EnergyJet], tolerance: &Tolerance) -> Vec<bool> {
+    let mut agrees = vec![false; jets.len()];
+    // The nearest one on the branch, and its distance.
+    let mut nearest = vec![(f64::INFINITY, 0); jets.len()];
+    let mut is_open = vec![true; jets.len()];
+    let mut next = (!jets.is_empty()).then_some(0);
+    while let Some(at) = next {
+        is_open[at] = false;
+        let neighbour = &jets[nearest[at].1];
+        agrees[at] =
+            at == 0 || is_close(&jets[at], neighbour) && !contradicts(&jets[at], neighbour, tolerance);
+        if agrees[at] {
+            for (other, nearest) in nearest.iter_mut().enumerate() {
+                let away_m = distance(jets[other].control_m, jets[at].control_m);
+                if away_m < nearest.0 {
+                    *nearest = (away_m, at);
+                }
+            }
+        }
+        let open = (0..jets.len()).filter(|other| is_open[*other] && nearest[*other].0.is_finite());
+        next = open.min_by(|&a, &b| nearest[a].0.total_cmp(&nearest[b].0));
+    }
+    agrees
+}
