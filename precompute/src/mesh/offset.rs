@@ -42,7 +42,7 @@ impl Offset {
         let levels = grid.levels(&shape, &nearest, distance_m);
         let mut net = SurfaceNetsBuffer::default();
         surface_nets(&levels, &shape, [0; 3], grid.shape.map(|n| n - 1), &mut net);
-        let vertices: Vec<Option<([f64; 3], SkinPoint, [f64; 3])>> = net
+        let vertices: Vec<Option<Vertex>> = net
             .positions
             .iter()
             .map(|at| {
@@ -59,7 +59,7 @@ impl Offset {
         for corners in net.indices.chunks_exact(3) {
             let of = |k: usize| vertices[corners[k] as usize];
             let (Some(a), Some(b), Some(c)) = (of(0), of(1), of(2)) else { continue };
-            let mut number = |k: usize, (place_m, foot, normal): ([f64; 3], SkinPoint, [f64; 3])| -> u32 {
+            let mut number = |k: usize, (place_m, foot, normal): Vertex| -> u32 {
                 *numbers[corners[k] as usize].get_or_insert_with(|| {
                     found.places_m.push(place_m);
                     found.feet.push((foot, normal));
@@ -75,6 +75,9 @@ impl Offset {
         found
     }
 }
+
+/// Place, m, nearest point of the skin, and direction from there.
+type Vertex = ([f64; 3], SkinPoint, [f64; 3]);
 
 /// A grid round a body.
 struct Grid {
