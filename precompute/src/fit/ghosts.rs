@@ -46,7 +46,7 @@ pub(crate) fn lattice_flags(grid: &SpaceGrid, samples: &[Sample], branch_jumps: 
     found
 }
 
-/// Table of `samples` with the flags of [`lattice_flags`].
+/// Table of `samples`, one per solved grid point, including the rest point.
 pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample], branch_jumps: &[BranchJump]) -> LatticeValues {
     let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
     let mut solved = vec![None; grid.lattice.slots()];
