@@ -32,6 +32,11 @@ fn force(centre_m: Vec3) -> [f64; 3] {
 
 /// Two charts on a square of 60 mm: the left vertices belong to the first, the right ones to the second.
 fn blob() -> AlignedBytes {
+    blob_of(|_| 1.0)
+}
+
+/// The same with the root of each chart multiplied by a factor.
+fn blob_of(factor: impl Fn(usize) -> f64) -> AlignedBytes {
     let recipe = Recipe {
         nodes: ORIGINS.to_vec(),
         spacing_m: 0.01,
@@ -53,12 +58,12 @@ fn blob() -> AlignedBytes {
             triangles: draft.area.push(&[[0_u32, 1, 2], [0, 2, 3]]),
             fixed: draft.area.push(&[0_u8; 4]),
         };
-        for (space, origin_m) in draft.spaces.iter_mut().zip(ORIGINS) {
+        for (number, (space, origin_m)) in draft.spaces.iter_mut().zip(ORIGINS).enumerate() {
             let node = |slot: usize| -> HermiteNode {
                 let at_m = vec3::add(origin_m, lattice.displacement_m(lattice.ijk(slot)));
                 let mut node = HermiteNode::default();
                 for (a, b, c) in (0..27).map(|code| (code / 9, code / 3 % 3, code % 3)) {
-                    let scale = f64::from(lattice.spacing_m()).powi((a + b + c) as i32 - 1);
+                    let scale = factor(number) * f64::from(lattice.spacing_m()).powi((a + b + c) as i32 - 1);
                     node[a][b][c] = (scale * polynomial(&ROOT, at_m, [a, b, c])) as f32;
                 }
                 node
@@ -171,4 +176,37 @@ fn a_start_inside_the_body_has_no_force() {
     let blob = blob();
     let played = play(&blob, (0..5).map(|_| [0.02, 0.0, -0.015]));
     assert!(played.iter().all(|(_, command)| command.engaged.is_none() && command.reaction_n == [0.0; 3]));
+}
+
+/// One that starts just inside, where the surface is near, touches nothing until it has left the body and comes back.
+#[test]
+fn a_start_just_inside_has_no_force_until_the_sphere_has_left() {
+    let blob = blob();
+    let held = (0..5).map(|_| [0.02, 0.0, 0.0085]);
+    let up = (0..30).map(|n| [0.02, 0.0, 0.0085 + 1e-4 * n as f32]);
+    let down = (0..40).map(|n| [0.02, 0.0, 0.0115 - 1e-4 * n as f32]);
+    let played = play(&blob, held.chain(up).chain(down));
+    assert!(force(played[0].0)[2].abs() > 0.1, "a sphere is pressed there");
+    assert!(played[..35].iter().all(|(_, command)| command.reaction_n == [0.0; 3]));
+    let (at_m, last) = played.last().expect("a tick");
+    assert!(error_n(last.reaction_n, force(*at_m)) < 2e-5 && last.reaction_n != [0.0; 3], "{last:?}");
+}
+
+/// Charts that differ push from the one with more energy to the other, so that a closed way moves no energy.
+#[test]
+fn charts_that_differ_pump_no_energy() {
+    let blob = blob_of(|space| if space == 0 { 1.0 } else { 1.1 });
+    let level = |x: f32, z: f32| [x, 0.004, z];
+    let down = (0..130).map(|n| level(0.0, 0.012 - 1e-4 * n as f32));
+    let across = (0..400).map(|n| level(1e-4 * n as f32, -0.001));
+    let up = (0..130).map(|n| level(0.04, -0.001 + 1e-4 * n as f32));
+    let played = play(&blob, down.chain(across).chain(up));
+    let (mut work_j, mut moved_j) = (0.0_f64, 0.0_f64);
+    for pair in played.windows(2) {
+        let [(from_m, before), (to_m, after)] = pair else { continue };
+        let mean_n = vec3::scale(vec3::add(before.reaction_n, after.reaction_n), 0.5);
+        let step_j = f64::from(vec3::dot(mean_n, vec3::sub(*to_m, *from_m)));
+        (work_j, moved_j) = (work_j + step_j, moved_j + step_j.abs());
+    }
+    assert!(work_j.abs() < 1e-3 * moved_j, "{work_j} of {moved_j} J");
 }

@@ -58,3 +58,39 @@ pub(crate) fn on_one_branch(jets: &[EnergyJet], tolerance: &Tolerance) -> Vec<bo
     }
     agrees
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix3;
+
+    /// A state of W = s^2 / 2 with a linear root that rises by `slope` on the way down the z axis.
+    fn state(control_m: [f64; 3], slope: f64) -> EnergyJet {
+        let root = EnergyJet {
+            control_m,
+            energy_j: 0.2 - slope * control_m[2],
+            force_n: [0.0, 0.0, -slope],
+            stiffness_n_m: Matrix3::zeros(),
+            third_n_m2: [0.0; 10],
+        };
+        root.squared()
+    }
+
+    /// A branch goes on from neighbour to neighbour. States of another one, and those that no neighbour reaches, are left out.
+    #[test]
+    fn a_branch_is_followed_from_neighbour_to_neighbour() {
+        let along = |n: usize, slope| state([3e-3 * n as f64, 0.0, -2e-3], slope);
+        let mut jets: Vec<EnergyJet> = (0..8).map(|n| along(n, 20.0)).collect();
+        jets.extend(
+            (1..8).map(|n| EnergyJet { control_m: [3e-3 * n as f64, 1e-3, -2e-3], ..along(n, 10.0) }),
+        );
+        jets.push(state([0.04, 0.0, -2e-3], 20.0));
+        let agrees = on_one_branch(&jets, &Tolerance::IMPERCEPTIBLE);
+        let expected: Vec<bool> = (0..jets.len()).map(|n| n < 8).collect();
+        assert_eq!(agrees, expected);
+        assert!(contradicts(&jets[9], &jets[1], &Tolerance::IMPERCEPTIBLE));
+        assert!(!contradicts(&jets[2], &jets[1], &Tolerance::IMPERCEPTIBLE));
+        // Of one that is far away a series says nothing.
+        assert!(!contradicts(&along(9, 10.0), &jets[1], &Tolerance::IMPERCEPTIBLE));
+    }
+}

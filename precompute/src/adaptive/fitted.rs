@@ -5,14 +5,14 @@ use super::prediction::{Test, Verdict};
 use crate::fit::{KernelFit, KernelSystem};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, norm};
-use crate::spec::{GridIndex, MIN_RADIUS_M, Requirements, is_within};
+use crate::spec::{GridIndex, MIN_RADIUS_M, Quantity, Requirements, is_within};
 use serde::{Deserialize, Serialize};
 
 /// A force predicted above this multiple of the limit counts as beyond the limit.
 const LIMIT_FACTOR: f64 = 1.3;
 
-/// Most configurations of the fit of a complete chart.
-const MOST_DATA: usize = 80;
+/// Most configurations of the one fit of a complete chart, and most that its search begins with.
+pub(crate) const MOST_DATA: usize = 80;
 
 /// A configuration that another chart has solved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -82,9 +82,9 @@ impl AdaptiveFit {
         Self { jets, shared, fit, condition, ..self.clone() }
     }
 
-    /// Whether the fit contains all configurations.
+    /// Whether the fit contains all configurations: that of an energy, and that of a chart with few.
     pub(super) fn is_fit_whole(&self) -> bool {
-        self.shared.is_empty() || self.jets.len() <= MOST_DATA
+        self.wanted.quantity == Quantity::Energy || self.jets.len() <= MOST_DATA
     }
 
     /// Length of the validation streak: predictions within tolerance since the last failure, among those that

@@ -15,6 +15,7 @@ mod search;
 mod stagnation;
 
 pub(crate) use branch::on_one_branch;
+pub(crate) use fitted::MOST_DATA;
 pub use fitted::{AdaptiveFit, LeaveOneOutErrors, Shared};
 pub use linear::LinearModelErrors;
 pub use prediction::{STREAK, Test, Verdict};

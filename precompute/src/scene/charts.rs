@@ -109,7 +109,6 @@ pub(super) fn charts<T>(
 mod tests {
     use super::*;
     use crate::fem::Layer;
-    use crate::num::vector::unit;
 
     #[test]
     fn charts_cover_the_free_skin() {
@@ -141,7 +140,6 @@ mod tests {
                 }
                 let own_m = difference(places_m[corner as usize], chart.centre_m);
                 assert!(from_axis_m(&chart.normal, own_m) <= chart.column.core_m + 1e-12, "{corner}");
-                assert!(dot(chart.normal, unit(own_m)) > -0.9);
             }
         }
         // The wholly fixed face is not touched from below.

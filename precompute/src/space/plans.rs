@@ -8,7 +8,7 @@ use super::plan::{Plan, ScatteredPlan, SpacePlan};
 use super::record::Record;
 use super::state::SpaceState;
 use super::store::{Store, StoreError};
-use crate::adaptive::{MAX_FORCE_FACTOR, Shared, on_one_branch};
+use crate::adaptive::{MAX_FORCE_FACTOR, MOST_DATA, Shared, on_one_branch};
 use crate::fit::{LEAST_ROOT_J, Sample};
 use crate::num::jet::EnergyJet;
 use crate::num::parallel::in_parallel;
@@ -34,8 +34,7 @@ pub(crate) enum Plans {
 const MARGIN_M: f64 = 2e-3;
 /// Two configurations in one fit are at least so far apart, m.
 const APART_M: f64 = 3e-4;
-/// Most configurations of a chart with those of others, during its search and at the end.
-const MOST_DATA: usize = 80;
+/// Most configurations of a complete chart with those of others.
 const MOST_AT_END: usize = 400;
 
 impl Plans {
