@@ -8,7 +8,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::AdaptiveFit;
 use crate::fit::{Base, KernelFit, KernelSystem, LEAST_ROOT_J};
@@ -60,8 +60,9 @@ impl<'s> Fits<'s> {
             return None;
         }
         let root = self.search.jets[self.search.nearest(displacement_m)].root(LEAST_ROOT_J)?;
-        let (slope, base) = (Vector3::from(root.force_n), Base::about(&root));
-        let value = base.value + slope.dot(&Vector3::from(displacement_m));
+        let away_m = Vector3::from(displacement_m) - Vector3::from(root.control_m);
+        let slope = Vector3::from(root.force_n);
+        let value = root.energy_j + slope.dot(&away_m);
         (value < -BESIDE * self.search.fit.length_m * slope.norm()).then_some((value, slope))
     }
 
@@ -84,10 +85,11 @@ impl<'s> Fits<'s> {
 }
 
 impl Base {
-    /// The first-order Taylor polynomial of a root about its own displacement.
+    /// The second-order Taylor polynomial of a root about its own displacement.
     fn about(root: &EnergyJet) -> Self {
-        let slope = Vector3::from(root.force_n);
-        let value = root.energy_j - slope.dot(&Vector3::from(root.control_m));
-        Self { value, slope, curvature: Matrix3::zeros() }
+        let (at, slope) = (Vector3::from(root.control_m), Vector3::from(root.force_n));
+        let bent = root.stiffness_n_m * at;
+        let value = root.energy_j - slope.dot(&at) + 0.5 * at.dot(&bent);
+        Self { value, slope: slope - bent, curvature: root.stiffness_n_m }
     }
 }

@@ -8,7 +8,7 @@
 //! all derivatives up to the third order (Hermite-Birkhoff interpolation; Wendland, Scattered Data
 //! Approximation, 2004, chapter 16). The force is the exact gradient of W, so the fit is conservative for any
 //! error. The quadratic energy of the stiffness at rest, S0, is subtracted from the data. Of a tool that can leave the
-//! body, s = sqrt(2 W) is interpolated in place of W, without its first-order Taylor polynomial at p = 0.
+//! body, s = sqrt(2 W) is interpolated in place of W, without its second-order Taylor polynomial at p = 0.
 //!
 //! With x = p / l and He_n the Hermite polynomials of probability theory, d^n/dr^n exp(-r^2/2) = (-1)^n
 //! He_n(r) exp(-r^2/2). The entry between derivative a at x_m and weight b at x_n is, with r = x_m - x_n,
@@ -103,8 +103,7 @@ impl Base {
             Quantity::Root => first.root(LEAST_ROOT_J).map(|root| Self {
                 value: root.energy_j,
                 slope: root.force_n.into(),
-                // A quadratic would rise again beside the body.
-                curvature: Matrix3::zeros(),
+                curvature: root.stiffness_n_m,
             }),
         }
     }

@@ -116,6 +116,6 @@ fn a_sphere_feels_the_block_through_its_tables() {
     // Beside the body and at the end there is no force.
     assert_eq!(before.expect("a tick").1, Vector3::zeros());
     // The aim is 95 % of the positions not felt. What is reached today is held here.
-    assert!(worst_n < 0.2 && 100 * good >= 65 * count, "{good} of {count}, {worst_n} N");
+    assert!(worst_n < 0.15 && 100 * good >= 80 * count, "{good} of {count}, {worst_n} N");
     assert!(work_j.abs() < 0.001 * moved_j, "{work_j} of {moved_j} J");
 }

@@ -120,13 +120,13 @@ fn a_root_is_squared_to_its_energy() {
 /// A fit of the root has the force, the energy and the derivatives of the energy, and knows its errors.
 #[test]
 fn a_fit_of_the_root_gives_the_energy() {
-    let errors = [6, 12, 60].map(|n| {
+    let errors = [6, 12, 36].map(|n| {
         let fit = root_system(n, 0.04).fit;
         let at = |n| spread(n, 0.045);
         (1000..1200).map(|n| apart(fit.force_n(at(n)), touched(at(n)).force_n)).fold(0.0, f64::max)
     });
     assert!(errors[2] < 0.02 && errors[0] > 2.0 * errors[1] && errors[1] > 5.0 * errors[2], "{errors:?} N");
-    let system = root_system(60, 0.04);
+    let system = root_system(36, 0.04);
     let at = [0.012, -0.008, 0.019];
     let (found, exact) = (system.fit.jet(at), touched(at));
     assert!((found.energy_j - exact.energy_j).abs() < 1e-4, "{} {}", found.energy_j, exact.energy_j);
@@ -160,7 +160,7 @@ fn a_fit_of_the_root_gives_the_energy() {
     let (left, missed) = (20, system.leave_one_out_n().nth(20).expect("an error"));
     let base = Base::of(Quantity::Root, &touched([0.0; 3])).expect("a root");
     let mut without = KernelSystem::new(0.04, Quantity::Root, base);
-    let places = std::iter::once([0.0; 3]).chain((1..60).map(|n| spread(n, 0.05)));
+    let places = std::iter::once([0.0; 3]).chain((1..36).map(|n| spread(n, 0.05)));
     let others: Vec<EnergyJet> =
         places.enumerate().filter(|(n, _)| *n != left).map(|(_, at)| touched(at)).collect();
     without.add(&others).expect("apart");
