@@ -74,12 +74,17 @@ fn blob_of(factor: impl Fn(usize) -> f64) -> AlignedBytes {
     })
 }
 
-/// The commands on a path, one sample per millisecond.
+/// The commands on a path without friction, one sample per millisecond.
 fn play(blob: &AlignedBytes, path: impl Iterator<Item = Vec3>) -> Vec<(Vec3, Command)> {
+    play_with(0.0, blob, path)
+}
+
+fn play_with(friction: f32, blob: &AlignedBytes, path: impl Iterator<Item = Vec3>) -> Vec<(Vec3, Command)> {
     let organ = <Organ<'_, 2>>::read(blob).expect("good");
     let mut memory = vec![0; TouchSurface::words(&organ)];
     let mut config = Config::new(Method::Energy);
     config.limits.max_stiffness_n_m = f32::INFINITY;
+    config.contact.friction = friction;
     let surface = TouchSurface::new(&organ, &mut memory);
     let controller = Controller::new(&organ, config).expect("packed").on_surface(surface);
     let mut state = State::new();
@@ -201,12 +206,70 @@ fn charts_that_differ_pump_no_energy() {
     let across = (0..400).map(|n| level(1e-4 * n as f32, -0.001));
     let up = (0..130).map(|n| level(0.04, -0.001 + 1e-4 * n as f32));
     let played = play(&blob, down.chain(across).chain(up));
-    let (mut work_j, mut moved_j) = (0.0_f64, 0.0_f64);
-    for pair in played.windows(2) {
-        let [(from_m, before), (to_m, after)] = pair else { continue };
-        let mean_n = vec3::scale(vec3::add(before.reaction_n, after.reaction_n), 0.5);
-        let step_j = f64::from(vec3::dot(mean_n, vec3::sub(*to_m, *from_m)));
-        (work_j, moved_j) = (work_j + step_j, moved_j + step_j.abs());
-    }
+    let (work_j, moved_j) = work(&played);
     assert!(work_j.abs() < 1e-3 * moved_j, "{work_j} of {moved_j} J");
+}
+
+/// The work of the hand on a path, and the energy that it exchanges, J.
+fn work(played: &[(Vec3, Command)]) -> (f64, f64) {
+    let steps = played.windows(2).map(|pair| {
+        let [(from_m, before), (to_m, after)] = pair else { return 0.0 };
+        let mean_n = vec3::scale(vec3::add(before.reaction_n, after.reaction_n), 0.5);
+        f64::from(vec3::dot(mean_n, vec3::sub(*to_m, *from_m)))
+    });
+    steps.fold((0.0, 0.0), |(sum, moved), step_j| (sum + step_j, moved + step_j.abs()))
+}
+
+/// With friction a press, a slide over both charts and a release cost energy, more with more friction; the slide feels
+/// mu |h|, and neither touch nor release has a step.
+#[test]
+fn friction_of_a_sphere_only_dissipates() {
+    let blob = blob_of(|space| if space == 0 { 1.0 } else { 1.1 });
+    let level = |x: f32, z: f32| [x, 0.004, z];
+    let path = || {
+        let down = (0..130).map(move |n| level(0.0, 0.012 - 1e-4 * n as f32));
+        let across = (0..400).map(move |n| level(1e-4 * n as f32, -0.001));
+        let up = (0..130).map(move |n| level(0.04, -0.001 + 1e-4 * n as f32));
+        let back = (0..400).map(move |n| level(0.04 - 1e-4 * n as f32, 0.012));
+        down.chain(across).chain(up).chain(back)
+    };
+    let smooth = play(&blob, path());
+    let mut spent_before_j = 1e-4 * work(&smooth).1;
+    for friction in [0.1_f32, 0.3, 1.0] {
+        let rough = play_with(friction, &blob, path());
+        let spent_j = work(&rough).0;
+        assert!(spent_j > 1.3 * spent_before_j, "{friction}: {spent_j} J after {spent_before_j} J");
+        spent_before_j = spent_j;
+        let mut previous_n = vec3::ZERO;
+        for (n, ((_, without), (_, with))) in smooth.iter().zip(&rough).enumerate() {
+            let along_n = vec3::sub(with.reaction_n, without.reaction_n);
+            let most_n = friction * vec3::norm(without.reaction_n);
+            assert!(vec3::norm(along_n) <= 1.000_1 * most_n + 1e-6, "{n}: {along_n:?} of {most_n} N");
+            let is_sliding = (450..520).contains(&n);
+            assert!(!is_sliding || vec3::norm(along_n) > 0.999 * most_n, "{n}: {along_n:?} of {most_n} N");
+            // The spring has about 70 N/m, and the way of a tick is 0.1 mm.
+            let step_n = vec3::distance(along_n, previous_n);
+            assert!(step_n < 0.03, "{friction} {n}: a step of {step_n} N");
+            previous_n = along_n;
+        }
+    }
+}
+
+/// A sphere that sticks is a spring: small circles that do not slip move no energy, over the blend of the charts too.
+#[test]
+fn a_sphere_that_sticks_pumps_no_energy() {
+    let blob = blob_of(|space| if space == 0 { 1.0 } else { 1.1 });
+    let down = (0..130).map(|n| [0.02, 0.004, 0.012 - 1e-4 * n as f32]);
+    let turn = |n: u32| {
+        let (sin, cos) = (n as f32 * core::f32::consts::TAU / 2_000.0).sin_cos();
+        [0.02 + 5e-4 * sin, 0.0035 + 5e-4 * cos, -0.0009 - 3e-4 * sin]
+    };
+    let count = down.len();
+    let rough = play_with(0.5, &blob, down.clone().chain((0..=2_000).map(turn)));
+    let smooth = play(&blob, down.chain((0..=2_000).map(turn)));
+    let (work_j, moved_j) = work(&rough[count..]);
+    assert!(work_j.abs() < 1e-3 * moved_j, "{work_j} of {moved_j} J");
+    let along_n = rough.iter().zip(&smooth).map(|(a, b)| vec3::distance(a.1.reaction_n, b.1.reaction_n));
+    let most_n = along_n.fold(0.0, f32::max);
+    assert!(most_n > 0.02, "{most_n} N: the spring must be stretched");
 }

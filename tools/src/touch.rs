@@ -342,7 +342,9 @@ pub(crate) fn run<D: Device, const N: usize>(
     let device = device().inspect_err(|_| show.discard(had_folder))?;
     let info = device.info();
     let mut config = controller_config(organs, method, &info, show.profile);
-    config.contact.friction = show.friction.unwrap_or(config.contact.friction);
+    let is_sphere = organ.tool.sphere().is_some();
+    let usual = if is_sphere { 0.0 } else { config.contact.friction };
+    config.contact.friction = show.friction.unwrap_or(usual);
     options.haptic.arm_button = arm_button(&info, show.profile);
     let record = show.record.map(|record| record.start(organ, config, &options, info));
     let record = record.transpose().inspect_err(|_| show.discard(had_folder))?;

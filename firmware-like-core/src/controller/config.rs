@@ -72,7 +72,7 @@ impl Config {
             ("position_step_m", not_negative(passivity.position_step_m)),
             // An infinite value means that there is no limit.
             ("max_stiffness_n_m", limits.max_stiffness_n_m > 0.0),
-            ("friction", contact.friction >= 0.0),
+            ("friction", (0.0..=1.0).contains(&contact.friction) || contact.friction == f32::INFINITY),
             ("fault_j", passivity.fault_j >= 0.0),
             // With a larger one little would remain for the organ.
             (

@@ -24,6 +24,8 @@ use crate::touch::{NodeWeight, TouchSurface};
 
 /// A sphere is engaged within this share of its reach from the surface of the first touch.
 const BESIDE_FIRST_TOUCH: f32 = 0.25;
+/// A sphere that presses with no more than this has left the body, N.
+const LEFT_N: f32 = 1e-3;
 /// A sphere presses at most so far, metres: the bound of the energy that it stores.
 const SPHERE_DEPTH_M: f32 = 0.05;
 /// Time in which a new stiffness lowers the force from all to nothing, s.
@@ -269,12 +271,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let displacement_m = vec3::sub(hip_m, at.anchor_m);
         let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m };
         let mut answer = field.force(&touch).ok_or(Fault::Internal)?;
-        if let (ContactKind::Sphere, Some(foot), Some(surface)) = (at.kind, &at.foot, surface) {
-            let energy_j = |space: u16| {
-                let origin_m = spaces.get(usize::from(space))?.active.rest_position_m;
-                field.energy_j(space, vec3::sub(hip_m, origin_m))
-            };
-            let slope_n = blended_slope_n(surface, &at, foot, energy_j).ok_or(Fault::Internal)?;
+        if at.kind == ContactKind::Sphere {
+            let slope_n = self.blended_slope_n(&at, hip_m, field).ok_or(Fault::Internal)?;
             answer.force_n = vec3::add(answer.force_n, slope_n);
         }
         // A sphere that starts inside the body touches nothing until it has left it.
@@ -289,6 +287,11 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         if field.is_lost() {
             return Err(Fault::Solver);
         }
+        if at.kind == ContactKind::Sphere && config.friction > 0.0 {
+            let energy_j = self.blended_energy_j(&at, hip_m, field).ok_or(Fault::Internal)?;
+            let friction_n = contact.friction_n(config, hip_m, (answer.force_n, energy_j));
+            answer.force_n = vec3::add(answer.force_n, friction_n);
+        }
         let energy_j = |space: u16| field.energy_j(space, displacement_m);
         contact.slip(config, spaces, surface, (displacement_m, answer.force_n), energy_j);
         Ok(Command {
@@ -301,6 +304,28 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         })
     }
 
+    /// W of a sphere in one space, joules.
+    fn sphere_energy_j(&self, space: u16, hip_m: Vec3, field: &(impl Field + ?Sized)) -> Option<f32> {
+        let origin_m = self.organ.spaces.get(usize::from(space))?.active.rest_position_m;
+        field.energy_j(space, vec3::sub(hip_m, origin_m))
+    }
+
+    /// sum W_i grad w_i of a sphere; zero in a live field, whose weights do not change.
+    fn blended_slope_n(&self, at: &Engaged, hip_m: Vec3, field: &(impl Field + ?Sized)) -> Option<Vec3> {
+        let (Some(foot), Some(surface)) = (&at.foot, &self.surface) else { return Some(vec3::ZERO) };
+        blended_slope_n(surface, at, foot, |space| self.sphere_energy_j(space, hip_m, field))
+    }
+
+    /// sum w_i W_i of a sphere.
+    #[inline(never)]
+    fn blended_energy_j(&self, at: &Engaged, hip_m: Vec3, field: &(impl Field + ?Sized)) -> Option<f32> {
+        let mut sum_j = 0.0;
+        for node in at.weights.iter().filter(|node| node.weight > 0.0) {
+            sum_j += node.weight * self.sphere_energy_j(node.space, hip_m, field)?;
+        }
+        Some(sum_j)
+    }
+
     /// Distance from the surface within which a sphere is engaged, metres: its reach of the skin, or a small part of that of
     /// the surface of the first touch.
     fn sphere_engaged_within_m(&self) -> f32 {
@@ -309,12 +334,13 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         if is_of_contacts { BESIDE_FIRST_TOUCH * reach_m } else { reach_m }
     }
 
-    /// Whether a sphere touches nothing, and is not within the distance at which it is engaged.
+    /// Whether a sphere touches nothing, and is not within the distance at which it is engaged. The fade between two jets
+    /// comes near to zero and does not reach it.
     #[inline(never)]
     fn has_left(&self, hip_m: Vec3, reaction_n: Vec3) -> bool {
         let within_m = self.sphere_engaged_within_m();
         let is_near = || self.surface.is_some_and(|surface| surface.is_within(hip_m, within_m));
-        reaction_n == vec3::ZERO && !is_near()
+        vec3::norm(reaction_n) <= LEFT_N && !is_near()
     }
 
     /// Whether the model would pull a pushing tool, or a grasp exceeds its largest distance or force, or a sphere has

@@ -12,6 +12,7 @@
 //!   anchor slips along the surface as Coulomb friction permits. The weights are continuous across edges, and
 //!   so is the force.
 
+use super::grip::Grip;
 use super::surface::{Crossing, Foot, NodeWeight, TouchSurface, entry};
 use crate::num::vec3::{self, Vec3};
 use crate::space::Space;
@@ -30,8 +31,8 @@ pub struct ContactConfig {
     /// Height above the anchor's plane at which a pushing tool disengages, metres. It must exceed the noise
     /// of the encoders, otherwise contact chatters.
     pub release_height_m: f32,
-    /// Coefficient of Coulomb friction of a pushing tool; infinite for a tool that sticks to the nearest
-    /// node.
+    /// Coefficient of Coulomb friction of a pushing tool or a sphere, 0 to 1; infinite for one that sticks to
+    /// its place.
     pub friction: f32,
     /// A grasp is lost if |d| exceeds this multiple of the grid radius, or if the force for the hand before
     /// limiting exceeds this multiple of `max_force_n`.
@@ -104,12 +105,14 @@ pub(crate) struct Contact {
     /// HIP of the previous sample, if any. A push begins where the path from it crosses the surface.
     previous_hip_m: Option<Vec3>,
     buttons: u32,
+    /// The tangential spring of a sphere, while it presses.
+    grip: Option<Grip>,
 }
 
 impl Default for Contact {
     /// Free. Buttons count as pressed already: a grasp needs the transition from released to pressed.
     fn default() -> Self {
-        Self { engaged: None, previous_hip_m: None, buttons: u32::MAX }
+        Self { engaged: None, previous_hip_m: None, buttons: u32::MAX, grip: None }
     }
 }
 
@@ -188,8 +191,15 @@ impl Contact {
 
     /// Disengages: from the next sample on the tool is free.
     pub(crate) const fn release(&mut self, hip_m: Vec3) {
-        self.engaged = None;
+        (self.engaged, self.grip) = (None, None);
         self.previous_hip_m = Some(hip_m);
+    }
+
+    /// The friction that a sphere feels at its centre, newtons, for the force and energy without friction.
+    pub(crate) fn friction_n(&mut self, config: &ContactConfig, hip_m: Vec3, found: (Vec3, f32)) -> Vec3 {
+        let (along_n, grip) = Grip::follow(self.grip, config.friction, hip_m, found);
+        self.grip = grip;
+        along_n
     }
 
     /// Slips the anchor of a pushing tool towards the point where friction balances the reaction h at d. The

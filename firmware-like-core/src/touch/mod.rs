@@ -2,6 +2,7 @@
 
 mod cells;
 pub(crate) mod contact;
+mod grip;
 mod surface;
 
 pub use contact::ContactConfig;

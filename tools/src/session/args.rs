@@ -62,8 +62,9 @@ pub(crate) struct SessionArgs {
         help_heading = "Pictures"
     )]
     pub(crate) pictures: PathBuf,
-    /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
-    /// number, or stick
+    /// Coulomb friction, 0 to 1, or stick; 0.3 by default, and 0 under a sphere
+    ///
+    /// A point or fingertip slides over triangles whose corners are all active, a sphere anywhere.
     #[arg(long, value_name = "MU", value_parser = friction, hide_short_help = true, help_heading = "Contact")]
     pub(crate) friction: Option<f32>,
     /// Create this socket, over which `palpate control` disarms, resets and ends the session
@@ -87,8 +88,8 @@ pub(crate) struct SessionArgs {
 fn friction(text: &str) -> Result<f32, String> {
     match text.parse() {
         _ if text == "stick" => Ok(f32::INFINITY),
-        Ok(mu) if mu >= 0.0 => Ok(mu),
-        _ => Err("a number from 0, or stick".into()),
+        Ok(mu) if (0.0..=1.0).contains(&mu) => Ok(mu),
+        _ => Err("not within 0 and 1, and not stick".into()),
     }
 }
 
