@@ -194,7 +194,7 @@ const HOST: [&str; 25] = [
 ];
 
 /// The viewer, lowest stratum first.
-const VIEWER: [&str; 37] = [
+const VIEWER: [&str; 38] = [
     "error",
     "image",
     "palette",
@@ -219,6 +219,7 @@ const VIEWER: [&str; 37] = [
     "tool",
     "scene",
     "inset",
+    "contact",
     "live",
     "help",
     "charts",

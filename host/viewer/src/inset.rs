@@ -90,7 +90,8 @@ impl Frame {
 impl Inset {
     /// The scale is that of the organ, so that depths can be compared from touch to touch.
     pub(super) fn new<const N: usize>(organ: &Organ<'_, N>) -> Self {
-        let pad_m = organ.tool.fingertip().map_or(0.0, |tip| tip.radius_m);
+        let sphere_m = organ.tool.sphere().map_or(0.0, |sphere| sphere.radius_m);
+        let pad_m = organ.tool.fingertip().map_or(sphere_m, |tip| tip.radius_m);
         let grid_m = organ.spaces.iter().map(|space| space.lattice().radius_m()).fold(0.0, f32::max);
         let width_m = (WIDTH[0] * pad_m).max(WIDTH[1] * grid_m);
         Self {
@@ -122,7 +123,7 @@ impl Inset {
     ) {
         let Some(frame) = Frame::of(image, self.width_m) else { return };
         let is_near = touched.tool_m.distance(touched.contact_m) < 0.5 * self.width_m
-            && frame.pixel(Vec2::new(0.0, -touched.depth_m())).y > frame.top + HEADING * frame.scale;
+            && frame.pixel(Vec2::new(0.0, -touched.below_m())).y > frame.top + HEADING * frame.scale;
         if !(touched.is_engaged || is_near) {
             return;
         }
@@ -190,8 +191,14 @@ impl Inset {
     fn draw_tool(&mut self, frame: &Frame, tool: Tool, touched: &Touched, image: &mut Image) {
         let depth_m = touched.depth_m();
         let line = frame.scale.max(0.6);
+        let centre = frame.pixel(Vec2::new(0.0, -touched.below_m()));
         let at = frame.pixel(Vec2::new(0.0, -depth_m));
         let half_width = match tool {
+            Tool::Sphere(radius_m) => {
+                let radius = radius_m * frame.per_m;
+                self.draw_round(frame, centre, [radius, radius], 1.0, image);
+                radius
+            }
             Tool::Ball(_) => {
                 clear(&mut self.mask, frame);
                 self.mask.segment(at.to_array(), at.to_array(), 4.0 * line, 1.0);
@@ -199,8 +206,9 @@ impl Inset {
                 4.0 * line
             }
             Tool::Fingertip(radius_m) => {
-                self.draw_pad(frame, at, radius_m * frame.per_m, image);
-                radius_m * frame.per_m
+                let radius = radius_m * frame.per_m;
+                self.draw_round(frame, at, [radius, PAD_HEIGHT * radius], 0.5, image);
+                radius
             }
         };
         if !touched.is_engaged || depth_m.abs() < MIN_DEPTH_M {
@@ -224,20 +232,27 @@ impl Inset {
         self.mask.paint(image, BRIGHT, 0.9);
     }
 
-    /// A pad: its face, where it would be if it did not give way, and the finger above it as an arc.
-    fn draw_pad(&mut self, frame: &Frame, at: Vec2, radius: f32, image: &mut Image) {
+    /// An ellipse with these half axes: a whole turn for a sphere, half a turn for a pad, whose face is where it would be
+    /// if it did not give way.
+    fn draw_round(
+        &mut self,
+        frame: &Frame,
+        at: Vec2,
+        [radius, height]: [f32; 2],
+        turns: f32,
+        image: &mut Image,
+    ) {
         let line = frame.scale.max(0.6);
-        let arc: Vec<[f32; 2]> = (0..=32)
-            .map(|i| (core::f32::consts::PI * i as f32 / 32.0).sin_cos())
-            .map(|(sin, cos)| [at.x + radius * cos, at.y - PAD_HEIGHT * radius * sin])
+        let arc: Vec<[f32; 2]> = (0..=64)
+            .map(|i| (core::f32::consts::TAU * turns * i as f32 / 64.0).sin_cos())
+            .map(|(sin, cos)| [at.x + radius * cos, at.y - height * sin])
             .collect();
+        let [last, first_point] = [arc[arc.len() - 1], arc[0]].map(Vec2::from_array);
         let sides = arc.windows(2).map(|pair| [pair[0], pair[1]].map(Vec2::from_array));
         let first = (at.x - radius).floor();
         let corner = Vec2::new(first, 0.0);
         self.inside.find(
-            sides
-                .chain([[Vec2::new(at.x - radius, at.y), Vec2::new(at.x + radius, at.y)]])
-                .map(|ends| ends.map(|end| end - corner)),
+            sides.chain([[last, first_point]]).map(|ends| ends.map(|end| end - corner)),
             (2.0 * radius) as usize + 2,
         );
         let [low, high] = [frame.top + HEADING * frame.scale, frame.top + frame.height - 1.0];

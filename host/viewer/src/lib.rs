@@ -18,6 +18,7 @@
 mod arming;
 pub mod camera;
 mod charts;
+mod contact;
 pub mod deformation;
 mod error;
 pub mod font;

@@ -10,6 +10,7 @@ use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, magnitudes};
 use super::verdict::Verdict;
 use core::time::Duration;
 use glam::Vec2;
+use palpate_core::format::Tool;
 use palpate_core::{Coverage, Phase, Solver};
 use palpate_host::first_place::MAX_NAMED;
 use palpate_host::live::LiveTick;
@@ -40,8 +41,12 @@ pub struct Captions {
     pub spaces: Vec<String>,
     /// The certificate's verdict on each active node of each model; unknown where there is none.
     pub verdicts: Vec<Vec<Verdict>>,
-    /// Whether the tool is a fingertip.
-    pub has_fingertip: bool,
+    /// The tool.
+    pub tool: Tool,
+    /// Depth of a sphere below the skin at rest, m.
+    pub depth_m: f32,
+    /// The area on which it presses, and the greatest pressure, where they are known.
+    pub contact: Option<String>,
     /// Number of models of the session.
     pub models: usize,
     /// Whether the model has forces but no displacements.
@@ -141,19 +146,31 @@ impl Overlay {
 
     fn draw_figures(&mut self, image: &mut Image, captions: &Captions, record: &TickRecord, scale: f32) {
         let right = image.width() as f32 - 40.0 * scale;
-        let (force_n, displacement_m) = magnitudes(record);
+        let (force_n, mut displacement_m) = magnitudes(record);
         let label = TextStyle::new(9.5 * scale, MUTED);
         let mut y = 47.0 * scale;
         self.text(image, "force on the body", right, y, Align::Right, label);
         y += 41.0 * scale;
         self.figure(image, &format!("{force_n:.2}"), "N", (right, y), 29.0 * scale, FORCE_COLOUR);
         y += 34.0 * scale;
-        let moved = if captions.has_fingertip { "finger" } else { "node" };
-        self.text(image, &format!("displacement of the {moved}"), right, y, Align::Right, label);
+        let moved = match captions.tool {
+            Tool::Point => "displacement of the node",
+            Tool::Fingertip(_) => "displacement of the finger",
+            Tool::Sphere(_) => {
+                displacement_m = captions.depth_m;
+                "depth of the sphere"
+            }
+        };
+        self.text(image, moved, right, y, Align::Right, label);
         y += 34.0 * scale;
         self.figure(image, &format!("{:.1}", displacement_m * 1e3), "mm", (right, y), 22.0 * scale, BRIGHT);
 
         let touching = record.engaged.and_then(|index| captions.spaces.get(usize::from(index)));
+        let touching = match captions.tool {
+            Tool::Sphere(_) if captions.depth_m <= 0.0 => "\u{2013}",
+            Tool::Sphere(_) => captions.contact.as_deref().unwrap_or("the skin"),
+            Tool::Point | Tool::Fingertip(_) => touching.map_or("\u{2013}", String::as_str),
+        };
         let (phase, colour) = match SessionState::of(record) {
             SessionState::SafeZero(_) => ("safe zero".to_owned(), BAD),
             state if state.has_force() => (state.to_string(), GOOD),
@@ -170,7 +187,7 @@ impl Overlay {
         let coverage = record.coverage.map_or("\u{2013}", |coverage| coverage.name());
         let rows = [
             ("method", captions.method.as_str(), BRIGHT),
-            ("touches", touching.map_or("\u{2013}", String::as_str), BRIGHT),
+            ("touches", touching, BRIGHT),
             (quality, word, shade),
             ("data", coverage, if coverage == "extrapolated" { WAITING } else { BRIGHT }),
             ("phase", phase.as_str(), colour),
@@ -182,7 +199,7 @@ impl Overlay {
             self.text(image, value, right, y, Align::Right, style);
             self.text(image, name, right - 175.0 * scale, y, Align::Left, label);
         }
-        if !captions.has_fingertip {
+        if captions.tool == Tool::Point {
             let style = TextStyle::new(9.0 * scale, MUTED);
             self.text(image, POINT_NOTE, right, y + 26.0 * scale, Align::Right, style);
         }
@@ -270,8 +287,13 @@ impl Overlay {
         }
         self.text(image, "displacement, mm", left + width, top - 18.0 * scale, Align::Right, label);
         let mut y = image.height() as f32 - 62.0 * scale;
-        let places = if captions.has_fingertip { "contact points" } else { "active nodes" };
-        for (name, colour) in [("fixed", FIXED_COLOUR), (places, ACTIVE_COLOUR)] {
+        let places = match captions.tool {
+            Tool::Point => Some("active nodes"),
+            Tool::Fingertip(_) => Some("contact points"),
+            Tool::Sphere(_) => None,
+        };
+        let places = places.map(|places| (places, ACTIVE_COLOUR));
+        for (name, colour) in [("fixed", FIXED_COLOUR)].into_iter().chain(places) {
             self.text(image, name, left + width - 18.0 * scale, y + 4.5 * scale, Align::Right, label);
             self.dot(image, (left + width - 5.0 * scale, y), 4.5 * scale, colour);
             y += 20.0 * scale;

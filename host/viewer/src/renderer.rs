@@ -1,6 +1,7 @@
 //! The renderer for window and files: organ and record in, picture out.
 
 use super::camera::{OrbitCamera, Projection};
+use super::contact::Contact;
 use super::help::Help;
 use super::image::Image;
 use super::inset::Inset;
@@ -100,6 +101,7 @@ pub struct Renderer {
     surface: Deformation,
     overlay: Overlay,
     inset: Inset,
+    contact: Contact,
     captions: Captions,
     image: Image,
     full_scale_m: f32,
@@ -127,6 +129,7 @@ impl Renderer {
             surface,
             overlay: Overlay::default(),
             inset: Inset::new(organ),
+            contact: Contact::default(),
             captions: Captions {
                 scene: organ.scene.as_str().to_owned(),
                 law: organ.law.as_str().to_owned(),
@@ -134,7 +137,9 @@ impl Renderer {
                 spaces: organ.spaces.iter().map(|space| space.active.name.as_str().to_owned()).collect(),
                 verdicts: Vec::new(),
                 models: 1,
-                has_fingertip: !organ.tool.grasps(),
+                tool: organ.tool,
+                depth_m: 0.0,
+                contact: None,
                 force_only: false,
                 note: String::new(),
             },
@@ -245,9 +250,16 @@ impl Renderer {
         if let Some(touched) = &touched {
             self.scene.draw_tool(view, touched, &mut self.image);
         }
+        self.captions.contact = None;
+        if let Some(sphere) = organ.tool.sphere().filter(|_| !self.captions.force_only) {
+            let skin = (&self.surface, organ.surface.triangles);
+            self.captions.contact = self.contact.update(skin, sphere, record);
+            self.contact.draw(&projection, &mut self.image);
+        }
         self.scene.visible_nodes(organ, view, &self.surface, record, &mut self.names_at);
         self.overlay.draw_names(&mut self.image, &self.captions, &self.names_at);
         let legend = (self.scene.map(), self.full_scale_m);
+        self.captions.depth_m = touched.map_or(0.0, |touched| touched.depth_m().max(0.0));
         self.overlay.draw(&mut self.image, &self.captions, record, live, legend);
         if let (Some(touched), true) = (&touched, self.layers.side) {
             let skin = (&self.surface, organ.surface.triangles);

@@ -28,7 +28,7 @@ impl Plane {
         let [right, up] = [0, 1].map(|row| projection.to_eye.row(row));
         let along = if right.dot(normal).abs() < MAX_COSINE { right } else { up };
         let across = (along - normal * along.dot(normal)).normalize_or(normal.any_orthonormal_vector());
-        Self { origin_m: touched.tool_m + normal * touched.depth_m(), across, normal }
+        Self { origin_m: touched.tool_m + normal * touched.below_m(), across, normal }
     }
 
     /// A point in the section: right and outwards, m.
@@ -114,8 +114,13 @@ mod tests {
     /// A touch of the ellipsoid where its shortest axis leaves it, and a camera in front of it.
     fn touched(shape: &Shape, depth_m: f32) -> (Touched, Projection) {
         let contact_m = Vec3::Z * shape.half_axes_m[2];
-        let touched =
-            Touched { tool_m: contact_m - Vec3::Z * depth_m, contact_m, normal: Vec3::Z, is_engaged: true };
+        let touched = Touched {
+            tool_m: contact_m - Vec3::Z * depth_m,
+            reach_m: 0.0,
+            contact_m,
+            normal: Vec3::Z,
+            is_engaged: true,
+        };
         let camera = OrbitCamera::framing(Vec3::ZERO, 0.1, Vec3::new(0.0, -1.0, 0.2), Vec3::Z);
         (touched, camera.projection(640, 360))
     }

@@ -32,8 +32,10 @@ const SIDES: usize = 56;
 /// The shape of the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Tool {
-    /// A ball of this radius, m: a sphere, or a point.
+    /// A ball of this radius, m, for a point.
     Ball(f32),
+    /// A sphere of this radius, m.
+    Sphere(f32),
     /// A fingertip whose pad has this radius, m.
     Fingertip(f32),
 }
@@ -44,21 +46,21 @@ impl Tool {
         match tool {
             palpate_core::format::Tool::Point => Self::Ball(BALL * organ_radius_m),
             palpate_core::format::Tool::Fingertip(tip) => Self::Fingertip(tip.radius_m),
-            palpate_core::format::Tool::Sphere(sphere) => Self::Ball(sphere.radius_m),
+            palpate_core::format::Tool::Sphere(sphere) => Self::Sphere(sphere.radius_m),
         }
     }
 
     /// Distance from the tool's position to its outside, along the normal, m.
     pub(super) const fn height_m(self) -> f32 {
         match self {
-            Self::Ball(radius_m) => radius_m,
+            Self::Ball(radius_m) | Self::Sphere(radius_m) => radius_m,
             Self::Fingertip(radius_m) => PAD_HEIGHT * radius_m,
         }
     }
 
     /// Draws what is opaque: the ball.
     pub(super) fn draw_solid(self, shapes: &mut Shapes, raster: &mut Raster, at_m: Vec3) {
-        if let Self::Ball(radius_m) = self {
+        if let Self::Ball(radius_m) | Self::Sphere(radius_m) = self {
             shapes.sphere(raster, at_m, radius_m, linear(BALL_COLOUR), Material::Polished);
         }
     }
@@ -74,7 +76,7 @@ impl Tool {
         let (centre_m, normal) = (touched.tool_m, touched.normal);
         let (side, other) = normal.any_orthonormal_pair();
         let dome = match self {
-            Self::Ball(radius_m) => {
+            Self::Ball(radius_m) | Self::Sphere(radius_m) => {
                 Dome { centre_m, axes: [side, other, normal], radii_m: Vec3::splat(radius_m), is_half: false }
             }
             Self::Fingertip(radius_m) => Dome {
@@ -87,7 +89,7 @@ impl Tool {
         dome.draw(raster, projection, image);
         let line = (image.height() as f32 / 720.0).max(0.6);
         let ring = match self {
-            Self::Ball(radius_m) => {
+            Self::Ball(radius_m) | Self::Sphere(radius_m) => {
                 // The outline of a ball is a circle that faces the eye.
                 let (right, up) = (projection.to_eye.row(0), projection.to_eye.row(1));
                 ring(centre_m, [right * radius_m, up * radius_m])
@@ -281,7 +283,8 @@ mod tests {
     fn drawn(tool: Tool, height_m: f32, has_skin: bool) -> Image {
         let (raster, projection) = view(has_skin);
         let tool_m = Vec3::Z * height_m;
-        let touched = Touched { tool_m, contact_m: Vec3::ZERO, normal: Vec3::Z, is_engaged: true };
+        let touched =
+            Touched { tool_m, reach_m: 0.0, contact_m: Vec3::ZERO, normal: Vec3::Z, is_engaged: true };
         let mut image = Image::new(SIZE, SIZE);
         tool.draw_translucent(&touched, (&raster, &projection), &mut StrokeMask::default(), &mut image);
         image
@@ -336,7 +339,8 @@ mod tests {
         let pad = Tool::Fingertip(RADIUS_M);
         let (raster, projection) = view(true);
         for tool_m in [projection.eye_m, 2.0 * projection.eye_m, Vec3::NAN, 1e6 * Vec3::ONE] {
-            let touched = Touched { tool_m, contact_m: Vec3::ZERO, normal: Vec3::Z, is_engaged: true };
+            let touched =
+                Touched { tool_m, reach_m: 0.0, contact_m: Vec3::ZERO, normal: Vec3::Z, is_engaged: true };
             let mut image = Image::new(SIZE, SIZE);
             pad.draw_translucent(&touched, (&raster, &projection), &mut StrokeMask::default(), &mut image);
             assert_eq!(lit(&image), 0, "{tool_m}");

@@ -1,14 +1,17 @@
 //! Where the tool touches: contact point, normal of the skin, and depth.
 
 use glam::Vec3;
+use palpate_core::format::Sphere;
 use palpate_core::{Organ, vec3};
 use palpate_host::rt::TickRecord;
 
 /// The tool relative to the skin at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touched {
-    /// The tool, m: of a fingertip the middle of its pad.
+    /// The tool, m: of a fingertip the middle of its pad, of a sphere its centre.
     pub(super) tool_m: Vec3,
+    /// Distance from there to what touches, m: the reach of a sphere.
+    pub(super) reach_m: f32,
     /// The contact point on the skin at rest, m. Of a free tool, the nearest place that can be touched.
     pub(super) contact_m: Vec3,
     /// Outward unit normal of the skin there.
@@ -23,6 +26,9 @@ impl Touched {
     /// Touched: x_c = HIP - d, and n = sum w_i n_i over the engaged spaces.
     pub(super) fn of<const N: usize>(organ: &Organ<'_, N>, record: &TickRecord) -> Option<Self> {
         let tool_m = Vec3::from_array(record.hip_m);
+        if let Some(sphere) = organ.tool.sphere() {
+            return Self::of_sphere(organ, sphere, record);
+        }
         let engaged = record.engaged.and_then(|index| organ.spaces.get(usize::from(index)));
         let Some(engaged) = engaged else {
             let away = |place_m: [f32; 3]| vec3::distance(place_m, record.hip_m);
@@ -33,7 +39,7 @@ impl Touched {
                 .min_by(|one, other| away(one.rest_position_m).total_cmp(&away(other.rest_position_m)))?;
             let contact_m = Vec3::from_array(nearest.rest_position_m);
             let normal = Vec3::from_array(nearest.outward_normal);
-            return Some(Self { tool_m, contact_m, normal, is_engaged: false });
+            return Some(Self { tool_m, reach_m: 0.0, contact_m, normal, is_engaged: false });
         };
         let shares = record.shares.iter().filter(|share| share.weight > 0.0);
         let normals = shares.filter_map(|share| {
@@ -43,16 +49,57 @@ impl Touched {
         let normal = normals.sum::<Vec3>().try_normalize();
         Some(Self {
             tool_m,
+            reach_m: 0.0,
             contact_m: tool_m - Vec3::from_array(record.displacement_m),
             normal: normal.unwrap_or(Vec3::from_array(engaged.active.outward_normal)),
             is_engaged: true,
         })
     }
 
-    /// Depth of the tool below the skin at rest, -d.n, m; negative outside.
+    /// A sphere at the point of the skin at rest that is nearest to its centre.
+    fn of_sphere<const N: usize>(organ: &Organ<'_, N>, sphere: Sphere, record: &TickRecord) -> Option<Self> {
+        let tool_m = Vec3::from_array(record.hip_m);
+        let [x, y, z] = organ.surface.position_m;
+        let at = |vertex: u32| [x, y, z].map(|plane| plane.get(vertex as usize).copied().unwrap_or(0.0));
+        let nearest = |corners: &[u32; 3]| {
+            let corners = corners.map(|corner| Vec3::from_array(at(corner)));
+            (nearest_on(corners, tool_m), corners)
+        };
+        let away = |point_m: &Vec3| point_m.distance_squared(tool_m);
+        let all = organ.surface.triangles.iter().map(nearest);
+        let (contact_m, [a, b, c]) = all.min_by(|one, other| away(&one.0).total_cmp(&away(&other.0)))?;
+        let outward = (b - a).cross(c - a).normalize_or_zero();
+        let towards = (tool_m - contact_m).normalize_or(outward);
+        let normal = if towards.dot(outward) < 0.0 { -towards } else { towards };
+        let touched = Self { tool_m, reach_m: sphere.reach_m(), contact_m, normal, is_engaged: false };
+        let is_engaged = record.reaction_n != vec3::ZERO && touched.depth_m() > 0.0;
+        Some(Self { is_engaged, ..touched })
+    }
+
+    /// Depth of the tool below the skin at rest, m; negative outside. Of a sphere, that of its lowest point.
     pub(super) fn depth_m(&self) -> f32 {
+        self.below_m() + self.reach_m
+    }
+
+    /// Depth of its place below the skin at rest, -d.n, m; negative outside.
+    pub(super) fn below_m(&self) -> f32 {
         (self.contact_m - self.tool_m).dot(self.normal)
     }
+}
+
+/// The point of a triangle nearest to a point.
+fn nearest_on([a, b, c]: [Vec3; 3], point: Vec3) -> Vec3 {
+    let area = (b - a).cross(c - a);
+    let share = |p: Vec3, q: Vec3| (q - p).cross(point - p).dot(area);
+    if share(a, b) >= 0.0 && share(b, c) >= 0.0 && share(c, a) >= 0.0 {
+        return point - area * ((point - a).dot(area) / area.length_squared().max(f32::MIN_POSITIVE));
+    }
+    let on_edge = |(p, q): (Vec3, Vec3)| {
+        let edge = q - p;
+        p + edge * ((point - p).dot(edge) / edge.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
+    };
+    let edges = [(a, b), (b, c), (c, a)].map(on_edge);
+    edges.into_iter().min_by(|p, q| p.distance(point).total_cmp(&q.distance(point))).unwrap_or(a)
 }
 
 #[cfg(test)]

@@ -26,7 +26,8 @@ fn drawn_with(
     let active = &organ.spaces[0].active;
     let normal = Vec3::from_array(active.outward_normal);
     let contact_m = Vec3::from_array(active.rest_position_m);
-    let touched = Touched { tool_m: contact_m - normal * depth_m, contact_m, normal, is_engaged };
+    let touched =
+        Touched { tool_m: contact_m - normal * depth_m, reach_m: 0.0, contact_m, normal, is_engaged };
     let mut surface = Deformation::at_rest(&organ);
     let whole = NodeWeight { space: 0, weight: f32::from(u8::from(is_engaged)) };
     let shares = [whole, NodeWeight::default(), NodeWeight::default()];
@@ -149,6 +150,7 @@ fn it_is_drawn_where_it_has_room_and_a_use() {
 fn the_depth_is_told_in_words() {
     let touched = |depth_m: f32, is_engaged| Touched {
         tool_m: Vec3::Z * -depth_m,
+        reach_m: 0.0,
         contact_m: Vec3::ZERO,
         normal: Vec3::Z,
         is_engaged,
