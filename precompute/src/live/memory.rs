@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use crate::num::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
-use crate::num::vector::{distance, norm};
+use crate::num::vector::{distance, dot, norm};
 use crate::spec::Tolerance;
 
 /// Largest distance to which a jet is trusted, m.
@@ -12,8 +12,6 @@ const MAX_TRUST_M: f64 = 0.025;
 const MIN_TRUST_M: f64 = 1e-4;
 /// Smallest distance over which the force levels off beyond it, m.
 const MIN_LEVELLING_M: f64 = 5e-3;
-/// Step of the slope at the trust radius, as a share of it.
-const SLOPE_STEP: f64 = 1e-6;
 /// Jets of a contact that the loop keeps.
 const MAX_JETS: usize = 256;
 /// Largest stiffness of a jet, in those of the contact at rest. Near a fold S has any size too.
@@ -92,33 +90,15 @@ impl Trust {
         self.radius_m = self.radius_m.min(radius_m).max(MIN_TRUST_M);
     }
 
-    /// h at a control as the loop has it, N: beyond the trust radius straight on and levelling off.
+    /// h at a control as the loop has it, N.
     fn force_n(&self, control_m: [f64; 3]) -> [f64; 3] {
-        let away_m = distance(control_m, self.jet.control_m);
-        if let Some(root) = &self.root {
-            let reduced = (self.radius_m / away_m).min(1.0);
-            let at_m: [f64; 3] =
-                std::array::from_fn(|k| root.control_m[k] + reduced * (control_m[k] - root.control_m[k]));
-            let value = root.taylor_value(at_m).max(0.0);
-            return root.taylor_force_n(at_m).map(|slope| value * slope);
+        match &self.root {
+            Some(root) => {
+                let (value, slope) = continued(root, self.radius_m, control_m);
+                slope.map(|slope| value.max(0.0) * slope)
+            }
+            None => continued(&self.jet, self.radius_m, control_m).1,
         }
-        if away_m <= self.radius_m {
-            return self.jet.taylor_force_n(control_m);
-        }
-        let at = |r_m: f64| -> [f64; 3] {
-            std::array::from_fn(|k| {
-                let d = self.jet.control_m[k];
-                d + (control_m[k] - d) * (r_m / away_m)
-            })
-        };
-        let length_m = self.radius_m.max(MIN_LEVELLING_M);
-        let beyond_m = (away_m - self.radius_m).min(length_m);
-        let levelled_m = beyond_m - 0.5 * beyond_m * beyond_m / length_m;
-        let [rim_n, inside_n] =
-            [self.radius_m, (1.0 - SLOPE_STEP) * self.radius_m].map(at).map(|d| self.jet.taylor_force_n(d));
-        // The series is of second order along the ray: a one-sided difference errs by the step's share.
-        let per_m = levelled_m / (SLOPE_STEP * self.radius_m);
-        std::array::from_fn(|k| rim_n[k] + per_m * (rim_n[k] - inside_n[k]))
     }
 
     /// Whether another jet has nearly the force of this one at its control, by the rule of the loop.
@@ -126,6 +106,27 @@ impl Trust {
         let limit_n = FLUSH_N.max(FLUSH_SHARE * norm(self.jet.force_n));
         distance(other.force_n(self.jet.control_m), self.jet.force_n) <= limit_n
     }
+}
+
+/// Value and gradient of an expansion; beyond the trust radius straight on and levelling off.
+fn continued(jet: &EnergyJet, radius_m: f64, control_m: [f64; 3]) -> (f64, [f64; 3]) {
+    let away_m = distance(control_m, jet.control_m);
+    if away_m <= radius_m {
+        return (jet.taylor_value(control_m), jet.taylor_force_n(control_m));
+    }
+    let outward: [f64; 3] = std::array::from_fn(|k| (control_m[k] - jet.control_m[k]) / away_m);
+    let at = |r_m: f64| -> [f64; 3] { std::array::from_fn(|k| jet.control_m[k] + r_m * outward[k]) };
+    let [start_n, rim_n, twice_n] = [0.0, radius_m, 2.0 * radius_m].map(|r_m| jet.taylor_force_n(at(r_m)));
+    // The gradient is of second order along the ray, so this difference is its derivative at the rim.
+    let slope_n_m: [f64; 3] = std::array::from_fn(|k| (twice_n[k] - start_n[k]) / (2.0 * radius_m));
+    let (length_m, beyond_m) = (radius_m.max(MIN_LEVELLING_M), away_m - radius_m);
+    let bent_m = beyond_m.min(length_m);
+    let levelled_m = bent_m - 0.5 * bent_m * bent_m / length_m;
+    let risen_m2 =
+        0.5 * bent_m * bent_m * (1.0 - bent_m / (3.0 * length_m)) + 0.5 * length_m * (beyond_m - bent_m);
+    let value = jet.taylor_value(at(radius_m)) + dot(rim_n, outward) * beyond_m;
+    let gradient = std::array::from_fn(|k| rim_n[k] + levelled_m * slope_n_m[k]);
+    (value + dot(slope_n_m, outward) * risen_m2, gradient)
 }
 
 /// |W_ijk| over all 27 components.
@@ -308,12 +309,23 @@ mod tests {
     /// that the loop has removed.
     #[test]
     fn the_loop_keeps_what_the_solver_keeps() {
+        keeps_the_same(Known::default(), |numbers, control_m| EnergyJet::from_numbers(control_m, numbers));
+        // The numbers are those of s, which is 0.2 at the origin.
+        keeps_the_same(Known::of_stiffness(Some(200.0)), |numbers, control_m| {
+            let mut numbers = *numbers;
+            numbers[0] = 0.2 + 8.0 * control_m[2];
+            numbers[3] += 8.0;
+            EnergyJet::from_numbers(control_m, &numbers).squared()
+        });
+    }
+
+    fn keeps_the_same(mut known: Known, jet: impl Fn(&[f64; 20], [f64; 3]) -> EnergyJet) {
         let mut state = 11u64;
         let mut random = || {
             state = state.wrapping_add(SPLIT_MIX_STEP);
             unit_interval(split_mix(state))
         };
-        let (mut known, mut memory) = (Known::default(), Box::new(JetMemory::<1, 256>::new()));
+        let mut memory = Box::new(JetMemory::<1, 256>::new());
         let (mut flushes, mut removed) = (0, 0);
         for number in 0..3_000 {
             // The force of a body that stiffens, with another level after each jump.
@@ -328,7 +340,7 @@ mod tests {
                 numbers[at] = value * level * 200.0 * (1.0 + 2e3 * r2);
             }
             numbers[10..].iter_mut().for_each(|third| *third = 4e4 * (2.0 * random() - 1.0));
-            let trust = known.trust(EnergyJet::from_numbers(control_m, &numbers));
+            let trust = known.trust(jet(&numbers, control_m));
             let flush = number % 17 == 16;
             flushes += u32::from(flush);
             let before = known.jets().len();
