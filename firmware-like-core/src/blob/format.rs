@@ -167,7 +167,7 @@ impl Tool {
 pub struct Sphere {
     /// Its radius, metres.
     pub radius_m: f32,
-    /// Thickness of the layer round it, metres.
+    /// Thickness of its layer beyond the radius, metres.
     pub layer_m: f32,
 }
 

@@ -11,25 +11,41 @@ use crate::spec::Tolerance;
 /// A configuration is on another branch if the Taylor series of the nearest one on the chart's branch misses its force
 /// by more than this multiple of the tolerance at the distance [`CLOSE_M`], and by more than the other up to half of it;
 /// the error of a series grows with the third power. It is too if none is nearer than twice that distance.
-const CONTRADICTION: f64 = 8.0;
-const LEAST_CONTRADICTION: f64 = 4.0;
+const CONTRADICTION: f64 = 6.0;
+const LEAST_CONTRADICTION: f64 = 1.5;
 const CLOSE_M: f64 = 4e-3;
+
+/// Two configurations agree if the series of both miss by at most this multiple of the tolerance up to the distance
+/// [`CLOSE_M`], and by more beyond.
+const AGREEMENT: f64 = 12.0;
 
 /// Whether a configuration is near enough to a neighbour to be compared with it.
 fn is_close(of: &EnergyJet, neighbour: &EnergyJet) -> bool {
     distance(of.control_m, neighbour.control_m) <= 2.0 * CLOSE_M
 }
 
+/// Error of the third-order Taylor series of a neighbour's root in the force of a configuration, as a share of the
+/// tolerance; infinite if the neighbour has no root.
+pub(super) fn series_error(of: &EnergyJet, neighbour: &EnergyJet, tolerance: &Tolerance) -> f64 {
+    neighbour.root(LEAST_ROOT_J).map_or(f64::INFINITY, |root| {
+        let value = root.taylor_value(of.control_m).max(0.0);
+        let predicted_n = root.taylor_force_n(of.control_m).map(|slope| value * slope);
+        distance(predicted_n, of.force_n) / tolerance.at(of.force_n)
+    })
+}
+
+/// Whether the series of each of two configurations predicts the other, so that one fit can have both.
+pub(super) fn agree(a: &EnergyJet, b: &EnergyJet, tolerance: &Tolerance) -> bool {
+    let share = distance(a.control_m, b.control_m) / CLOSE_M;
+    let most = AGREEMENT * share.powi(3).max(1.0);
+    series_error(a, b, tolerance) <= most && series_error(b, a, tolerance) <= most
+}
+
 /// Whether a configuration near a neighbour is on another branch.
 pub(super) fn contradicts(of: &EnergyJet, neighbour: &EnergyJet, tolerance: &Tolerance) -> bool {
     let share = distance(of.control_m, neighbour.control_m) / CLOSE_M;
     let most = (CONTRADICTION * share.powi(3)).max(LEAST_CONTRADICTION);
-    let predicted_n = neighbour.root(LEAST_ROOT_J).map(|root| {
-        let value = root.taylor_value(of.control_m).max(0.0);
-        root.taylor_force_n(of.control_m).map(|slope| value * slope)
-    });
-    is_close(of, neighbour)
-        && predicted_n.is_none_or(|n| distance(n, of.force_n) > most * tolerance.at(of.force_n))
+    is_close(of, neighbour) && series_error(of, neighbour, tolerance) > most
 }
 
 /// Which of the configurations are on the branch of the first. From the first on, always the one nearest to those on the

@@ -5,7 +5,7 @@ use super::prediction::{Test, Verdict};
 use crate::fit::{KernelFit, KernelSystem};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, norm};
-use crate::spec::{GridIndex, MIN_RADIUS_M, Quantity, Requirements, is_within};
+use crate::spec::{GridIndex, MIN_RADIUS_M, Requirements, is_within};
 use serde::{Deserialize, Serialize};
 
 /// A force predicted above this multiple of the limit counts as beyond the limit.
@@ -82,11 +82,6 @@ impl AdaptiveFit {
         Self { jets, shared, fit, condition, ..self.clone() }
     }
 
-    /// Whether the fit contains all configurations: that of an energy, and that of a chart with few.
-    pub(super) fn is_fit_whole(&self) -> bool {
-        self.wanted.quantity == Quantity::Energy || self.jets.len() <= MOST_DATA
-    }
-
     /// Length of the validation streak: predictions within tolerance since the last failure, among those that
     /// count.
     pub fn passes(&self) -> usize {
@@ -113,7 +108,7 @@ impl AdaptiveFit {
         if !workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) || !self.wanted.is_in_column(at) {
             return false;
         }
-        let force = self.fit.force_n(at);
+        let force = self.predicted_n(at);
         norm(force) <= LIMIT_FACTOR * max_force_n
             && push.is_none_or(|normal| self.wanted.pushes(force, normal))
     }

@@ -1,8 +1,10 @@
 //! The fits that the points of a table take their values from.
 //!
-//! The fit of a space is one for all of it, but the time that a fit takes grows with the third power of its data. A deep chart
-//! of a sphere's field has too many. There every block of the space has a fit of its own, to the configurations nearest to
-//! it.
+//! The fit of a space is one for all of it. A chart of a sphere's field has a fit for each small block of it instead, to a
+//! few configurations round it. The energy of a contact bends sharply where the sphere comes to other edges of the skin, and an
+//! organ has several equilibria: a fit through configurations that do not belong together oscillates between them. So the
+//! nearest ones are taken of which each agrees with the one nearest to it among those already taken: the Taylor series of
+//! either predicts the other.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -11,18 +13,22 @@ use std::rc::Rc;
 use nalgebra::Vector3;
 
 use super::AdaptiveFit;
+use super::branch::agree;
 use crate::fit::{Base, KernelFit, KernelSystem, LEAST_ROOT_J};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::distance;
 use crate::spec::Quantity;
 
-/// Number of configurations of the fit of a block.
-const DATA: usize = 64;
 /// Edge of a block, as a share of the kernel's length.
-const BLOCK: f64 = 1.5;
+const BLOCK: f64 = 0.5;
+/// Number of configurations of its fit, and number of the nearest ones that they are chosen from.
+const DATA: usize = 12;
+const NEAREST: usize = 36;
 
-/// Distance beside the body beyond which the tangent replaces the fit, as a share of the kernel's length.
-const BESIDE: f64 = 0.05;
+/// Distance beside the body beyond which the tangent replaces the fit, as a share of the kernel's length. Nearer, where the
+/// cells of the table reach into the body, it does if the slope of the fit is below the other share of the tangent's.
+const BESIDE: f64 = 0.3;
+const LEAST_SLOPE: f64 = 0.6;
 
 /// The fits of a search.
 pub(super) struct Fits<'s> {
@@ -38,13 +44,14 @@ impl<'s> Fits<'s> {
 
     /// The fit for a displacement, m.
     pub(super) fn at(&self, displacement_m: [f64; 3]) -> Rc<KernelFit> {
-        if self.search.is_fit_whole() {
+        if self.search.wanted.quantity == Quantity::Energy {
             return self.whole.clone();
         }
         let edge_m = BLOCK * self.search.fit.length_m;
         let block = displacement_m.map(|x| (x / edge_m).floor() as i32);
         let middle_m = block.map(|n| (f64::from(n) + 0.5) * edge_m);
-        self.blocks.borrow_mut().entry(block).or_insert_with(|| Rc::new(self.local(middle_m))).clone()
+        let mut blocks = self.blocks.borrow_mut();
+        blocks.entry(block).or_insert_with(|| Rc::new(self.fit(&self.chosen(middle_m)))).clone()
     }
 
     /// Whether a displacement is so near to a configuration that its fit is one.
@@ -53,8 +60,8 @@ impl<'s> Fits<'s> {
         self.search.jets.iter().any(|jet| distance(jet.control_m, displacement_m) <= length_m)
     }
 
-    /// Value and slope of a root beside the body, where only its sign counts: the tangent at the nearest configuration,
-    /// where that is clearly below zero. A fit would follow the curvature of the first touch and rise again.
+    /// Value and slope of a root beside the body, where only its sign counts: the tangent at the nearest configuration. A fit
+    /// would follow the curvature of the first touch and rise again. `None` where the fit holds.
     pub(super) fn beside(&self, displacement_m: [f64; 3]) -> Option<(f64, Vector3<f64>)> {
         if self.search.wanted.quantity == Quantity::Energy {
             return None;
@@ -63,20 +70,42 @@ impl<'s> Fits<'s> {
         let away_m = Vector3::from(displacement_m) - Vector3::from(root.control_m);
         let slope = Vector3::from(root.force_n);
         let value = root.energy_j + slope.dot(&away_m);
-        (value < -BESIDE * self.search.fit.length_m * slope.norm()).then_some((value, slope))
+        let far = -BESIDE * self.search.fit.length_m * slope.norm();
+        let rises = || {
+            let of_fit = self.at(displacement_m).value_and_slope(displacement_m).1;
+            of_fit.dot(&slope) < LEAST_SLOPE * slope.norm_squared()
+        };
+        (value < far || value < 0.0 && rises()).then_some((value, slope))
     }
 
-    /// The fit to the configurations nearest to a displacement.
-    fn local(&self, middle_m: [f64; 3]) -> KernelFit {
-        let mut nearest: Vec<&EnergyJet> = self.search.jets.iter().collect();
-        nearest.sort_by(|a, b| distance(a.control_m, middle_m).total_cmp(&distance(b.control_m, middle_m)));
-        let first = nearest[0].root(LEAST_ROOT_J).expect("a datum of a root has one");
+    /// The configurations for a fit round a displacement, the nearest first.
+    fn chosen(&self, displacement_m: [f64; 3]) -> Vec<usize> {
+        let jets = &self.search.jets;
+        let away_m = |n: usize| distance(jets[n].control_m, displacement_m);
+        let mut nearest: Vec<usize> = (0..jets.len()).collect();
+        nearest.sort_by(|&a, &b| away_m(a).total_cmp(&away_m(b)));
+        let mut chosen: Vec<usize> = Vec::new();
+        for next in nearest.into_iter().take(NEAREST) {
+            let between_m = |n: usize| distance(jets[n].control_m, jets[next].control_m);
+            let neighbour = chosen.iter().copied().min_by(|&a, &b| between_m(a).total_cmp(&between_m(b)));
+            if neighbour.is_none_or(|n| agree(&jets[n], &jets[next], &self.search.wanted.tolerance)) {
+                chosen.push(next);
+            }
+            if chosen.len() == DATA {
+                break;
+            }
+        }
+        chosen
+    }
+
+    fn fit(&self, chosen: &[usize]) -> KernelFit {
+        let jets: Vec<EnergyJet> = chosen.iter().map(|&n| self.search.jets[n]).collect();
+        let first = jets[0].root(LEAST_ROOT_J).expect("a datum of a root has one");
         let mut system =
             KernelSystem::without_errors(self.search.fit.length_m, Quantity::Root, Base::about(&first));
-        let nearest: Vec<EnergyJet> = nearest.into_iter().take(DATA).copied().collect();
-        if system.add(&nearest).is_err() {
+        if system.add(&jets).is_err() {
             // One by one; those that are too close to the others add nothing.
-            for jet in nearest {
+            for jet in jets {
                 let _ = system.add(&[jet]);
             }
         }

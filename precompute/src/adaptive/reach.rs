@@ -2,9 +2,10 @@
 //! pushes.
 
 use super::AdaptiveFit;
+use crate::fit::LEAST_ROOT_J;
 use crate::num::sequence::{on_sphere, r2};
-use crate::num::vector::{distance, dot, norm};
-use crate::spec::{Quantity, UNIT_M, from_axis_m};
+use crate::num::vector::{distance, norm};
+use crate::spec::{Quantity, UNIT_M};
 
 /// Number of ray directions.
 const RAYS: u32 = 256;
@@ -14,6 +15,9 @@ const HALVINGS: u32 = 9;
 const LIMIT_FACTOR: f64 = 1.02;
 /// Positions on a ray, as shares of the reachable volume.
 const SHARES: [f64; 3] = [1.0, 0.6, 0.2];
+
+/// A sphere is only solved where its predicted energy exceeds the least one of a root by this factor.
+const TOUCHING: f64 = 3.0;
 
 impl AdaptiveFit {
     /// About `count` displacements, m, distributed over the reachable set, different from those of the
@@ -44,10 +48,8 @@ impl AdaptiveFit {
 
     /// Length of a ray to the boundary of the column and the workspace, m; r_G without them.
     fn boundary_distance_m(&self, direction: [f64; 3]) -> f64 {
-        let to_column_m = self.wanted.column.zip(self.wanted.push).map(|(column, normal)| {
-            let (across, up) = (from_axis_m(&normal, direction), dot(direction, normal));
-            (column.core_m / across.max(f64::MIN_POSITIVE)).min(column.top_m / up.max(f64::MIN_POSITIVE))
-        });
+        let column = self.wanted.column.zip(self.wanted.push);
+        let to_column_m = column.map(|(column, normal)| column.length_of_ray_m(normal, direction));
         let limit_m = to_column_m.map_or(self.wanted.radius_m, |way_m| way_m.min(self.wanted.radius_m));
         let Some([low, high]) = self.wanted.workspace_m else { return limit_m };
         let ways = (0..3).map(|axis| {
@@ -60,9 +62,10 @@ impl AdaptiveFit {
     /// Length of a ray within the reachable set, m.
     fn reach(&self, direction: [f64; 3]) -> f64 {
         let mut way_m = self.boundary_distance_m(direction);
+        let least_root = (2.0 * TOUCHING * LEAST_ROOT_J).sqrt();
         let within = |share: f64, way_m: f64| {
             let at = direction.map(|x| x * share * way_m);
-            let touches = self.wanted.quantity == Quantity::Energy || self.fit.value_and_slope(at).0 > 0.0;
+            let touches = self.root_at(at).is_none_or(|(value, _)| value > least_root);
             touches && self.largest_n(at) <= LIMIT_FACTOR * self.wanted.max_force_n
         };
         if within(1.0, way_m) {
@@ -86,13 +89,34 @@ impl AdaptiveFit {
 
     /// The larger of the two predictions of |h|, N.
     fn largest_n(&self, at: [f64; 3]) -> f64 {
-        let taylor_n = self.jets[self.nearest(at)].taylor_force_n(at);
-        norm(self.fit.force_n(at)).max(norm(taylor_n))
+        let predicted_n = norm(self.predicted_n(at));
+        match self.wanted.quantity {
+            Quantity::Energy => predicted_n.max(norm(self.jets[self.nearest(at)].taylor_force_n(at))),
+            Quantity::Root => predicted_n,
+        }
+    }
+
+    /// h at a displacement, N: that of the fit. Of a sphere that of the Taylor series of the nearest configuration, because a
+    /// fit to different branches can keep a part of the chart from being solved.
+    pub(super) fn predicted_n(&self, at: [f64; 3]) -> [f64; 3] {
+        match self.root_at(at) {
+            Some((value, slope)) => slope.map(|slope| value.max(0.0) * slope),
+            None => self.fit.force_n(at),
+        }
+    }
+
+    /// Value and slope of the root of a sphere in the Taylor series of the nearest configuration.
+    fn root_at(&self, at: [f64; 3]) -> Option<(f64, [f64; 3])> {
+        let root = match self.wanted.quantity {
+            Quantity::Energy => return None,
+            Quantity::Root => self.jets[self.nearest(at)].root(LEAST_ROOT_J)?,
+        };
+        Some((root.taylor_value(at), root.taylor_force_n(at)))
     }
 
     /// Whether the tool presses at a position, if it only pushes.
     fn presses(&self, at: [f64; 3]) -> bool {
-        self.wanted.push.is_none_or(|normal| self.wanted.pushes(self.fit.force_n(at), normal))
+        self.wanted.push.is_none_or(|normal| self.wanted.pushes(self.predicted_n(at), normal))
     }
 
     /// Index of the configuration nearest to a displacement.

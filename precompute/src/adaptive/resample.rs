@@ -7,17 +7,17 @@ use palpate_core::{HermitePlanes, LatticeError};
 use super::fitted::AdaptiveFit;
 use super::local::Fits;
 use super::prediction::Verdict;
-use crate::fit::{Derivatives, KernelFit, Sample, hermite_nodes, root_nodes};
+use crate::fit::{Derivatives, KernelFit, LEAST_ROOT_J, Sample, hermite_nodes, root_nodes};
 use crate::num::jet::EnergyJet;
-use crate::num::vector::{distance, norm};
-use crate::spec::{
-    Column, Domain, GridIndex, MAX_RADIUS_M, MIN_RADIUS_M, Quantity, Requirements, SpaceGrid, corners,
-};
+use crate::num::vector::{distance, dot, norm};
+use crate::spec::{Domain, GridIndex, MAX_RADIUS_M, MIN_RADIUS_M, Quantity, SpaceGrid, corners};
 
 /// Numbers of cells along the radius, in the order of the attempts.
 const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
-/// Number of cells of the lattice of a chart along the length of its kernel.
-const CELLS_A_LENGTH: f64 = 3.0;
+/// Number of cells of the lattice of a chart along the length of its kernel: at least, and at most where the body is stiff.
+const CELLS_A_LENGTH: [f64; 2] = [3.75, 8.0];
+/// Number of cells along the way from the first touch to the force limit.
+const CELLS_A_PRESS: f64 = 2.5;
 /// Largest error of the table, as a share of the tolerance.
 const SHARE: f64 = 0.1;
 /// A finer lattice counts as better if its error is below this share of the best one.
@@ -30,6 +30,14 @@ const POSITIONS: u32 = 600;
 const TABLE_FORCE: f64 = 1.3;
 /// Factor of the lattice's radius on the distance of the farthest configuration.
 const MARGIN: f64 = 1.05;
+
+/// Way of a sphere from the first touch to the force limit, m: f_max / |ds/dd|^2, whose mean is that of the chart's own
+/// configurations.
+fn press_m(search: &AdaptiveFit) -> f64 {
+    let slopes: Vec<f64> =
+        search.own().filter_map(|jet| Some(norm(jet.root(LEAST_ROOT_J)?.force_n).powi(2))).collect();
+    search.wanted.max_force_n * slopes.len() as f64 / slopes.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+}
 
 /// A fit evaluated at the points of a lattice.
 #[derive(Debug, Clone)]
@@ -64,7 +72,9 @@ pub fn resample(search: &AdaptiveFit) -> Result<Resampled, LatticeError> {
     let grid = |cells: u32| SpaceGrid::new(radius_m / f64::from(cells), radius_m);
     if let Some(column) = search.wanted.column {
         // Beside the body the table differs from the fits on purpose, so that a comparison would not find its lattice.
-        return Ok(measured(grid((CELLS_A_LENGTH * radius_m / column.length_m).ceil() as u32)?));
+        let [least, most] = CELLS_A_LENGTH;
+        let cells = (CELLS_A_PRESS * column.length_m / press_m(search)).clamp(least, most);
+        return Ok(measured(grid((cells * radius_m / column.length_m).ceil() as u32)?));
     }
     let [coarsest, finer @ ..] = CELLS;
     let (mut best, mut not_better) = (measured(grid(coarsest)?), 0);
@@ -124,12 +134,12 @@ fn cell_corners(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
 /// beside them: there the root falls below zero.
 fn touched_corners(search: &AdaptiveFit, fits: &Fits<'_>, grid: &SpaceGrid) -> HashSet<GridIndex> {
     let wanted = &search.wanted;
-    let wide = |column: Column| Column {
-        core_m: column.whole_m + grid.spacing_m,
-        top_m: column.top_m + grid.spacing_m,
-        ..column
+    let is_wide = |at: [f64; 3]| {
+        wanted.column.zip(wanted.push).is_none_or(|(column, normal)| {
+            let beyond_m = column.whole_m - column.core_m + grid.spacing_m;
+            column.contains(normal, at, beyond_m) && dot(at, normal) <= column.top_m + grid.spacing_m
+        })
     };
-    let wide = Requirements { column: wanted.column.map(wide), ..*wanted };
     let is_touched = |index: &GridIndex| {
         let at = grid.displacement_m(*index);
         let is_within = || {
@@ -137,7 +147,7 @@ fn touched_corners(search: &AdaptiveFit, fits: &Fits<'_>, grid: &SpaceGrid) -> H
             let away_m = value / slope.norm().max(f64::MIN_POSITIVE);
             away_m > -grid.spacing_m && value.max(0.0) * slope.norm() <= TABLE_FORCE * wanted.max_force_n
         };
-        wide.is_in_column(at) && fits.reach(at) && is_within()
+        is_wide(at) && fits.reach(at) && is_within()
     };
     let points = Domain::new(grid, true).points().collect::<Vec<_>>();
     let cell = |index: GridIndex| [-1, 0].map(|k| index.map(|n| n + k));
@@ -216,7 +226,7 @@ mod tests {
     use super::*;
     use crate::adaptive::{Search, SolveResult};
     use crate::fit::synthetic::jet;
-    use crate::spec::Tolerance;
+    use crate::spec::{Requirements, Tolerance};
 
     /// A body whose stiffness grows by e every 9 mm on one side; an extrapolating polynomial has a large
     /// error after one cell.

@@ -92,15 +92,15 @@ impl Skin {
     }
 
     /// One contact, with the centre beside the body where the control is zero.
-    fn of_sphere(body: &Body, Sphere { radius_m, layer }: Sphere) -> Self {
+    fn of_sphere(body: &Body, sphere: Sphere) -> Self {
         let places = (0..body.nodes_m.len() as u32).map(|node| Vector3::from(body.rest_position_m(node)));
         let (low, high) = places
             .map(|place| (place, place))
             .reduce(|(low, high), (place, _)| (low.inf(&place), high.sup(&place)))
             .expect("a body has nodes");
-        let away_m = radius_m + layer.thickness_m + CLEARANCE_M;
+        let away_m = sphere.reach_m() + CLEARANCE_M;
         let rest_m = [0.5 * (low.x + high.x), 0.5 * (low.y + high.y), high.z + away_m];
-        let sphere = CoatedSphere::new(body, radius_m, layer, rest_m);
+        let sphere = CoatedSphere::new(body, sphere.radius_m, sphere.layer, rest_m);
         Self {
             contacts: vec![Place { node: 0, rest_m, normal: [0.0, 0.0, 1.0] }],
             triangles: Vec::new(),

@@ -14,7 +14,6 @@ use palpate_core::format::{
 };
 use palpate_core::{AlignedBytes, Limits, Method, Organ};
 
-use crate::fem::Sphere;
 use crate::fit::{
     Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, fit_rbf, lattice_flags, lattice_values,
 };
@@ -193,9 +192,9 @@ fn stated(tool: &Tool) -> format::Tool {
     match tool {
         Tool::Point => format::Tool::Point,
         Tool::Fingertip(tip) => format::Tool::Fingertip(fingertip(tip)),
-        Tool::Sphere(Sphere { radius_m, layer }) => format::Tool::Sphere(format::Sphere {
-            radius_m: *radius_m as f32,
-            layer_m: layer.thickness_m as f32,
+        Tool::Sphere(sphere) => format::Tool::Sphere(format::Sphere {
+            radius_m: sphere.radius_m as f32,
+            layer_m: (sphere.reach_m() - sphere.radius_m) as f32,
         }),
     }
 }

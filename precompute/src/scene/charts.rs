@@ -7,6 +7,8 @@
 //! column along the normal there. A vertex of that surface belongs to the chart of the nearest place. Round a rim of the
 //! body the surface is long, so that it has a chart for each side.
 
+use std::collections::BTreeSet;
+
 use palpate_core::Limits;
 use toml::Spanned;
 
@@ -15,8 +17,8 @@ use super::place::Place;
 use crate::error::InputError;
 use crate::fem::Sphere;
 use crate::mesh::{Offset, SkinPoint, Surface, TetMesh};
-use crate::num::vector::{difference, distance, dot};
-use crate::spec::{Chart, Charts, Column, from_axis_m};
+use crate::num::vector::{difference, distance, dot, norm, unit};
+use crate::spec::{BESIDE, Chart, Charts, Column, from_axis_m};
 
 /// Least distance of two places, in radii of the sphere.
 const APART: f64 = 1.0;
@@ -24,7 +26,7 @@ const APART: f64 = 1.0;
 const DEPTH: f64 = 0.3;
 
 /// Length of the kernel of the fits, in radii.
-const LENGTH: f64 = 0.8;
+const LENGTH: f64 = 1.0;
 /// Charts of a sphere for a unit of skin of the radius squared, about; twice as many as a blob can hold are not built.
 const A_SQUARE: f64 = 0.8;
 
@@ -56,8 +58,7 @@ pub(super) fn charts<T>(
         let nodes = foot.triangle.iter().zip(foot.weights).filter(|(_, weight)| *weight > 0.0);
         nodes.into_iter().any(|(node, _)| fixed.binary_search(node).is_err())
     };
-    let reach_m = sphere.radius_m + sphere.layer.thickness_m;
-    let Offset { places_m, feet, triangles } = Offset::of(mesh, skin, is_free, reach_m);
+    let Offset { places_m, feet, triangles } = Offset::of(mesh, skin, is_free, sphere.reach_m());
     let (mut chosen, mut owners) = (Vec::new(), vec![0; places_m.len()]);
     let mut away_m = vec![f64::INFINITY; places_m.len()];
     while let Some(next) = (0..away_m.len()).max_by(|&a, &b| away_m[a].total_cmp(&away_m[b]).then(b.cmp(&a)))
@@ -74,6 +75,7 @@ pub(super) fn charts<T>(
     if chosen.len() > Limits::PC.spaces {
         return Err(too_many(chosen.len()));
     }
+    let beside = beside(&owners, &triangles, chosen.len());
     let chart = |(number, &vertex): (usize, &usize)| {
         let (place_m, normal) = (places_m[vertex], feet[vertex].1);
         let owned = triangles
@@ -91,9 +93,16 @@ pub(super) fn charts<T>(
                 }
             }
         }
-        let (top_m, length_m) = (top_m + DEPTH * sphere.radius_m, LENGTH * sphere.radius_m);
-        let column = Column { core_m, whole_m, top_m, length_m };
-        let centre_m = std::array::from_fn(|k| place_m[k] - DEPTH * sphere.radius_m * normal[k]);
+        let depth_m = DEPTH * sphere.radius_m;
+        let to_beside_m = beside[number].iter().map(|&n| difference(places_m[chosen[n as usize]], place_m));
+        let column = Column {
+            beside: half_way(to_beside_m, (normal, depth_m)),
+            core_m,
+            whole_m,
+            top_m: top_m + depth_m,
+            length_m: LENGTH * sphere.radius_m,
+        };
+        let centre_m = std::array::from_fn(|k| place_m[k] - depth_m * normal[k]);
         Chart { centre_m, normal, column }
     };
     let charts: Vec<Chart> = chosen.iter().enumerate().map(chart).collect();
@@ -103,6 +112,33 @@ pub(super) fn charts<T>(
     });
     let active = active.collect();
     Ok((active, Charts { sphere: *sphere, charts, places_m, owners, triangles }))
+}
+
+/// The planes half way to places beside one, the nearest first, for displacements from `depth_m` below it.
+fn half_way(
+    to_m: impl Iterator<Item = [f64; 3]>,
+    (normal, depth_m): ([f64; 3], f64),
+) -> [([f64; 3], f64); BESIDE] {
+    let plane = |to_m: [f64; 3]| {
+        let towards = unit(to_m);
+        (towards, 0.5 * norm(to_m) + depth_m * dot(towards, normal))
+    };
+    let mut planes: Vec<([f64; 3], f64)> = to_m.map(plane).collect();
+    planes.sort_by(|a, b| a.1.total_cmp(&b.1));
+    planes.resize(BESIDE, ([0.0; 3], 0.0));
+    std::array::from_fn(|k| planes[k])
+}
+
+/// The charts beside each: those of the other corners of its triangles.
+fn beside(owners: &[u32], triangles: &[[u32; 3]], charts: usize) -> Vec<BTreeSet<u32>> {
+    let mut beside = vec![BTreeSet::new(); charts];
+    for corners in triangles {
+        let owned = corners.map(|corner| owners[corner as usize]);
+        for one in owned {
+            beside[one as usize].extend(owned.iter().filter(|other| **other != one));
+        }
+    }
+    beside
 }
 
 #[cfg(test)]
@@ -116,7 +152,7 @@ mod tests {
         let skin = Surface::of(&mesh);
         let fixed: Vec<u32> =
             (0..mesh.nodes_m.len() as u32).filter(|&n| mesh.nodes_m[n as usize][2] < 1e-9).collect();
-        let sphere = Sphere { radius_m: 0.015, layer: Layer::of(0.015) };
+        let sphere = Sphere { radius_m: 0.012, layer: Layer::of(0.012) };
         let place = Place { path: "block.toml".into(), text: String::new() };
         let (active, Charts { charts, places_m, owners, triangles, .. }) =
             super::charts(&mesh, &skin, &fixed, &sphere, (&place, None::<&Spanned<()>>)).expect("few");
@@ -125,10 +161,11 @@ mod tests {
         for (one, a) in charts.iter().enumerate() {
             for b in &charts[..one] {
                 // The origins are 0.3 R deeper than the places, which are R apart.
-                assert!(distance(a.centre_m, b.centre_m) >= 0.7 * 0.015, "{a:?} {b:?}");
+                assert!(distance(a.centre_m, b.centre_m) >= 0.7 * 0.012, "{a:?} {b:?}");
             }
             let steep = |z: f64| charts.iter().filter(|chart| (chart.normal[2] - z).abs() < 0.2).count();
-            assert!(steep(1.0) > 5 && steep(0.0) > 5 && steep(0.7) > 5, "the top, the sides and the rims");
+            let counts = [1.0, 0.7, 0.0].map(steep);
+            assert!(counts.iter().all(|count| *count > 5), "the top, the rims and the sides: {counts:?}");
         }
         for corners in &triangles {
             for &corner in corners {

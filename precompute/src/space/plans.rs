@@ -13,9 +13,7 @@ use crate::fit::{LEAST_ROOT_J, Sample};
 use crate::num::jet::EnergyJet;
 use crate::num::parallel::in_parallel;
 use crate::num::vector::{difference, distance, dot, norm};
-use crate::spec::{
-    Chart, Domain, GridIndex, Lattice, Requirements, Sampling, SpaceGrid, displacement_m, from_axis_m,
-};
+use crate::spec::{Chart, Domain, GridIndex, Lattice, Requirements, Sampling, SpaceGrid, displacement_m};
 
 /// Makes the plans of the spaces of one store.
 #[derive(Debug)]
@@ -30,7 +28,7 @@ pub(crate) enum Plans {
     Charts(Vec<Requirements>, Vec<Chart>),
 }
 
-/// A configuration of another chart is used this far beyond the column, m.
+/// A configuration of another chart is used this far above the column, and a length of the kernel beyond its sides, m.
 const MARGIN_M: f64 = 2e-3;
 /// Two configurations in one fit are at least so far apart, m.
 const APART_M: f64 = 3e-4;
@@ -133,7 +131,7 @@ impl Plans {
                 let at_m = displacement_m(record.index);
                 let Some(jet) = record.jet_for_fit(at_m, wanted.quantity) else { continue };
                 let jet = EnergyJet { control_m: std::array::from_fn(|k| at_m[k] + from_m[k]), ..jet };
-                let is_near = from_axis_m(&normal, jet.control_m) <= column.whole_m + MARGIN_M
+                let is_near = column.contains(normal, jet.control_m, column.length_m)
                     && dot(jet.control_m, normal) <= column.top_m + MARGIN_M
                     && norm(jet.control_m) <= wanted.radius_m;
                 let is_datum =
@@ -179,7 +177,7 @@ impl Plans {
     fn overlap(&self, active: usize, other: usize) -> bool {
         let Self::Charts(_, charts) = self else { return false };
         let (a, b) = (&charts[active], &charts[other]);
-        distance(a.centre_m, b.centre_m) < a.column.whole_m + b.column.core_m + MARGIN_M
+        distance(a.centre_m, b.centre_m) < a.column.core_m + b.column.core_m + a.column.length_m
             && dot(a.normal, b.normal) > 0.0
     }
 }

@@ -67,9 +67,13 @@ pub struct Chart {
     pub column: Column,
 }
 
-/// The displacements of a chart: a column along its normal.
+/// The displacements of a chart: a column along its normal, where no chart beside it is nearer. Round a rim, whose normals
+/// meet in the body, it narrows with the depth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Column {
+    /// Unit directions to the places of the charts beside it, and the displacements along them, m, half way there; zero for
+    /// none.
+    pub beside: [([f64; 3], f64); BESIDE],
     /// Radius of the part that this chart samples, m; its neighbours sample the rest.
     pub core_m: f64,
     /// Radius of the part in which its table is used, m.
@@ -78,6 +82,26 @@ pub struct Column {
     pub top_m: f64,
     /// Length of the kernel of its fits, m.
     pub length_m: f64,
+}
+
+/// Largest number of charts beside one that bound its column.
+pub const BESIDE: usize = 12;
+
+impl Column {
+    /// Whether a displacement is in the column along a normal, or at most so far beyond its sides, m.
+    pub(crate) fn contains(&self, normal: [f64; 3], displacement_m: [f64; 3], beyond_m: f64) -> bool {
+        from_axis_m(&normal, displacement_m) <= self.core_m + beyond_m
+            && self.beside.iter().all(|(to, limit_m)| dot(*to, displacement_m) <= limit_m + beyond_m)
+    }
+
+    /// Length of a ray from zero displacement in this unit direction to the end of the column, m.
+    pub(crate) fn length_of_ray_m(&self, normal: [f64; 3], direction: [f64; 3]) -> f64 {
+        let to = |limit_m: f64, share: f64| limit_m / share.max(f64::MIN_POSITIVE);
+        let round_m =
+            to(self.core_m, from_axis_m(&normal, direction)).min(to(self.top_m, dot(direction, normal)));
+        let beside = self.beside.iter().filter(|(axis, _)| dot(*axis, direction) > 0.0);
+        beside.map(|(axis, limit_m)| to(*limit_m, dot(*axis, direction))).fold(round_m, f64::min)
+    }
 }
 
 /// Distance of a displacement from the axis of this direction, m.
@@ -170,5 +194,35 @@ impl ActiveNode {
 
     fn interpolate(&self, field: impl Fn(u32) -> [f64; 3]) -> [f64; 3] {
         self.contact.map_or_else(|| field(self.node), |at| at.interpolate(&field))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Round a rim a column narrows with the depth; every ray ends at its side.
+    #[test]
+    fn a_column_ends_half_way_to_the_charts_beside_it() {
+        let normal = [0.0, 0.0, 1.0];
+        let tilted = unit([1.0, 0.0, -1.0]);
+        let mut beside = [([0.0; 3], 0.0); BESIDE];
+        beside[0] = (tilted, 6e-3);
+        let column = Column { beside, core_m: 8e-3, whole_m: 0.01, top_m: 3e-3, length_m: 0.01 };
+        let width = |z: f64| {
+            let at = |n: &i32| column.contains(normal, [1e-4 * f64::from(*n), 0.0, -z], 0.0);
+            (0..100).filter(at).count()
+        };
+        let [high, low] = [1e-3, 6e-3].map(width);
+        assert_eq!((high, low), (75, 25));
+        assert!(column.contains(normal, [5e-3, 0.0, -6e-3], 2e-3));
+        for direction in [[1.0, 0.0, 0.0], [0.6, 0.0, -0.8], [0.0, 0.8, 0.6], [-0.6, 0.0, -0.8], normal] {
+            let ray_m = column.length_of_ray_m(normal, direction);
+            let is_in = |share: f64| {
+                let at = direction.map(|x| share * ray_m * x);
+                column.contains(normal, at, 0.0) && dot(at, normal) <= column.top_m
+            };
+            assert!(is_in(0.999) && !is_in(1.001), "{direction:?}: {ray_m}");
+        }
     }
 }

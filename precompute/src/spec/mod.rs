@@ -10,7 +10,7 @@ mod tolerance;
 mod workspace;
 
 pub(crate) use active::from_axis_m;
-pub use active::{ActiveNode, Chart, Charts, Column, ContactSurface, Tool};
+pub use active::{ActiveNode, BESIDE, Chart, Charts, Column, ContactSurface, Tool};
 pub use bounds::DisplacementBound;
 #[cfg(test)]
 pub(crate) use domain::squared;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::active::{Column, from_axis_m};
+use super::active::Column;
 use super::tolerance::Tolerance;
 use super::workspace::{Workspace, is_within};
 use crate::num::vector::{dot, norm};
@@ -51,8 +51,7 @@ impl Requirements {
     /// Whether a displacement, m, lies in the core of the column, if there is one.
     pub(crate) fn is_in_column(&self, displacement_m: [f64; 3]) -> bool {
         self.column.zip(self.push).is_none_or(|(column, normal)| {
-            from_axis_m(&normal, displacement_m) <= column.core_m
-                && dot(displacement_m, normal) <= column.top_m
+            column.contains(normal, displacement_m, 0.0) && dot(displacement_m, normal) <= column.top_m
         })
     }
 

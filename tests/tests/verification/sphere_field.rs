@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 use palpate_core::{AlignedBytes, Config, Controller, Method, Organ, Phase, Sample, State, TouchSurface};
-use palpate_precompute::fem::{CoatedSphere, Constraints, Layer, Pose, Problem, Solver};
+use palpate_precompute::fem::{self, CoatedSphere, Constraints, Layer, Pose, Problem, Solver};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::pack::{PackOptions, pack};
 use palpate_precompute::pipeline::{Analysis, Run};
@@ -48,7 +48,8 @@ fn block(path: &Path) -> Analysis {
 
 /// Down 5 mm near the middle of the upper face, 14 mm across, and up.
 fn way() -> Vec<Vector3<f64>> {
-    let at = |x: f64, y: f64, depth_m: f64| Vector3::new(x, y, 0.02 + RADIUS_M + 0.75e-3 - depth_m);
+    let reach_m = fem::Sphere { radius_m: RADIUS_M, layer: Layer::of(RADIUS_M) }.reach_m();
+    let at = |x: f64, y: f64, depth_m: f64| Vector3::new(x, y, 0.02 + reach_m - depth_m);
     let corners =
         [at(0.013, 0.016, -2e-3), at(0.013, 0.016, 5e-3), at(0.027, 0.022, 5e-3), at(0.027, 0.022, -2e-3)];
     let mut way = Vec::new();
@@ -73,49 +74,60 @@ fn a_sphere_feels_the_block_through_its_tables() {
     let organ: Box<Organ<'_>> = Organ::read_boxed(&blob).expect("good");
     println!("{} charts, {solved} solves, {} bytes", organ.spaces.len(), blob.len());
 
-    let mut memory = vec![0; TouchSurface::words(&organ)];
-    let mut config = Config::new(Method::Energy);
-    config.limits.max_stiffness_n_m = f32::INFINITY;
-    let surface = TouchSurface::new(&organ, &mut memory);
-    let controller = Controller::new(&*organ, config).expect("packed").on_surface(surface);
-    let mut state = State::new();
-    state.arm();
-
+    let way = way();
+    let [smooth_n, rough_n] = [0.0, 0.3].map(|friction| feel(&organ, friction, &way));
     let free = Arc::new(Problem::with(analysis.body.clone(), None, Constraints::Elimination));
     let sphere = CoatedSphere::new(&analysis.body, RADIUS_M, Layer::of(RADIUS_M), [0.0; 3]);
     let mut solver = Solver::new(Arc::new(free.at(sphere)));
-    let way = way();
     let mut exact =
         solver.solve_at(&Pose::translation(way[0].into()), &analysis.body.rest_state).expect("free");
-    let (mut count, mut good, mut worst_n, mut work_j, mut moved_j) = (0, 0, 0.0f64, 0.0, 0.0);
-    let mut before: Option<(Vector3<f64>, Vector3<f64>)> = None;
-    for (tick, centre_m) in way.iter().enumerate() {
-        let sample = Sample {
-            t_us: 1_000 * tick as u64,
-            position_m: (*centre_m).map(|x| x as f32).into(),
-            buttons: 0,
-        };
+    let (mut count, mut good, mut worst_n) = (0, 0, 0.0f64);
+    for (centre_m, felt_n) in way.iter().zip(&smooth_n).step_by(5) {
+        exact = solver.advance(&exact.seed, (*centre_m).into()).expect("it converges");
+        let exact_n = Vector3::from(exact.jet().force_n);
+        let error_n = (felt_n - exact_n).norm();
+        count += 1;
+        good += u32::from(error_n <= Tolerance::IMPERCEPTIBLE.of_size(exact_n.norm()));
+        worst_n = worst_n.max(error_n);
+    }
+    let (work_j, moved_j) = work(&way, &smooth_n);
+    let (spent_j, _) = work(&way, &rough_n);
+    println!("{good} of {count} not felt, worst {worst_n:.4} N, {work_j:.2e} J of {moved_j:.2e} J pumped");
+    println!("{spent_j:.2e} J spent with friction");
+    // Beside the body and at the end there is no force.
+    assert_eq!(smooth_n.last(), Some(&Vector3::zeros()));
+    // The aim is 95 % of the positions not felt. What is reached today is held here.
+    assert!(worst_n < 0.12 && 100 * good >= 85 * count, "{good} of {count}, {worst_n} N");
+    assert!(work_j.abs() < 0.001 * moved_j, "{work_j} of {moved_j} J");
+    // Coulomb: mu |h| over the 15 mm of the slide, less what the spring gives back.
+    assert!((0.3..1.0).contains(&(spent_j / (0.3 * 2.0 * 0.0152))), "{spent_j} J");
+    for (rough_n, smooth_n) in rough_n.iter().zip(&smooth_n) {
+        assert!((rough_n - smooth_n).norm() <= 0.3 * smooth_n.norm() + 1e-5, "{rough_n} {smooth_n}");
+    }
+}
+
+/// The reaction on a way, a sample each millisecond.
+fn feel(organ: &Organ<'_>, friction: f32, way: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let mut memory = vec![0; TouchSurface::words(organ)];
+    let mut config = Config::new(Method::Energy);
+    config.contact.friction = friction;
+    config.limits.max_stiffness_n_m = f32::INFINITY;
+    let surface = TouchSurface::new(organ, &mut memory);
+    let controller = Controller::new(organ, config).expect("packed").on_surface(surface);
+    let mut state = State::new();
+    state.arm();
+    let tick = |(tick, centre_m): (u64, &Vector3<f64>)| {
+        let sample = Sample { t_us: 1_000 * tick, position_m: centre_m.map(|x| x as f32).into(), buttons: 0 };
         let command = controller.tick(&mut state, sample.t_us, Some(&sample));
         assert_eq!(command.phase, Phase::Active, "{command:?}");
-        let felt_n = Vector3::from(command.reaction_n).map(f64::from);
-        if let Some((from_m, from_n)) = before {
-            let step_j = 0.5 * (from_n + felt_n).dot(&(centre_m - from_m));
-            (work_j, moved_j) = (work_j + step_j, moved_j + step_j.abs());
-        }
-        before = Some((*centre_m, felt_n));
-        if tick % 5 == 0 {
-            exact = solver.advance(&exact.seed, (*centre_m).into()).expect("it converges");
-            let exact_n = Vector3::from(exact.jet().force_n);
-            let error_n = (felt_n - exact_n).norm();
-            count += 1;
-            good += u32::from(error_n <= Tolerance::IMPERCEPTIBLE.of_size(exact_n.norm()));
-            worst_n = worst_n.max(error_n);
-        }
-    }
-    println!("{good} of {count} not felt, worst {worst_n:.4} N, {work_j:.2e} J of {moved_j:.2e} J pumped");
-    // Beside the body and at the end there is no force.
-    assert_eq!(before.expect("a tick").1, Vector3::zeros());
-    // The aim is 95 % of the positions not felt. What is reached today is held here.
-    assert!(worst_n < 0.15 && 100 * good >= 80 * count, "{good} of {count}, {worst_n} N");
-    assert!(work_j.abs() < 0.001 * moved_j, "{work_j} of {moved_j} J");
+        Vector3::from(command.reaction_n).map(f64::from)
+    };
+    (0..).zip(way).map(tick).collect()
+}
+
+/// The work of the hand, and the energy that it exchanges, J.
+fn work(way: &[Vector3<f64>], felt_n: &[Vector3<f64>]) -> (f64, f64) {
+    let steps = way.windows(2).zip(felt_n.windows(2));
+    let steps = steps.map(|(way, felt_n)| 0.5 * (felt_n[0] + felt_n[1]).dot(&(way[1] - way[0])));
+    steps.fold((0.0, 0.0), |(sum, moved), step_j| (sum + step_j, moved + step_j.abs()))
 }

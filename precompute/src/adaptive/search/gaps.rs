@@ -1,22 +1,28 @@
 //! Where a chart of a sphere's field is solved next: in the widest gaps between its configurations.
 //!
-//! The fit is exact to the third order at each configuration. So its error at the distance r from configuration n grows
-//! about as r^4, and the leave-one-out error e_n, made at the distance s_n of the nearest other configuration, gives the
-//! radius within which the tolerance holds:
+//! The Taylor series of configuration n misses the force by about c_n r^3 at the distance r. Its errors e_m at the nearest
+//! configurations, s_m away, give c_n, the mean of e_m / s_m^3. The fit takes all of them, and its error is a share of that
+//! of one series. So the tolerance t holds within
 //!
-//! r_n = s_n (SAFETY tolerance / e_n)^(1/4),   between LEAST_M and MOST_M
+//! r_n = (SERIES t / c_n)^(1/3),   between LEAST_M and MOST_M
 //!
 //! A position is covered if the configuration nearest to it is within that one's radius. The search ends when no candidate
 //! is uncovered. So few configurations are needed where the force is smooth, and more over the edges of the skin.
 
 use super::{BATCH, Search};
+use crate::adaptive::branch::series_error;
+use crate::num::jet::EnergyJet;
 use crate::num::vector::distance;
 
-/// Share of the tolerance that the estimate may reach.
-const SAFETY: f64 = 4.0;
-/// Bounds of the radius, m. The upper one is that of a position that failed or is no datum, too.
-const LEAST_M: f64 = 4e-3;
+/// Error of a single series in tolerances at the end of its radius.
+const SERIES: f64 = 3.0;
+/// Number of neighbours that tell the error of a series.
+const NEIGHBOURS: usize = 3;
+/// Bounds of the radius, m.
+const LEAST_M: f64 = 3.5e-3;
 const MOST_M: f64 = 7e-3;
+/// Radius of a position that failed or is no datum, and of one without neighbours, m.
+const USUAL_M: f64 = 6e-3;
 
 impl Search {
     /// Chooses a batch: the replacements, then the candidates that are farthest outside the radius of the nearest
@@ -39,7 +45,7 @@ impl Search {
             let Some(widest) = widest.filter(|&n| gaps[n] > 1.0) else { break };
             let at = candidates[widest];
             for (gap, &other) in gaps.iter_mut().zip(&candidates) {
-                *gap = gap.min(distance(at, other) / MOST_M);
+                *gap = gap.min(distance(at, other) / USUAL_M);
             }
             self.aim(at, self.fitted.nearest(at), true);
         }
@@ -47,18 +53,22 @@ impl Search {
 
     /// The known positions with their radii, m.
     fn covered(&self) -> Vec<([f64; 3], f64)> {
-        let shares = &self.fits[self.chosen].leave_one_out;
-        // Those of the configurations that are no given ones; the origin is one of these.
-        let places: Vec<[f64; 3]> = self.fitted.jets.iter().map(|jet| jet.control_m).collect();
-        let nearest_m = |n: usize| {
-            let others = places.iter().enumerate().filter(|(other, _)| *other != n);
-            others.map(|(_, place)| distance(*place, places[n])).fold(f64::INFINITY, f64::min)
-        };
-        let radius_m = |n: usize| {
-            let share = n.checked_sub(1).and_then(|own| shares.get(own)).copied().unwrap_or(1.0);
-            (nearest_m(n) * (SAFETY / share).sqrt().sqrt()).clamp(LEAST_M, MOST_M)
-        };
-        let data = places.iter().enumerate().map(|(n, place)| (*place, radius_m(n)));
-        data.chain(self.taken().skip(places.len()).map(|place| (place, MOST_M))).collect()
+        let jets = &self.fitted.jets;
+        let data = jets.iter().map(|jet| (jet.control_m, self.radius_m(jet)));
+        data.chain(self.taken().skip(jets.len()).map(|place| (place, USUAL_M))).collect()
+    }
+
+    fn radius_m(&self, of: &EnergyJet) -> f64 {
+        let away_m = |jet: &EnergyJet| distance(jet.control_m, of.control_m);
+        let mut others: Vec<&EnergyJet> = self.fitted.jets.iter().filter(|jet| away_m(jet) > 0.0).collect();
+        others.sort_by(|a, b| away_m(a).total_cmp(&away_m(b)));
+        others.truncate(NEIGHBOURS);
+        if others.is_empty() {
+            return USUAL_M;
+        }
+        let of_one =
+            |jet: &&EnergyJet| series_error(jet, of, &self.fitted.wanted.tolerance) / away_m(jet).powi(3);
+        let mean = others.iter().map(of_one).sum::<f64>() / others.len() as f64;
+        libm::cbrt(SERIES / mean).clamp(LEAST_M, MOST_M)
     }
 }

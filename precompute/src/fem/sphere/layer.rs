@@ -1,13 +1,13 @@
 //! The elastic layer on a sphere.
 //!
 //! Contact of a rigid sphere with the triangles of a skin is only piecewise smooth, and can snap at their edges. A thin
-//! layer round the rigid sphere makes the energy smooth. With the reference area A_q and the place y_q of a point q of
-//! the skin, and its gap g_q = |y_q - c| - R, the layer of the thickness d stores
+//! layer round a rigid core makes the energy smooth. With the reference area A_q and the place y_q of a point q of
+//! the skin, and its distance r_q = |y_q - c|, the layer of the thickness d from R - d/3 to R + 2d/3 stores
 //!
-//! Phi(u, c) = sum over q of A_q (k d / 4) max(0, t_q)^4,   t = 1 - g / d,   pressure k t^3 per reference area,
+//! Phi(u, c) = sum over q of A_q (k d / 4) max(0, t_q)^4,   t = (R + 2d/3 - r) / d,   pressure k t^3 per reference area,
 //!
 //! whose third derivatives are continuous. The layer is compliance of the tool and not of the body: where the pressure
-//! is p, the gap is d (1 - (p / k)^(1/3)). The pressure grows with the overlap, but only up to the centre: a state in which the skin is
+//! is p, t is (p / k)^(1/3). The pressure grows with the overlap, but only up to the centre: a state in which the skin is
 //! within half the radius from it counts as not solved.
 //!
 //! The points are the centres of k^2 equal parts of each face. With n = (y - c) / |y - c|, r = |y - c|, P = I - n n^T,
@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 use crate::fem::body::Body;
 use crate::fem::elastic::ElasticState;
 use crate::fem::pad::shape_values;
+use crate::fem::sphere::Sphere;
 use crate::mesh::nearest_on_triangle;
 use crate::num::jet::{SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{cross, difference, distance, norm};
@@ -34,14 +35,14 @@ use crate::num::vector::{cross, difference, distance, norm};
 pub struct Layer {
     /// Thickness d, m.
     pub thickness_m: f64,
-    /// Pressure k where the skin touches the rigid sphere, Pa.
+    /// Pressure k where the layer is wholly compressed, Pa.
     pub pressure_pa: f64,
 }
 
 impl Layer {
     /// The layer of a sphere of this radius, m: thin against the radius, and stiff against a soft organ.
     pub fn of(radius_m: f64) -> Self {
-        Self { thickness_m: f64::min(0.75e-3, 0.25 * radius_m), pressure_pa: 1e5 }
+        Self { thickness_m: f64::min(2e-3, 0.2 * radius_m), pressure_pa: 1e5 }
     }
 }
 
@@ -176,7 +177,7 @@ impl CoatedSphere {
 
     /// Radius at which the layer begins, m.
     fn outer_m(&self) -> f64 {
-        self.radius_m + self.layer.thickness_m
+        Sphere { radius_m: self.radius_m, layer: self.layer }.reach_m()
     }
 
     /// The faces that can reach the layer, with the places of their nodes relative to the centre.

@@ -20,3 +20,14 @@ pub struct Sphere {
     /// Its elastic layer: what fields and live touch use.
     pub layer: Layer,
 }
+
+impl Sphere {
+    /// Share of the layer outside the radius. With a third inside, the force differs from that of the rigid sphere as often
+    /// up as down.
+    const OUTSIDE: f64 = 2.0 / 3.0;
+
+    /// Distance from the centre within which the layer touches, m.
+    pub fn reach_m(&self) -> f64 {
+        self.radius_m + Self::OUTSIDE * self.layer.thickness_m
+    }
+}

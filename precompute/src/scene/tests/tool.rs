@@ -128,7 +128,7 @@ fn a_sphere_has_a_radius_and_a_layer() {
     assert_eq!((layer.thickness_m, layer.pressure_pa), (0.002, 3e5));
     let hash = |tool: &str| bench.resolve(&sphere(tool)).expect("sound").content_hash();
     let first = hash("radius_m = 0.01");
-    assert!(first != hash("radius_m = 0.011") && first != hash("radius_m = 0.01\nlayer_m = 0.002"));
+    assert!(first != hash("radius_m = 0.011") && first != hash("radius_m = 0.01\nlayer_m = 0.0015"));
     let refuses = |text: String, what: &str, fix: &str| {
         let error = bench.resolve(&text).expect_err("refused").to_string();
         assert!(error.contains(what) && error.contains(fix) && !error.contains('\n'), "{error}");

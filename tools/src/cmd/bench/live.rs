@@ -95,9 +95,8 @@ impl Place {
         let nearest = surface.nodes.iter().copied().min_by(|a, b| away(a).total_cmp(&away(b)));
         let node = nearest.ok_or_else(|| Failure::input("the mesh has no surface"))?;
         let normal = surface.normal(node).unwrap_or_default();
-        let reach_m = sphere.radius_m + sphere.layer.thickness_m;
         let origin_m =
-            std::array::from_fn(|k| place_m(node)[k] + reach_m * normal[k] - contacts[0].rest_m[k]);
+            std::array::from_fn(|k| place_m(node)[k] + sphere.reach_m() * normal[k] - contacts[0].rest_m[k]);
         Ok(Self { name: format!("node {node}"), contact: 0, normal, origin_m })
     }
 }
