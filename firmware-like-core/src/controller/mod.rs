@@ -20,6 +20,7 @@ use crate::method::ForceSample;
 use crate::num::vec3::{self, Vec3};
 use crate::space::Space;
 use crate::touch::contact::{Contact, ContactKind, Engaged, blended_slope_n};
+use crate::touch::grip::Pressed;
 use crate::touch::{NodeWeight, TouchSurface};
 
 /// A sphere is engaged within this share of its reach from the surface of the first touch.
@@ -289,7 +290,9 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         }
         if at.kind == ContactKind::Sphere && config.friction > 0.0 {
             let energy_j = self.blended_energy_j(&at, hip_m, field).ok_or(Fault::Internal)?;
-            let friction_n = contact.friction_n(config, hip_m, (answer.force_n, energy_j));
+            let stiffest_n_m = self.config.limits.max_stiffness_n_m;
+            let by = Pressed { force_n: answer.force_n, energy_j, stiffest_n_m };
+            let friction_n = contact.friction_n(config, hip_m, by);
             answer.force_n = vec3::add(answer.force_n, friction_n);
         }
         let energy_j = |space: u16| field.energy_j(space, displacement_m);

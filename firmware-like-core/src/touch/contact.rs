@@ -12,7 +12,7 @@
 //!   anchor slips along the surface as Coulomb friction permits. The weights are continuous across edges, and
 //!   so is the force.
 
-use super::grip::Grip;
+use super::grip::{Grip, Pressed};
 use super::surface::{Crossing, Foot, NodeWeight, TouchSurface, entry};
 use crate::num::vec3::{self, Vec3};
 use crate::space::Space;
@@ -195,9 +195,9 @@ impl Contact {
         self.previous_hip_m = Some(hip_m);
     }
 
-    /// The friction that a sphere feels at its centre, newtons, for the force and energy without friction.
-    pub(crate) fn friction_n(&mut self, config: &ContactConfig, hip_m: Vec3, found: (Vec3, f32)) -> Vec3 {
-        let (along_n, grip) = Grip::follow(self.grip, config.friction, hip_m, found);
+    /// The friction that a sphere feels at its centre, newtons.
+    pub(crate) fn friction_n(&mut self, config: &ContactConfig, hip_m: Vec3, by: Pressed) -> Vec3 {
+        let (along_n, grip) = Grip::follow(self.grip, config.friction, hip_m, by);
         self.grip = grip;
         along_n
     }

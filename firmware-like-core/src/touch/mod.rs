@@ -2,7 +2,7 @@
 
 mod cells;
 pub(crate) mod contact;
-mod grip;
+pub(crate) mod grip;
 mod surface;
 
 pub use contact::ContactConfig;
