@@ -282,7 +282,7 @@ const HIL: [&str; 27] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 67] = [
+const TOOLS: [&str; 68] = [
     "memory",
     "resident",
     "timing",
@@ -299,6 +299,7 @@ const TOOLS: [&str; 67] = [
     "displacements",
     "regions",
     "control",
+    "friction",
     "touch",
     "truth",
     "summary",

@@ -18,6 +18,7 @@ mod displacements;
 mod documents;
 mod failure;
 mod files;
+mod friction;
 mod hardware;
 mod interrupt;
 mod memory;

@@ -28,6 +28,7 @@ use crate::blob::verdicts;
 use crate::control::Control;
 use crate::failure::Failure;
 use crate::files::Output;
+use crate::friction;
 use crate::timing::Timing;
 
 /// Frame rate of headless pictures: enough to follow a stroke, few enough to store.
@@ -345,6 +346,11 @@ pub(crate) fn run<D: Device, const N: usize>(
     let is_sphere = organ.tool.sphere().is_some();
     let usual = if is_sphere { 0.0 } else { config.contact.friction };
     config.contact.friction = show.friction.unwrap_or(usual);
+    if let Some(line) =
+        show.friction.filter(|&friction| friction > 0.0).and_then(|_| friction::without_effect(organ))
+    {
+        eprintln!("palpate: warning: {line}");
+    }
     options.haptic.arm_button = arm_button(&info, show.profile);
     let record = show.record.map(|record| record.start(organ, config, &options, info));
     let record = record.transpose().inspect_err(|_| show.discard(had_folder))?;

@@ -64,6 +64,11 @@ pub struct Surface<'a> {
 }
 
 impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
+    /// The surface that the tool meets: that between contact points, or else the skin at rest.
+    pub fn met(&self) -> Surface<'a> {
+        if self.contact.triangles.is_empty() { self.surface } else { self.contact }
+    }
+
     /// Opens a blob in place, within the limits of a PC, see [`Organ::read_within`].
     pub fn read(bytes: &'a [u8]) -> Result<Self, BlobError> {
         Self::read_within(bytes, &Limits::PC)

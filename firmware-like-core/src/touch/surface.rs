@@ -72,7 +72,7 @@ pub struct TouchSurface<'m> {
 impl<'m> TouchSurface<'m> {
     /// Number of words of memory that [`TouchSurface::new`] needs; 0 for an organ without a surface.
     pub fn words<const N: usize>(organ: &Organ<'_, N>) -> usize {
-        let surface = touched(organ);
+        let surface = organ.met();
         let (vertices, triangles) = (surface.node.len(), surface.triangles.len());
         if triangles == 0 {
             return 0;
@@ -87,7 +87,7 @@ impl<'m> TouchSurface<'m> {
     ///
     /// For start-up: every triangle is visited a few times.
     pub fn new<const N: usize>(organ: &Organ<'m, N>, memory: &'m mut [u32]) -> Option<Self> {
-        let surface = touched(organ);
+        let surface = organ.met();
         let (triangles, vertices) = (surface.triangles, surface.node.len());
         if triangles.is_empty() {
             return None;
@@ -303,11 +303,6 @@ impl<'m> TouchSurface<'m> {
     fn corners(&self, triangle: u32) -> Option<[Vec3; 3]> {
         corners(&self.surface, self.surface.triangles.get(triangle as usize)?)
     }
-}
-
-/// The surface that the tool touches: that of the contact points if there is one, else that of the body.
-fn touched<'m, const N: usize>(organ: &Organ<'m, N>) -> Surface<'m> {
-    if organ.contact.triangles.is_empty() { organ.surface } else { organ.contact }
 }
 
 /// Where a path first has no height above a plane, if it starts above it: the fraction of the path, and the

@@ -144,12 +144,17 @@ impl Health {
             ..Self::default()
         };
         health.reasons = health.judged(found, mesh);
-        health.reasons.sort_by_key(|reason| std::cmp::Reverse(reason.verdict));
-        health.verdict = health.reasons.iter().map(|reason| reason.verdict).max().unwrap_or_default();
+        health.conclude();
         health
     }
 
-    fn judged(&self, found: &SpaceCertificate, mesh: Option<&Reason>) -> Vec<Reason> {
+    /// Orders the reasons and takes the most severe for the verdict.
+    pub(super) fn conclude(&mut self) {
+        self.reasons.sort_by_key(|reason| std::cmp::Reverse(reason.verdict));
+        self.verdict = self.reasons.iter().map(|reason| reason.verdict).max().unwrap_or_default();
+    }
+
+    pub(super) fn judged(&self, found: &SpaceCertificate, mesh: Option<&Reason>) -> Vec<Reason> {
         let mut reasons = Vec::new();
         let mut say = |verdict: Verdict, what: String| {
             if verdict > Verdict::Green {

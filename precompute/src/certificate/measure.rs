@@ -9,7 +9,7 @@ use super::branch_jump::has_branch_jump;
 use super::probes::{divisor, probe, share_of_part};
 use super::{
     Answer, BranchDifference, Certificate, Compared, Cost, Discretisation, Errors, Health, MethodCertificate,
-    Origin, SpaceCertificate, Within, certified_share, displacement,
+    Origin, SpaceCertificate, Within, certified_share, displacement, pooled,
 };
 use crate::adaptive::Verdict;
 use crate::held_out::{Summary, is_on_training_lattice};
@@ -58,7 +58,8 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
     let sampling = &identity.sampling;
     let blends = Blends::of(store, organ)?;
     let discretisation = Discretisation::stored(store)?;
-    let mesh = Discretisation::doubt(discretisation.as_ref(), identity.contacts.is_some());
+    let has_size = identity.contacts.is_some() || identity.charts.is_some();
+    let mesh = Discretisation::doubt(discretisation.as_ref(), has_size);
     let mut spaces = Vec::new();
     for (active, name, node, space) in packed(store, organ)? {
         let records = store.records(active)?;
@@ -109,6 +110,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         certificate.health = Some(Health::of(&records, &certificate, fit.as_ref(), mesh.as_ref()));
         spaces.push(certificate);
     }
+    pooled::judge(&mut spaces);
     Ok(Certificate {
         discretisation,
         origin: Origin {

@@ -11,6 +11,7 @@ mod displacement;
 mod errors;
 mod health;
 mod measure;
+mod pooled;
 mod probes;
 mod reference;
 
@@ -34,7 +35,7 @@ use crate::spec::Scattered;
 
 /// Largest number of active nodes that each have their own held-out positions. More nodes share the
 /// positions, and the bounds hold for all of them together.
-pub(crate) const MAX_SEPARATE_NODES: usize = 8;
+pub const MAX_SEPARATE_NODES: usize = 8;
 
 /// All measurements of a blob. An alias is the name of a field in earlier blobs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

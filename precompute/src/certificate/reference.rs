@@ -4,14 +4,14 @@
 //! The input is the packed tables. So the difference contains the error of the evaluation and not that of the
 //! fit.
 
-use palpate_core::flags::{BRANCH_JUMP, INTERIOR, SMOOTH, SUPERCELL};
+use palpate_core::flags::{BRANCH_JUMP, CELL, INTERIOR, SMOOTH, SUPERCELL};
 use palpate_core::kernel::{Block, KernelPlanes, KernelTable, LANES};
 use palpate_core::{CORNERS, Method, Space, SpacePlanes};
 
 use crate::fit::DATA;
 use crate::num::vector::norm;
 
-/// h at a displacement inside the ball, N; `None` if the method is not packed.
+/// h at a displacement inside the ball, N; `None` if the method is not packed, and outside the cells of a root.
 pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
     let cell = Cell::of(space, displacement_m);
     match method {
@@ -30,7 +30,7 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
             Some(radial(&planes.centres, &planes.weights, cell.position, |r| r * r * r))
         }
         Method::Hermite => cell.hermite(),
-        Method::Energy if cell.planes.is_root => cell.root(),
+        Method::Energy if cell.planes.is_root => cell.root().filter(|_| cell.is_known()),
         Method::Energy => {
             let clear = space.planes().flags[cell.slot([0; 3])] & BRANCH_JUMP == 0;
             let share = if clear { cell.share(0, SMOOTH) } else { 0.0 };
@@ -217,6 +217,11 @@ impl<'s, 'a> Cell<'s, 'a> {
     }
 
     /// h = max(0, s) ds/dp.
+    /// Whether all corners of the cell were solved.
+    fn is_known(&self) -> bool {
+        self.space.planes().flags[self.slot([0; 3])] & CELL != 0
+    }
+
     fn root(&self) -> Option<[f64; 3]> {
         let (value, slope) = self.quintic()?;
         let root = f64::from(self.space.lattice().spacing_m()) * value.max(0.0);

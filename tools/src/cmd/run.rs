@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::certificate::Verdict;
+use palpate_precompute::certificate::{MAX_SEPARATE_NODES, SpaceCertificate, Verdict};
 use serde_json::{Map, json};
 
 use super::inspect::certificate;
@@ -182,9 +182,14 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method, args: &Args
              --no-certificate, or run it with --uncertified"
         )));
     };
+    // Many nodes share their positions.
+    let share = certificate.spaces.len() > MAX_SEPARATE_NODES;
+    let is_measured = |space: &SpaceCertificate| {
+        space.methods.iter().any(|m| m.method == method.name() && m.uniform.count > 0)
+    };
+    let is_shared = share && certificate.spaces.iter().any(is_measured);
     for space in &certificate.spaces {
-        let measured = space.methods.iter().find(|m| m.method == method.name());
-        if measured.is_none_or(|m| m.uniform.count == 0) && !args.uncertified {
+        if !args.uncertified && !is_shared && !is_measured(space) {
             return Err(Failure::input(format!(
                 "{path_name}: its certificate has no position of {} away from branch jumps for {}, so the error of its forces is unknown; pack it \
                  with --uniform 299, on a finer grid or a smaller radius, or run it with --uncertified",
@@ -195,17 +200,25 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method, args: &Args
         if space.health.is_none() && drives_motors {
             return Err(unknown_health(&path_name));
         }
-        let health = space.health.as_ref().filter(|health| health.verdict == Verdict::Red);
-        if let Some(health) = health {
-            let reason = health.reasons.first().map_or("no reason is stated", |reason| reason.what.as_str());
-            let what = format!("{path_name}: {} is red: {reason}", space.active);
-            if drives_motors {
-                return Err(Failure::input(format!(
-                    "{what}; a red blob drives no motors: pack a sound one, or look at it with --motors-off or --device sim"
-                )));
-            }
-            eprintln!("palpate: warning: {what}");
+    }
+    let is_red = |space: &&SpaceCertificate| {
+        space.health.as_ref().is_some_and(|health| health.verdict == Verdict::Red)
+    };
+    let mut red = certificate.spaces.iter().filter(is_red);
+    if let Some(space) = red.next() {
+        let reason = space.health.as_ref().and_then(|health| health.reasons.first());
+        let reason = reason.map_or("no reason is stated", |reason| reason.what.as_str());
+        let more = match red.count() {
+            0 => " is".into(),
+            more => format!(" and {more} more are"),
+        };
+        let what = format!("{path_name}: {}{more} red: {reason}", space.active);
+        if drives_motors {
+            return Err(Failure::input(format!(
+                "{what}; a red blob drives no motors: pack a sound one, or look at it with --motors-off or --device sim"
+            )));
         }
+        eprintln!("palpate: warning: {what}");
     }
     Ok(())
 }

@@ -13,7 +13,7 @@ mod summarised;
 use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
-use palpate_core::{Foot, Method, Organ, Space, TouchSurface};
+use palpate_core::{Method, Organ, Space};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
 use palpate_precompute::scene::{Scene, Unreachable, doubt_of_size};
 use palpate_precompute::space::Store;
@@ -24,6 +24,7 @@ use serde_json::json;
 use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
+use crate::friction;
 use crate::output;
 
 /// Show what a mesh, scene, space, blob or recording holds.
@@ -305,11 +306,6 @@ fn space_figures(space: &Space<'_>) -> serde_json::Value {
 
 /// Triangles that the tool slides over, and all triangles that it can meet; `None` if it slides nowhere.
 fn sliding(organ: &Organ<'_>) -> Option<(usize, usize)> {
-    let mut memory = vec![0; TouchSurface::words(organ)];
-    let surface = TouchSurface::new(organ, &mut memory)?;
-    let met = if organ.contact.triangles.is_empty() { organ.surface } else { organ.contact };
-    let foot = |triangle| Foot { triangle, weights: [1.0, 0.0, 0.0] };
-    let all = met.triangles.len();
-    let triangles = (0..all as u32).filter(|&at| surface.node_weights(&foot(at)).is_some()).count();
-    (triangles > 0).then_some((triangles, all))
+    let triangles = friction::slid_over(organ).len();
+    (triangles > 0).then_some((triangles, organ.met().triangles.len()))
 }
