@@ -75,8 +75,6 @@ struct Search<const JETS: usize> {
     z: [f32; JETS],
     /// 1 / rho^2
     per_trust2: [f32; JETS],
-    /// Places of the partners.
-    partner: [[f32; JETS]; 3],
 }
 
 /// The place of a partner for the search: far from all places without one.
@@ -119,13 +117,7 @@ impl<const JETS: usize> Table<JETS> {
     pub(super) fn new() -> Self {
         const { assert!(JETS > 0 && JETS.is_multiple_of(LANES), "a multiple of 8 jets") };
         let (far, factor) = UNUSED;
-        let search = Search {
-            x: [far; JETS],
-            y: [0.0; JETS],
-            z: [0.0; JETS],
-            per_trust2: [factor; JETS],
-            partner: [[0.0; JETS]; 3],
-        };
+        let search = Search { x: [far; JETS], y: [0.0; JETS], z: [0.0; JETS], per_trust2: [factor; JETS] };
         Self {
             jets: [Jet::default(); JETS],
             stamps: [0; JETS],
@@ -204,10 +196,8 @@ impl<const JETS: usize> Table<JETS> {
             Some((jet, _)) => (jet.control_m, jet.per_trust2()),
             None => ([far, 0.0, 0.0], factor),
         };
-        let [px, py, pz] = content.map_or(vec3::ZERO, |(jet, _)| partner_of(jet));
-        let Search { x: xs, y: ys, z: zs, per_trust2: factors, partner: [pxs, pys, pzs] } = &mut self.search;
-        let rows = [(xs, x), (ys, y), (zs, z), (factors, per_trust2), (pxs, px), (pys, py), (pzs, pz)];
-        for (row, value) in rows {
+        let Search { x: xs, y: ys, z: zs, per_trust2: factors } = &mut self.search;
+        for (row, value) in [(xs, x), (ys, y), (zs, z), (factors, per_trust2)] {
             if let Some(place) = row.get_mut(slot) {
                 *place = value;
             }
@@ -239,7 +229,12 @@ impl<const JETS: usize> Table<JETS> {
         while let Some(before) = slot.checked_sub(1) {
             slot = before;
             let differs = |jet: &Jet| {
-                vec3::distance(jet.force_beside(new.control_m, partner_m).force_n, new_n) > most_n
+                let known = if self.has_partners {
+                    jet.force_beside(new.control_m, partner_m)
+                } else {
+                    jet.force(new.control_m)
+                };
+                vec3::distance(known.force_n, new_n) > most_n
             };
             if self.known().get(slot).is_some_and(differs) {
                 self.remove(slot);
@@ -321,14 +316,10 @@ impl<const JETS: usize> Table<JETS> {
     /// The same with partners.
     // On its own, so that it costs a tool without a partner nothing.
     #[inline(never)]
-    fn nearest_of_partners(&self, d: Vec3, p: Vec3) -> Option<(usize, f32)> {
-        let Search { x, y, z, per_trust2, partner: [px, py, pz] } = &self.search;
+    fn nearest_of_partners(&self, d: Vec3, partner_m: Option<Vec3>) -> Option<(usize, f32)> {
         let mut best: Option<(usize, f32)> = None;
         for slot in 0..self.len {
-            let at = |row: &[f32; JETS]| row.get(slot).copied().unwrap_or_default();
-            let from = vec3::norm_squared(vec3::sub([at(x), at(y), at(z)], d));
-            let parted = vec3::norm_squared(vec3::sub([at(px), at(py), at(pz)], p));
-            let squared = (from + parted) * at(per_trust2);
+            let squared = self.squared(slot, d, partner_m);
             if best.is_none_or(|(_, least)| squared < least) {
                 best = Some((slot, squared));
             }
@@ -353,9 +344,9 @@ impl<const JETS: usize> Table<JETS> {
     /// Cost: eight jets side by side, without a branch.
     fn nearest(&self, [dx, dy, dz]: Vec3, partner_m: Option<Vec3>) -> Option<(usize, f32)> {
         if self.has_partners {
-            return self.nearest_of_partners([dx, dy, dz], place_of(partner_m));
+            return self.nearest_of_partners([dx, dy, dz], partner_m);
         }
-        let Search { x, y, z, per_trust2, .. } = &self.search;
+        let Search { x, y, z, per_trust2 } = &self.search;
         let blocks = x.chunks_exact(LANES).zip(y.chunks_exact(LANES));
         let blocks = blocks.zip(z.chunks_exact(LANES).zip(per_trust2.chunks_exact(LANES)));
         let (mut least, mut places) = ([f32::MAX; LANES], [0_u32; LANES]);
