@@ -8,14 +8,11 @@
 //!
 //! The expansion of a root s = sqrt(2 W) is continued alike, and h = max(0, s) ds/dd, W = max(0, s)^2 / 2.
 //!
-//! With a partner at p value and gradient have (dW/dp) . (p - p_k) and (dh/dp) (p - p_k) in addition, with p - p_k at most as
-//! long as the radius.
-//!
 //! T_k are the third derivatives of the energy. The force is continuous with its derivatives at the radius. It
 //! is the gradient of the energy inside. Beyond, the polynomial would grow with the square of the distance; the
 //! continuation is bounded, and softer than the body where that stiffens.
 
-use super::frame::{Jet, JetPartner};
+use super::frame::Jet;
 use crate::method::{Coverage, ForceSample};
 use crate::num::vec3::{self, Vec3};
 
@@ -74,30 +71,6 @@ impl Jet {
             None => (self.force_n, self.energy_j, Coverage::Extrapolated),
         };
         ForceSample { force_n: vec3::scale(gradient, value.max(0.0)), coverage }
-    }
-
-    /// h at a displacement, with a partner at a place; the same as without where the jet or the touch has none.
-    pub(super) fn force_beside(&self, displacement_m: Vec3, partner_m: Option<Vec3>) -> ForceSample {
-        match self.partner.as_ref().zip(partner_m) {
-            None => self.force(displacement_m),
-            Some((partner, at_m)) => self.force_with(displacement_m, partner, at_m),
-        }
-    }
-
-    // On its own, so that it costs a tool without a partner nothing.
-    #[inline(never)]
-    fn force_with(&self, displacement_m: Vec3, partner: &JetPartner, at_m: Vec3) -> ForceSample {
-        let moved_m = vec3::sub(at_m, partner.control_m);
-        let moved_m = vec3::scale(moved_m, (self.trust_m / vec3::norm(moved_m).max(SMALLEST_M)).min(1.0));
-        let change_n = partner.mixed_n_m.map(|row| vec3::dot(row, moved_m));
-        let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
-        let (gradient, value, coverage) = match &at {
-            Some(at) => (self.gradient(at), self.value(at), at.coverage()),
-            None => (self.force_n, self.energy_j, Coverage::Extrapolated),
-        };
-        let gradient = vec3::add(gradient, change_n);
-        let root = if self.flags.root { (value + vec3::dot(partner.slope_n, moved_m)).max(0.0) } else { 1.0 };
-        ForceSample { force_n: vec3::scale(gradient, root), coverage }
     }
 
     /// |S| at the control, the root of the sum of squares of its components, N/m: at least its largest stiffness.

@@ -6,6 +6,5 @@ mod hand_over;
 mod ladder;
 mod memory;
 mod model;
-mod partner;
 mod root;
 mod tick;

@@ -8,4 +8,3 @@ mod live_sphere;
 mod sphere;
 mod sphere_contact;
 mod sphere_field;
-mod two_spheres;

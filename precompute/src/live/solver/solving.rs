@@ -3,12 +3,12 @@
 use super::super::branches::{Fold, Landing, REST, joins};
 use super::super::choice::CHECK_S;
 use super::super::hand::Hand;
-use super::super::published::Step;
+use super::super::published::{Published, Step};
 use super::super::states::Start;
 use super::super::task::{Aim, Task};
 use super::super::workers::Made;
 use super::LiveSolver;
-use crate::fem::{Coupling, DESCENT_STEPS, FollowOptions, Followed, FreeBody, Seed};
+use crate::fem::{DESCENT_STEPS, FollowOptions, Followed, FreeBody, Seed};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, norm};
 use crate::spec::Tolerance;
@@ -17,7 +17,7 @@ use crate::spec::Tolerance;
 const NEIGHBOUR_RADII: f64 = 1.5;
 /// A continuation is given up early, because half of the way or a landing costs less; a sweep of the sensitivities
 /// costs less than a new factor.
-pub(super) const OPTIONS: FollowOptions = FollowOptions {
+const OPTIONS: FollowOptions = FollowOptions {
     residual: 1e-3,
     max_frozen_steps: 8,
     max_steps: 10,
@@ -68,7 +68,7 @@ impl LiveSolver {
                 continue;
             };
             let nearest = self.states.nearest(contact, branch, touch.control_m);
-            let Some(jet) = nearest.map(|seed| (seed.jet, seed.coupling)) else {
+            let Some(jet) = nearest.map(|seed| seed.jet) else {
                 // Its states were given up for others.
                 self.branches.fold(index).landing = Landing::Sought;
                 continue;
@@ -85,8 +85,6 @@ impl LiveSolver {
         let contact = task.contact;
         let is_first = self.known[usize::from(contact)].is_empty();
         let moves = self.go_to(contact, is_first);
-        let partner_m = self.partner_m.filter(|_| !is_first);
-        self.workers.present().solver.set_partner(partner_m);
         let from = self.start(&task, is_first);
         let branch = if is_first { REST } else { self.branches.of(contact) };
         let factorisations = self.totals.factorisations;
@@ -108,12 +106,12 @@ impl LiveSolver {
                 if !from.is_guess && to.jet.control_m != from.seed.jet.control_m {
                     self.growth.measure(&self.known[usize::from(contact)], &to.jet, branch);
                 }
-                self.publish(contact, branch, (to.jet, to.coupling), true, found.unstable_modes);
+                self.publish(contact, branch, to.jet, true, found.unstable_modes);
                 self.states.keep(contact, branch, Start { seed: to, is_guess: false });
                 true
             }
             Found::Landed(found) => {
-                let landed = self.landed(&task, &from, (to.jet, to.coupling), found);
+                let landed = self.landed(&task, &from, &to.jet, found);
                 self.states.keep(contact, landed, Start { seed: to, is_guess: false });
                 true
             }
@@ -363,16 +361,10 @@ impl LiveSolver {
 
     /// Enters the jet of a landing: a fold that lies ahead keeps it back, else the touch changes its branch. Returns
     /// the branch.
-    fn landed(
-        &mut self,
-        task: &Task,
-        from: &Start,
-        jet: (EnergyJet, Option<Coupling>),
-        found: Followed,
-    ) -> u32 {
+    fn landed(&mut self, task: &Task, from: &Start, jet: &EnergyJet, found: Followed) -> u32 {
         let contact = task.contact;
         let left = self.branches.of(contact);
-        let branch = self.met_before(contact, left, &jet.0).unwrap_or_else(|| self.branches.another());
+        let branch = self.met_before(contact, left, jet).unwrap_or_else(|| self.branches.another());
         let landing = Landing::Found(branch);
         if let Aim::Landing(index) = task.aim {
             // The factor at hand is that of the other branch.
@@ -386,7 +378,7 @@ impl LiveSolver {
         }
         self.change_branch(contact, branch);
         self.branches.landed_at(contact, task.control_m);
-        self.publish(contact, branch, jet, false, found.unstable_modes);
+        self.publish(contact, branch, *jet, false, found.unstable_modes);
         branch
     }
 
@@ -412,5 +404,32 @@ impl LiveSolver {
         if found.count.factorisations > 0 {
             self.workers.present().factor = Made::At(contact, control_m);
         }
+    }
+
+    /// Enters a jet in the memory, and in the queue for the loop. If it does not join, jets that contradict it are
+    /// removed.
+    fn publish(
+        &mut self,
+        contact: u16,
+        branch: u32,
+        jet: EnergyJet,
+        joins: bool,
+        unstable_modes: Option<u32>,
+    ) {
+        let known = &mut self.known[usize::from(contact)];
+        let mut trust = known.trust(jet);
+        if let Some(sphere) = self.skin.sphere().filter(|_| jet.is_free()) {
+            trust.shrink_to(sphere.clearance_m(&self.body, jet.control_m));
+        }
+        known.add(trust, branch, !joins);
+        self.totals.jets += 1;
+        self.outbox.push_back(Published {
+            contact,
+            trust,
+            joins,
+            is_fresh: unstable_modes.is_some(),
+            is_unstable: unstable_modes.is_some_and(|modes| modes > 0),
+            model: self.model,
+        });
     }
 }
