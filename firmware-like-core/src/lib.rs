@@ -73,7 +73,7 @@ pub use displacement::{DisplacementPlanes, DisplacementTable};
 pub use field::{Field, Touch};
 pub use grid::{BallLattice, CORNERS, LatticeError, Location, MAX_CELLS, flags};
 pub use guard::{LimitConfig, PassivityConfig, clamp_force};
-pub use jet::{Jet, JetError, JetFlags, JetMemory, Solver};
+pub use jet::{Jet, JetError, JetFlags, JetMemory, JetPartner, Solver};
 pub use method::baseline::rbf::{RBF_LANES, RbfPlanes};
 pub use method::hermite::{HermiteNode, HermitePlanes};
 pub use method::{Coverage, Estimate, ForceSample, Method, kernel};

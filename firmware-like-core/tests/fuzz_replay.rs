@@ -3,6 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
+use palpate_core::JetPartner;
+
 use crate::common::jets::jet;
 use crate::common::{Recipe, potential};
 use replay::{kept, replay, write_seeds};
@@ -53,14 +55,17 @@ fn jets_are_refused_or_have_finite_forces() {
 fn live_touches() -> Vec<Vec<u8>> {
     let frame = |kind: u8, contact: u16, z: f32, flags: u8| {
         let mut bytes = vec![kind];
-        let of = jet(potential, contact, [0.0, 0.001, z], 0.006);
-        bytes.extend_from_slice(&of.encode()[..116]);
+        let mut of = jet(potential, contact, [0.0, 0.001, z], 0.006);
+        let mixed_n_m = [[30.0, 2.0, 1.0]; 3];
+        let partner = JetPartner { control_m: [0.0, z, 0.01], slope_n: [0.0, 1.0, 0.0], mixed_n_m };
+        of.partner = (flags & 32 != 0).then_some(partner);
+        bytes.extend_from_slice(&of.encode()[..180]);
         bytes[1 + 14] = flags;
         bytes
     };
     let touch = |kind: u8, elapsed_us: u32, n: u32| {
         let middle = 1 << 31;
-        let mut words = [0_u32; 29];
+        let mut words = [0_u32; 45];
         words[..7].copy_from_slice(&[
             elapsed_us,
             0,
@@ -82,6 +87,15 @@ fn live_touches() -> Vec<Vec<u8>> {
         [learnt(), pressed(), release(7), pressed()].concat(),
         [learnt(), release(7 + 16), pressed(), touch(4, 600_000, 9), touch(4, 400_000, 9)].concat(),
         [full.collect(), pressed(), frame(0, 0, 0.004, 8), pressed(), touch(12, 1_000, 3)].concat(),
+        [
+            learnt(),
+            frame(0, 0, -0.001, 33),
+            touch(36, 1_000, 1),
+            frame(0, 0, -0.001, 49),
+            touch(36, 1_000, 2),
+            touch(4, 1_000, 2),
+        ]
+        .concat(),
     ]
 }
 

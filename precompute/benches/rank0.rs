@@ -34,6 +34,7 @@ impl AtOnce {
             sensitivity: [column.clone(), column.clone(), column.clone()],
             state: column,
             jet: EnergyJet::from_numbers([0.0; 3], &[0.0; 20]),
+            coupling: None,
         });
         Self { grid, seed, done: VecDeque::new() }
     }

@@ -122,6 +122,7 @@ fn learn(memory: &mut JetMemory<3, JETS>, number: u32, control_m: Option<Vec3>) 
         stiffness_n_m: [310.0, 12.0, -7.0, 290.0, 5.0, 330.0],
         third_n_m2: [900.0, -400.0, 300.0, 250.0, -150.0, 800.0, -700.0, 600.0, 350.0, -5_000.0],
         trust_m: 0.003 + 0.001 * (number % 8) as f32,
+        partner: None,
         model: 0,
     };
     let jet = Jet::decode(&core::hint::black_box(jet.encode())).map_err(|_| Failed)?;

@@ -63,6 +63,7 @@ fn jet(noise: &mut Noise) -> Jet {
         stiffness_n_m: [300.0, 0.0, 0.0, 300.0, 0.0, 300.0],
         third_n_m2: std::array::from_fn(|_| 100.0 * noise.unit()),
         trust_m: 0.012 + 0.008 * noise.unit(),
+        partner: None,
         model: 0,
     }
 }

@@ -5,19 +5,23 @@
 //! ```text
 //! offset  bytes  content
 //!  0      4      "PJET"
-//!  4      2      u16 version, 1
-//!  6      2      u16 length of the frame, 120
+//!  4      2      u16 version, 2
+//!  6      2      u16 length of the frame, 184
 //!  8      4      u32 sequence
 //! 12      2      u16 contact
-//! 14      2      u16 flags: 1 joined, 2 fresh, 4 unstable, 8 flush before, 16 root; the others are 0
+//! 14      2      u16 flags: 1 joined, 2 fresh, 4 unstable, 8 flush before, 16 root, 32 partner; the others are 0
 //! 16      12     f32 control x, y, z, metres
 //! 28      4      f32 W, joules
 //! 32      12     f32 h x, y, z, newtons
 //! 44      24     f32 S xx, xy, xz, yy, yz, zz, newtons per metre
 //! 68      40     f32 third derivatives of W, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz, N/m^2
 //! 108     4      f32 trust radius, metres
-//! 112     4      u32 model: jets of an earlier one no longer count
-//! 116     4      u32 CRC-32 (ISO-HDLC) of all bytes before it
+//! 112     12     f32 place of the partner x, y, z, metres; zero without one, as the next
+//! 124     12     f32 dW/dp x, y, z, newtons
+//! 136     36     f32 dh/dp by rows, newtons per metre
+//! 172     4      u32 model: jets of an earlier one no longer count
+//! 176     4      zero
+//! 180     4      u32 CRC-32 (ISO-HDLC) of all bytes before it
 //! ```
 //!
 //! With the flag *root* W, h, S and the third derivatives are those of s = sqrt(2 W), in sqrt(J) and its quotients.
@@ -29,11 +33,12 @@ use crate::num::vec3::{self, Vec3};
 use crate::plane::LARGEST_VALUE;
 
 const MAGIC: [u8; 4] = *b"PJET";
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 /// Where the checksum is.
-const CHECKSUM_AT: usize = 116;
-/// Number of floats, from offset 16 to the zero.
-const FLOATS: usize = 24;
+const CHECKSUM_AT: usize = 180;
+/// Number of floats, and of those without a partner.
+const FLOATS: usize = 39;
+const OF_TOOL: usize = 24;
 
 /// Properties of a jet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -50,6 +55,9 @@ pub struct JetFlags {
     /// that rises from zero with a slope, and no force where s would be negative.
     pub root: bool,
 }
+
+/// The flag of a jet with a partner.
+const PARTNER: u16 = 32;
 
 impl JetFlags {
     fn bits(self) -> u16 {
@@ -69,8 +77,19 @@ impl JetFlags {
             flush_before: flag(8),
             root: flag(16),
         };
-        (bits < 32).then_some(all)
+        (bits < PARTNER).then_some(all)
     }
+}
+
+/// How the force of a jet depends on the place p of a partner, another tool on the same body.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct JetPartner {
+    /// The displacement of the partner that was solved, in the frame of the jet's, metres.
+    pub control_m: Vec3,
+    /// dW/dp, newtons, or that of the root.
+    pub slope_n: Vec3,
+    /// dh/dp: row i belongs to h_i, newtons per metre; or the mixed derivatives of the root.
+    pub mixed_n_m: [Vec3; 3],
 }
 
 /// The expansion of the energy W at one displacement of a contact point, or of its root ([`JetFlags::root`]).
@@ -97,17 +116,21 @@ pub struct Jet {
     pub third_n_m2: [f32; 10],
     /// Distance from `control_m` up to which the expansion is used, metres.
     pub trust_m: f32,
+    /// The partner, if one touches the body too.
+    pub partner: Option<JetPartner>,
     /// Number of the model of the body; it rises when the session changes the model.
     pub model: u32,
 }
 
 impl Jet {
     /// Length of a frame, bytes.
-    pub const FRAME_LEN: usize = 120;
+    pub const FRAME_LEN: usize = 184;
     /// Largest trust radius, metres.
     pub const MAX_TRUST_M: f32 = 0.025;
     /// Largest distance of the control from rest, metres.
     pub const MAX_CONTROL_M: f32 = 1.0;
+    /// Distance of a partner that touches the body from none, metres: larger than that of two places of a partner.
+    pub const PARTED_M: f32 = 2.0;
 
     /// The frame of this jet, whatever its numbers are.
     pub fn encode(&self) -> [u8; Self::FRAME_LEN] {
@@ -124,12 +147,16 @@ impl Jet {
         put(&(Self::FRAME_LEN as u16).to_le_bytes());
         put(&self.sequence.to_le_bytes());
         put(&self.contact.to_le_bytes());
-        put(&self.flags.bits().to_le_bytes());
+        put(&(self.flags.bits() | if self.partner.is_some() { PARTNER } else { 0 }).to_le_bytes());
         let numbers = [&self.control_m[..], &[self.energy_j], &self.force_n, &self.stiffness_n_m];
-        for number in numbers.into_iter().chain([&self.third_n_m2[..], &[self.trust_m]]).flatten() {
+        let JetPartner { control_m, slope_n, mixed_n_m } = self.partner.unwrap_or_default();
+        let mixed = mixed_n_m.as_flattened();
+        let last = [&self.third_n_m2[..], &[self.trust_m], &control_m, &slope_n, mixed];
+        for number in numbers.into_iter().chain(last).flatten() {
             put(&number.to_le_bytes());
         }
         put(&self.model.to_le_bytes());
+        put(&[0; 4]);
         if let Some((body, checksum)) = frame.split_at_mut_checked(CHECKSUM_AT) {
             checksum.copy_from_slice(&CHECKSUM.checksum(body).to_le_bytes());
         }
@@ -165,14 +192,30 @@ impl Jet {
         let (sequence, rest) = rest.split_first_chunk::<4>().ok_or(length)?;
         let (contact, rest) = rest.split_first_chunk::<2>().ok_or(length)?;
         let (flags, rest) = rest.split_first_chunk::<2>().ok_or(length)?;
-        let flags = JetFlags::from_bits(u16::from_le_bytes(*flags)).ok_or(JetError::Reserved)?;
+        let bits = u16::from_le_bytes(*flags);
+        let flags = JetFlags::from_bits(bits & !PARTNER).ok_or(JetError::Reserved)?;
         let mut numbers = [0.0; FLOATS];
         let mut words = rest.chunks_exact(4);
         for (number, word) in numbers.iter_mut().zip(&mut words) {
             *number = f32::from_le_bytes(*word.first_chunk().ok_or(length)?);
         }
         let model = *words.next().and_then(|word| word.first_chunk()).ok_or(length)?;
-        let [x, y, z, energy_j, fx, fy, fz, xx, xy, xz, yy, yz, zz, third_n_m2 @ .., trust_m] = numbers;
+        if words.next().is_none_or(|word| word != [0; 4]) {
+            return Err(JetError::Reserved);
+        }
+        let (numbers, of_partner) = numbers.split_first_chunk::<OF_TOOL>().ok_or(length)?;
+        let (place, mixed) = of_partner.split_first_chunk::<3>().ok_or(length)?;
+        let (slope, mixed) = mixed.split_first_chunk::<3>().ok_or(length)?;
+        let mut partner = JetPartner { control_m: *place, slope_n: *slope, ..JetPartner::default() };
+        for (number, of) in partner.mixed_n_m.as_flattened_mut().iter_mut().zip(mixed) {
+            *number = *of;
+        }
+        let has_partner = bits & PARTNER != 0;
+        if !has_partner && of_partner.iter().any(|number| number.to_bits() != 0) {
+            return Err(JetError::Reserved);
+        }
+        let partner = Some(partner).filter(|_| has_partner);
+        let [x, y, z, energy_j, fx, fy, fz, xx, xy, xz, yy, yz, zz, third_n_m2 @ .., trust_m] = *numbers;
         let jet = Self {
             contact: u16::from_le_bytes(*contact),
             sequence: u32::from_le_bytes(*sequence),
@@ -183,6 +226,7 @@ impl Jet {
             stiffness_n_m: [xx, xy, xz, yy, yz, zz],
             third_n_m2,
             trust_m,
+            partner,
             model: u32::from_le_bytes(model),
         };
         jet.check().map(|()| jet)
@@ -195,7 +239,14 @@ impl Jet {
         let near = |x: f32| x.abs() <= Self::MAX_CONTROL_M;
         let [x, y, z] = self.control_m;
         let control = near(x) && near(y) && near(z) && vec3::norm(self.control_m) <= Self::MAX_CONTROL_M;
+        let partner = self.partner.unwrap_or_default();
         let checks = [
+            (
+                "partner",
+                partner.control_m.iter().all(|&x| near(x))
+                    && sound(&partner.slope_n)
+                    && sound(partner.mixed_n_m.as_flattened()),
+            ),
             ("control", control),
             ("energy", sound(&[self.energy_j])),
             ("force", sound(&self.force_n)),

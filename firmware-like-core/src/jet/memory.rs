@@ -73,6 +73,8 @@ pub struct JetMemory<const CONTACTS: usize, const JETS: usize = 256> {
     faded_n: Vec3,
     /// The present touch.
     whole: Option<Whole>,
+    /// Displacement of the partner, if it touches the body.
+    partner_m: Option<Vec3>,
 }
 
 impl<const CONTACTS: usize, const JETS: usize> Default for JetMemory<CONTACTS, JETS> {
@@ -100,6 +102,7 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
             hand_overs: 0,
             faded_n: vec3::ZERO,
             whole: None,
+            partner_m: None,
         }
     }
 
@@ -132,6 +135,12 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
     /// States whether the solver is alive, from the next tick on.
     pub fn solver(&mut self, solver: Solver) {
         self.solver = solver;
+    }
+
+    /// States where the partner is from the next tick on, relative to where the displacement of the tool is zero; `None` if
+    /// it does not touch the body. A place that is not finite is none.
+    pub fn partner(&mut self, displacement_m: Option<Vec3>) {
+        self.partner_m = displacement_m.and_then(limited);
     }
 
     /// Number of jets of a contact point that count: of the newest model, or of the present touch.
@@ -201,7 +210,7 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
             return None;
         }
         (place.tick, place.used) = (tick, used);
-        let answer = place.table.force(d, decay, is_continued)?;
+        let answer = place.table.force(d, self.partner_m, decay, is_continued)?;
         self.hand_overs = self.hand_overs.wrapping_add(answer.is_handed_over.into());
         self.faded_n = vec3::add(self.faded_n, vec3::scale(answer.faded_n, weight));
         Some(answer.sample)
@@ -260,7 +269,7 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
             if place.table.model() != self.model && place.tick != self.tick {
                 return None;
             }
-            place.table.energy_j(displacement_m, place.tick == self.tick)
+            place.table.energy_j(displacement_m, self.partner_m, place.tick == self.tick)
         };
         let mean = || {
             let nodes = self.whole?.weights;

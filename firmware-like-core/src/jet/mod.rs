@@ -13,6 +13,6 @@ mod memory;
 mod table;
 mod trusted;
 
-pub use frame::{Jet, JetError, JetFlags};
+pub use frame::{Jet, JetError, JetFlags, JetPartner};
 pub use ladder::Solver;
 pub use memory::JetMemory;

@@ -77,6 +77,11 @@ struct Search<const JETS: usize> {
     per_trust2: [f32; JETS],
 }
 
+/// The place of a partner for the search: far from all places without one.
+fn place_of(partner_m: Option<Vec3>) -> Vec3 {
+    partner_m.unwrap_or([Jet::PARTED_M, 0.0, 0.0])
+}
+
 /// The jets of one contact point.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Table<const JETS: usize> {
@@ -95,6 +100,8 @@ pub(super) struct Table<const JETS: usize> {
     next: Fade,
     /// Model of the jets.
     model: u32,
+    /// Whether a jet had a partner.
+    has_partners: bool,
 }
 
 /// The force of a table in one tick.
@@ -122,6 +129,7 @@ impl<const JETS: usize> Table<JETS> {
             fade: Fade::Fast,
             next: Fade::Fast,
             model: 0,
+            has_partners: false,
         }
     }
 
@@ -136,7 +144,7 @@ impl<const JETS: usize> Table<JETS> {
         while let Some(last) = self.len.checked_sub(1) {
             self.remove(last);
         }
-        (self.model, self.next) = (model, Fade::Change);
+        (self.model, self.next, self.has_partners) = (model, Fade::Change, false);
     }
 
     /// Model of the jets.
@@ -159,13 +167,17 @@ impl<const JETS: usize> Table<JETS> {
     /// A jet with the same control is replaced. In a full table the one farthest from the tool, or else from
     /// the new jet, is.
     pub(super) fn insert(&mut self, jet: &Jet, present_m: Option<Vec3>, stamp: u32) {
+        self.has_partners |= jet.partner.is_some();
         if jet.model != self.model {
             self.change(jet.model);
         }
         if jet.flags.flush_before {
             self.flush(jet);
         }
-        let is_same = |known: &Jet| vec3::distance(known.control_m, jet.control_m) <= SAME_M;
+        let is_same = |known: &Jet| {
+            vec3::distance(known.control_m, jet.control_m) <= SAME_M
+                && vec3::distance(partner_of(known), partner_of(jet)) <= SAME_M
+        };
         let slot = match self.known().iter().position(is_same) {
             Some(slot) => slot,
             None if self.len < JETS => {
@@ -209,13 +221,21 @@ impl<const JETS: usize> Table<JETS> {
 
     /// Removes the jets that contradict a new one at its control.
     fn flush(&mut self, new: &Jet) {
+        let partner_m = new.partner.map(|partner| partner.control_m);
         let new_n = new.force(new.control_m).force_n;
         let most_n = CONTRADICTION_N.max(CONTRADICTION_SHARE * vec3::norm(new_n));
         let mut slot = self.len;
         // From the end: the jet that takes the place of a removed one was examined already.
         while let Some(before) = slot.checked_sub(1) {
             slot = before;
-            let differs = |jet: &Jet| vec3::distance(jet.force(new.control_m).force_n, new_n) > most_n;
+            let differs = |jet: &Jet| {
+                let known = if self.has_partners {
+                    jet.force_beside(new.control_m, partner_m)
+                } else {
+                    jet.force(new.control_m)
+                };
+                vec3::distance(known.force_n, new_n) > most_n
+            };
             if self.known().get(slot).is_some_and(differs) {
                 self.remove(slot);
             }
@@ -236,23 +256,30 @@ impl<const JETS: usize> Table<JETS> {
     /// h at a limited displacement; `None` without jets.
     ///
     /// `is_continued`: the tool has touched the point in the last tick too. Otherwise there is no offset.
-    pub(super) fn force(&mut self, d: Vec3, decay: Decay, is_continued: bool) -> Option<Answer> {
+    pub(super) fn force(
+        &mut self,
+        d: Vec3,
+        partner_m: Option<Vec3>,
+        decay: Decay,
+        is_continued: bool,
+    ) -> Option<Answer> {
         let before = self.active.take().filter(|_| is_continued);
         let next = core::mem::replace(&mut self.next, Fade::Fast);
-        let (slot, squared) = self.nearest(d)?;
+        let (slot, squared) = self.nearest(d, partner_m)?;
         if before.is_none() {
             (self.offset_n, self.offset_j, self.fade) = (vec3::ZERO, 0.0, Fade::Fast);
         }
+        let begins = before.is_none() && !is_continued;
         let is_kept = |active: &Active| {
             let is_known = active.slot < self.len && self.stamps.get(active.slot) == Some(&active.stamp);
-            is_known && squared >= NEARER * self.squared(active.slot, d)
+            is_known && squared >= NEARER * self.squared(active.slot, d, partner_m)
         };
         let kept = before.filter(is_kept);
         let active = match kept {
             Some(active) => active,
             None => Active { slot, stamp: *self.stamps.get(slot)?, jet: *self.jets.get(slot)? },
         };
-        let sample = active.jet.force(d);
+        let sample = active.jet.force_beside(d, partner_m);
         let faded_n = vec3::scale(self.offset_n, 1.0 - decay.of(self.fade));
         self.offset_n = vec3::scale(self.offset_n, decay.of(self.fade));
         self.offset_j *= decay.of(self.fade);
@@ -261,10 +288,15 @@ impl<const JETS: usize> Table<JETS> {
         }
         let left = if kept.is_none() { before } else { None };
         if let Some(left) = &left {
-            let difference_n = vec3::sub(left.jet.force(d).force_n, sample.force_n);
+            let left_n = left.jet.force_beside(d, partner_m).force_n;
+            let difference_n = vec3::sub(left_n, sample.force_n);
             self.offset_n = vec3::add(self.offset_n, difference_n);
             self.offset_j += left.jet.energy_j(d) - active.jet.energy_j(d);
             self.fade = self.fade.max(next);
+        }
+        if begins && active.jet.flags.root {
+            // A sphere comes to a body without force, whatever a jet far away says.
+            self.offset_n = vec3::scale(sample.force_n, -1.0);
         }
         self.active = Some(active);
         let force_n = vec3::add(sample.force_n, self.offset_n);
@@ -273,24 +305,52 @@ impl<const JETS: usize> Table<JETS> {
     }
 
     /// W of the active jet with its fade if the point is touched, otherwise of the nearest one; `None` without jets.
-    pub(super) fn energy_j(&self, displacement_m: Vec3, is_touched: bool) -> Option<f32> {
+    pub(super) fn energy_j(
+        &self,
+        displacement_m: Vec3,
+        partner_m: Option<Vec3>,
+        is_touched: bool,
+    ) -> Option<f32> {
         let active = self.active.as_ref().map(|active| &active.jet).filter(|_| is_touched);
-        let nearest = || self.jets.get(self.nearest(limited(displacement_m).unwrap_or_default())?.0);
+        let nearest =
+            || self.jets.get(self.nearest(limited(displacement_m).unwrap_or_default(), partner_m)?.0);
         let faded_j = if active.is_some() { self.offset_j } else { 0.0 };
         Some(active.or_else(nearest)?.energy_j(displacement_m) + faded_j)
     }
 
-    /// (|d - d_k| / rho_k)^2
-    fn squared(&self, slot: usize, d: Vec3) -> f32 {
-        self.jets
-            .get(slot)
-            .map_or(f32::MAX, |jet| vec3::norm_squared(vec3::sub(jet.control_m, d)) * jet.per_trust2())
+    /// The same with partners.
+    // On its own, so that it costs a tool without a partner nothing.
+    #[inline(never)]
+    fn nearest_of_partners(&self, d: Vec3, partner_m: Option<Vec3>) -> Option<(usize, f32)> {
+        let mut best: Option<(usize, f32)> = None;
+        for slot in 0..self.len {
+            let squared = self.squared(slot, d, partner_m);
+            if best.is_none_or(|(_, least)| squared < least) {
+                best = Some((slot, squared));
+            }
+        }
+        best
+    }
+
+    /// (|d - d_k| / rho_k)^2; with partners the distance is that of both tools together.
+    fn squared(&self, slot: usize, d: Vec3, partner_m: Option<Vec3>) -> f32 {
+        self.jets.get(slot).map_or(f32::MAX, |jet| {
+            let parted2 = if self.has_partners {
+                vec3::norm_squared(vec3::sub(partner_of(jet), place_of(partner_m)))
+            } else {
+                0.0
+            };
+            (vec3::norm_squared(vec3::sub(jet.control_m, d)) + parted2) * jet.per_trust2()
+        })
     }
 
     /// The nearest jet in trust radii and the square of that distance; the earliest place of equal ones.
     ///
     /// Cost: eight jets side by side, without a branch.
-    fn nearest(&self, [dx, dy, dz]: Vec3) -> Option<(usize, f32)> {
+    fn nearest(&self, [dx, dy, dz]: Vec3, partner_m: Option<Vec3>) -> Option<(usize, f32)> {
+        if self.has_partners {
+            return self.nearest_of_partners([dx, dy, dz], partner_m);
+        }
         let Search { x, y, z, per_trust2 } = &self.search;
         let blocks = x.chunks_exact(LANES).zip(y.chunks_exact(LANES));
         let blocks = blocks.zip(z.chunks_exact(LANES).zip(per_trust2.chunks_exact(LANES)));
@@ -316,4 +376,9 @@ impl<const JETS: usize> Table<JETS> {
         }
         best
     }
+}
+
+/// The place of a jet's partner for the search.
+fn partner_of(jet: &Jet) -> Vec3 {
+    place_of(jet.partner.as_ref().map(|partner| partner.control_m))
 }

@@ -6,13 +6,17 @@
 //!
 //! phi(s) = s - s^2 / 2L up to s = L = max(rho, 5 mm), then L / 2
 //!
-//! The expansion of a root s = sqrt(2 W) is continued alike, and h = max(0, s) ds/dd, W = max(0, s)^2 / 2.
+//! The expansion of a root s = sqrt(2 W) is continued alike, and h = max(0, s) ds/dd, W = max(0, s)^2 / 2. A sphere far from
+//! where a jet was solved touches another place or nothing: beyond rho + L both fall to zero, over 2 L more.
+//!
+//! With a partner at p value and gradient have (dW/dp) . (p - p_k) and (dh/dp) (p - p_k) in addition, with p - p_k at most as
+//! long as the radius.
 //!
 //! T_k are the third derivatives of the energy. The force is continuous with its derivatives at the radius. It
 //! is the gradient of the energy inside. Beyond, the polynomial would grow with the square of the distance; the
 //! continuation is bounded, and softer than the body where that stiffens.
 
-use super::frame::Jet;
+use super::frame::{Jet, JetPartner};
 use crate::method::{Coverage, ForceSample};
 use crate::num::vec3::{self, Vec3};
 
@@ -41,6 +45,12 @@ struct Place {
 }
 
 impl Place {
+    /// Share of the force of a root.
+    fn nearness(&self, trust_m: f32) -> f32 {
+        let length_m = trust_m.max(MIN_LEVELLING_M);
+        (1.5 - 0.5 * self.beyond_m / length_m).clamp(0.0, 1.0)
+    }
+
     fn coverage(&self) -> Coverage {
         if self.beyond_m <= 0.0 { Coverage::Scattered } else { Coverage::Extrapolated }
     }
@@ -48,7 +58,7 @@ impl Place {
 
 impl Jet {
     /// h at a displacement, newtons: `Scattered` inside the trust radius, `Extrapolated` beyond. A displacement
-    /// that is not finite has the force at the control and is `Extrapolated`.
+    /// that is not finite has the force at the control, or none of a root, and is `Extrapolated`.
     ///
     /// Needs a jet that [`Jet::decode`] returned; the force is then finite.
     pub fn force(&self, displacement_m: Vec3) -> ForceSample {
@@ -67,10 +77,35 @@ impl Jet {
     fn force_of_root(&self, displacement_m: Vec3) -> ForceSample {
         let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
         let (gradient, value, coverage) = match &at {
-            Some(at) => (self.gradient(at), self.value(at), at.coverage()),
-            None => (self.force_n, self.energy_j, Coverage::Extrapolated),
+            Some(at) => (self.gradient(at), self.value(at) * at.nearness(self.trust_m), at.coverage()),
+            None => (self.force_n, 0.0, Coverage::Extrapolated),
         };
         ForceSample { force_n: vec3::scale(gradient, value.max(0.0)), coverage }
+    }
+
+    /// h at a displacement, with a partner at a place; the same as without where the jet or the touch has none.
+    pub(super) fn force_beside(&self, displacement_m: Vec3, partner_m: Option<Vec3>) -> ForceSample {
+        match self.partner.as_ref().zip(partner_m) {
+            None => self.force(displacement_m),
+            Some((partner, at_m)) => self.force_with(displacement_m, partner, at_m),
+        }
+    }
+
+    // On its own, so that it costs a tool without a partner nothing.
+    #[inline(never)]
+    fn force_with(&self, displacement_m: Vec3, partner: &JetPartner, at_m: Vec3) -> ForceSample {
+        let moved_m = vec3::sub(at_m, partner.control_m);
+        let moved_m = vec3::scale(moved_m, (self.trust_m / vec3::norm(moved_m).max(SMALLEST_M)).min(1.0));
+        let change_n = partner.mixed_n_m.map(|row| vec3::dot(row, moved_m));
+        let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
+        let (gradient, value, nearness, coverage) = match &at {
+            Some(at) => (self.gradient(at), self.value(at), at.nearness(self.trust_m), at.coverage()),
+            None => (self.force_n, self.energy_j, 0.0, Coverage::Extrapolated),
+        };
+        let gradient = vec3::add(gradient, change_n);
+        let root = nearness * (value + vec3::dot(partner.slope_n, moved_m)).max(0.0);
+        let root = if self.flags.root { root } else { 1.0 };
+        ForceSample { force_n: vec3::scale(gradient, root), coverage }
     }
 
     /// |S| at the control, the root of the sum of squares of its components, N/m: at least its largest stiffness.
@@ -85,9 +120,10 @@ impl Jet {
     /// W at a displacement, joules; beyond the trust radius continued along the ray from the control.
     pub fn energy_j(&self, displacement_m: Vec3) -> f32 {
         let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
-        let value = at.map_or(self.energy_j, |at| self.value(&at));
+        let value = at.as_ref().map_or(self.energy_j, |at| self.value(at));
+        let nearness = at.map_or(0.0, |at| at.nearness(self.trust_m));
         let root = value.max(0.0);
-        if self.flags.root { 0.5 * root * root } else { value }
+        if self.flags.root { 0.5 * nearness * root * root } else { value }
     }
 
     /// The gradient of the expansion.

@@ -33,6 +33,7 @@ pub fn jet(of: impl Fn(Vec3, [usize; 3]) -> f64, contact: u16, control_m: Vec3, 
         stiffness_n_m: SECOND.map(at),
         third_n_m2: THIRD.map(at),
         trust_m,
+        partner: None,
         model: 0,
     }
 }

@@ -141,6 +141,29 @@ fn beyond_the_trust_radius_the_force_levels_off() {
     }
 }
 
+/// A sphere far from where a jet was solved touches another place or nothing.
+#[test]
+fn far_from_its_place_a_root_has_no_force() {
+    for trust_m in [1e-3_f32, 0.02] {
+        let mut jet = jet(potential, 0, [0.0, 0.0, -0.01], trust_m);
+        (jet.flags.root, jet.energy_j) = (true, 0.5);
+        let length_m = trust_m.max(5e-3);
+        let at =
+            |beyond_m: f32| jet.force([0.6 * (trust_m + beyond_m), 0.0, -0.01 - 0.8 * (trust_m + beyond_m)]);
+        let near_n = vec3::norm(at(0.9 * length_m).force_n);
+        assert!(near_n > 0.1, "{near_n} N");
+        let mut before_n = at(0.0).force_n;
+        for step in 1..=400 {
+            let now_n = at(0.01 * length_m * step as f32).force_n;
+            assert!(vec3::distance(now_n, before_n) < 0.05 * near_n, "{step}: {now_n:?} after {before_n:?}");
+            before_n = now_n;
+        }
+        assert_eq!(at(3.01 * length_m).force_n, vec3::ZERO);
+        assert_eq!(jet.energy_j([0.1, 0.0, -0.01]), 0.0);
+        assert_eq!(jet.force([f32::NAN, 0.0, 0.0]).force_n, vec3::ZERO);
+    }
+}
+
 #[test]
 fn a_closed_loop_inside_takes_no_work() {
     let jet = jet(potential, 0, [0.005, -0.002, -0.012], 0.012);

@@ -1,7 +1,7 @@
 //! The frame of a jet, byte by byte.
 
 use palpate_core::format::CHECKSUM;
-use palpate_core::{Jet, JetError, JetFlags};
+use palpate_core::{Jet, JetError, JetFlags, JetPartner};
 use proptest::prelude::*;
 
 /// A jet in which no number occurs twice.
@@ -17,35 +17,41 @@ fn numbered() -> Jet {
         stiffness_n_m: [100.0, 200.0, 300.0, 400.0, 500.0, 600.0],
         third_n_m2: third,
         trust_m: 0.0125,
+        partner: Some(JetPartner {
+            control_m: [0.004, -0.005, 0.006],
+            slope_n: [0.5, -0.75, 1.25],
+            mixed_n_m: [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]],
+        }),
         model: 0,
     }
 }
 
 /// The bytes with their checksum corrected.
 fn sealed(mut frame: [u8; Jet::FRAME_LEN]) -> [u8; Jet::FRAME_LEN] {
-    let checksum = CHECKSUM.checksum(&frame[..116]);
-    frame[116..].copy_from_slice(&checksum.to_le_bytes());
+    let checksum = CHECKSUM.checksum(&frame[..180]);
+    frame[180..].copy_from_slice(&checksum.to_le_bytes());
     frame
 }
 
-/// The first 116 bytes.
+/// The first 180 bytes.
 const GOLDEN: &str = concat!(
-    "504a45540100780006050403020105006f12833a6f1203bba69b443b0000803e0000c03f000020c0000060400000c842",
+    "504a45540200b80006050403020125006f12833a6f1203bba69b443b0000803e0000c03f000020c0000060400000c842",
     "00004843000096430000c8430000fa430000164400401c4600441c4600481c46004c1c4600501c4600541c4600581c46",
-    "005c1c4600601c4600641c46cdcc4c3c00000000",
+    "005c1c4600601c4600641c46cdcc4c3c6f12833b0ad7a3bba69bc43b0000003f000040bf0000a03f0000803f00000040",
+    "00004040000080400000a0400000c0400000e04000000041000010410000000000000000",
 );
 /// CRC-32 of them, computed by another program.
-const CRC: &str = "f7296116";
+const CRC: &str = "ef439c7d";
 
 #[test]
 fn the_bytes_are_kept() {
     let frame = numbered().encode();
     let hex: String = frame.iter().map(|byte| format!("{byte:02x}")).collect();
-    assert_eq!(hex[..232], *GOLDEN, "{hex}");
-    assert_eq!(hex[232..], *CRC, "{hex}");
+    assert_eq!(hex[..360], *GOLDEN, "{hex}");
+    assert_eq!(hex[360..], *CRC, "{hex}");
     assert_eq!(Jet::decode(&frame), Ok(numbered()));
     let root = Jet { flags: JetFlags { root: true, ..numbered().flags }, ..numbered() };
-    assert_eq!((root.encode()[14], Jet::decode(&root.encode())), (5 | 16, Ok(root)), "the fifth flag");
+    assert_eq!((root.encode()[14], Jet::decode(&root.encode())), (5 | 16 | 32, Ok(root)), "the fifth flag");
     assert_eq!(Jet::FRAME_LEN % 8, 0, "a ring of 64-bit words holds frames");
 }
 
@@ -62,7 +68,7 @@ fn every_changed_bit_is_refused() {
 #[test]
 fn every_number_is_checked() {
     let in_range = |_: usize, value: f32| value == 0.0;
-    for word in 0..24 {
+    for word in 0..39 {
         for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1.001e9, -1.001e9, 0.0] {
             let mut frame = numbered().encode();
             frame[16 + 4 * word..][..4].copy_from_slice(&value.to_le_bytes());
@@ -89,14 +95,14 @@ fn every_number_is_checked() {
 #[test]
 fn another_version_is_named() {
     let mut frame = numbered().encode();
-    frame[4] = 2;
-    assert_eq!(Jet::decode(&sealed(frame)), Err(JetError::Version { found: 2 }));
+    frame[4] = 3;
+    assert_eq!(Jet::decode(&sealed(frame)), Err(JetError::Version { found: 3 }));
     // A longer frame of a newer version is one too.
     let mut longer = frame.to_vec();
     longer.extend([0; 40]);
     let error = Jet::decode(&longer).expect_err("newer");
-    assert_eq!(error, JetError::Version { found: 2 });
-    assert!(error.to_string().contains("version 2"), "{error}");
+    assert_eq!(error, JetError::Version { found: 3 });
+    assert!(error.to_string().contains("version 3"), "{error}");
 }
 
 #[test]
@@ -105,7 +111,7 @@ fn other_lengths_and_unknown_bits_are_refused() {
     for have in 0..Jet::FRAME_LEN {
         assert_eq!(Jet::decode(&frame[..have]), Err(JetError::Length { have }));
     }
-    assert_eq!(Jet::decode(&[&frame[..], &[0]].concat()), Err(JetError::Length { have: 121 }));
+    assert_eq!(Jet::decode(&[&frame[..], &[0]].concat()), Err(JetError::Length { have: 185 }));
     assert_eq!(Jet::decode(b"PALPATE\0"), Err(JetError::Magic));
     let with = |at: usize, value: u8| {
         let mut changed = frame;
@@ -113,14 +119,16 @@ fn other_lengths_and_unknown_bits_are_refused() {
         Jet::decode(&sealed(changed))
     };
     assert_eq!(with(6, 128), Err(JetError::Length { have: 128 }), "the stated length");
-    assert_eq!(with(14, 32), Err(JetError::Reserved), "a sixth flag");
+    assert_eq!(with(14, 64), Err(JetError::Reserved), "a seventh flag");
+    assert_eq!(with(14, 5), Err(JetError::Reserved), "numbers of a partner without the flag");
+    assert_eq!(with(176, 1), Err(JetError::Reserved));
     assert_eq!(with(15, 1), Err(JetError::Reserved));
-    for at in 112..116 {
+    for at in 172..176 {
         let model = with(at, 1).expect("any model").model;
-        assert_eq!(model, 1 << (8 * (at - 112)), "byte {at}");
+        assert_eq!(model, 1 << (8 * (at - 172)), "byte {at}");
     }
     for bits in 0..16 {
-        let flags = with(14, bits).expect("four flags").flags;
+        let flags = with(14, bits | 32).expect("four flags").flags;
         let read = [flags.joined, flags.fresh, flags.unstable, flags.flush_before];
         assert_eq!(read, [1, 2, 4, 8].map(|bit| bits & bit != 0));
     }
@@ -134,15 +142,18 @@ proptest! {
     fn what_is_accepted_is_written_back(bytes in prop::collection::vec(any::<u8>(), Jet::FRAME_LEN)) {
         let mut frame: [u8; Jet::FRAME_LEN] = bytes.try_into().expect("the length");
         frame[..8].copy_from_slice(&numbered().encode()[..8]);
-        frame[14] &= 15;
+        frame[14] &= 63;
         frame[15] = 0;
-        frame[112..116].fill(0);
+        frame[172..180].fill(0);
         // Exponents in range, so that some are accepted.
-        for word in 0..24 {
+        for word in 0..39 {
             frame[16 + 4 * word + 3] = frame[16 + 4 * word + 3] % 2 * 128 + 59;
         }
         frame[16 + 4 * 23 + 3] = 59;
         frame[16 + 4 * 23 + 2] |= 128;
+        if frame[14] & 32 == 0 {
+            frame[112..172].fill(0);
+        }
         let frame = sealed(frame);
         let decoded = Jet::decode(&frame);
         prop_assert!(decoded.is_ok(), "{decoded:?}");

@@ -98,6 +98,18 @@ fn a_new_touch_begins_without_an_offset() {
     assert_eq!(tool.memory.hand_overs(), 0);
 }
 
+/// The only jet is of a place far away: its force comes in over the fade.
+#[test]
+fn a_touch_of_a_sphere_begins_without_force() {
+    let mut tool = OnePoint::new(&[(0, 1.0)]);
+    let flags = JetFlags { root: true, ..JetFlags::default() };
+    tool.learn([Jet { flags, energy_j: 2.0, ..flat(0, [0.0; 3], [1.0, 0.0, 0.0]) }]);
+    for (tick, force_n) in forces(&mut tool, 0.03, 30).into_iter().enumerate() {
+        let exact_n = (2.0 + 0.03) * (1.0 - (-(tick as f32) / 10.0).exp());
+        assert!((force_n - exact_n).abs() < 1e-4, "tick {tick}: {force_n} {exact_n}");
+    }
+}
+
 /// A press of 20 mm at 0.2 m/s over jets of the nonlinear organ, 4 mm apart and each trusted for 4 mm.
 #[test]
 fn a_press_over_many_jets_is_smooth_and_right() {

@@ -6,5 +6,6 @@ mod hand_over;
 mod ladder;
 mod memory;
 mod model;
+mod partner;
 mod root;
 mod tick;

@@ -81,6 +81,7 @@ fn blank_seed() -> StoredSeed {
         state: vec![0.0],
         sensitivity: [vec![0.0], vec![0.0], vec![0.0]],
         jet: EnergyJet::from_numbers([0.0; 3], &[0.0; 20]),
+        coupling: None,
     })
 }
 

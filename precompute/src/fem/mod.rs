@@ -24,7 +24,7 @@ pub use pad::{Fingertip, Pad, PadProfile};
 pub use pressure::PressurePair;
 pub use solvability::PressureFault;
 pub use solve::{
-    Configuration, DESCENT_STEPS, FailureReason, FollowCount, FollowOptions, Followed, FreeBody,
+    Configuration, Coupling, DESCENT_STEPS, FailureReason, FollowCount, FollowOptions, Followed, FreeBody,
     IterationProfile, NewtonOptions, Pressed, Problem, Renewal, Seed, SolveFailure, Solver, SphereSolver,
     solve_body_force,
 };

@@ -207,7 +207,7 @@ impl Choice<'_> {
         let reduced = (HEADING_M / norm(travel)).min(1.0);
         let there_m = std::array::from_fn(|axis| hand.hip_m[axis] + reduced * travel[axis]);
         if let Some(sphere) = self.skin.sphere() {
-            return self.first(0).or_else(|| self.approach(sphere, there_m));
+            return self.first(0).or_else(|| self.approach(sphere, hand, there_m));
         }
         self.skin.near(there_m, HEADING_M, found);
         let of_any = |most: usize, find: &dyn Fn(u16) -> Option<Task>| {
@@ -220,10 +220,14 @@ impl Choice<'_> {
             .or_else(|| of_any(PRESSED, &|contact| self.press(contact, deep_m)))
     }
 
-    /// The first touch of a sphere that comes near the skin.
-    fn approach(&self, sphere: &CoatedSphere, there_m: [f64; 3]) -> Option<Task> {
-        let control_m = sphere.first_touch_m(self.body, there_m, HEADING_M, FIRST_DEPTH_M)?;
-        self.position(Task { contact: 0, control_m, aim: Aim::Ahead }, 1.0, Limit::Unknown)
+    /// The first touches of a sphere that comes near the skin: where its way leads, and on the shortest way.
+    fn approach(&self, sphere: &CoatedSphere, hand: &Hand, there_m: [f64; 3]) -> Option<Task> {
+        let on_way =
+            || sphere.touched_on_way_m(self.body, hand.hip_m, hand.velocity_m_s, HEADING_M, FIRST_DEPTH_M);
+        let nearest = || sphere.first_touch_m(self.body, there_m, HEADING_M, FIRST_DEPTH_M);
+        let solved =
+            |control_m| self.position(Task { contact: 0, control_m, aim: Aim::Ahead }, 1.0, Limit::Unknown);
+        on_way().and_then(solved).or_else(|| nearest().and_then(solved))
     }
 
     /// A press straight into the body, where a solve takes longer than a hand needs for it.

@@ -9,6 +9,17 @@ pub struct Hand {
     pub velocity_m_s: [f64; 3],
     /// The touch, if there is one.
     pub touch: Option<Touch>,
+    /// The partner, another sphere, while it feels a force of the same body.
+    pub partner: Option<Partner>,
+}
+
+/// Another tool on the same body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Partner {
+    /// Its position, m.
+    pub position_m: [f64; 3],
+    /// Its velocity, m/s.
+    pub velocity_m_s: [f64; 3],
 }
 
 /// A touch.

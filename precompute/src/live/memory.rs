@@ -2,6 +2,7 @@
 
 use nalgebra::Matrix3;
 
+use crate::fem::Coupling;
 use crate::num::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{distance, dot, norm};
 use crate::spec::Tolerance;
@@ -52,6 +53,8 @@ pub struct Trust {
     pub root: Option<EnergyJet>,
     /// rho, m.
     pub radius_m: f64,
+    /// How its force depends on a partner, if one touches the body too.
+    pub coupling: Option<Coupling>,
 }
 
 impl Trust {
@@ -70,7 +73,7 @@ impl Trust {
         if third > most {
             jet.third_n_m2 = jet.third_n_m2.map(|one| one * (most / third));
         }
-        Self { jet, root: None, radius_m }
+        Self { jet, root: None, radius_m, coupling: None }
     }
 
     /// The jet of a tool that touches nothing at rest: by its root, where the third derivatives change the slope of s
@@ -82,7 +85,12 @@ impl Trust {
         let first_m = BEYOND_FIRST * root.energy_j / slope;
         let least_m = if first_m <= LIGHT_M { first_m } else { 0.0 };
         let radius_m = (slope / third_norm(&root.third_n_m2)).sqrt().max(least_m);
-        Some(Self { jet, root: Some(root), radius_m: radius_m.clamp(MIN_TRUST_M, MAX_TRUST_M) })
+        Some(Self {
+            jet,
+            root: Some(root),
+            radius_m: radius_m.clamp(MIN_TRUST_M, MAX_TRUST_M),
+            coupling: None,
+        })
     }
 
     /// It is trusted no farther than this, m.
@@ -90,22 +98,45 @@ impl Trust {
         self.radius_m = self.radius_m.min(radius_m).max(MIN_TRUST_M);
     }
 
-    /// h at a control as the loop has it, N.
-    fn force_n(&self, control_m: [f64; 3]) -> [f64; 3] {
-        match &self.root {
-            Some(root) => {
-                let (value, slope) = continued(root, self.radius_m, control_m);
-                slope.map(|slope| value.max(0.0) * slope)
-            }
-            None => continued(&self.jet, self.radius_m, control_m).1,
-        }
+    /// h at a control, with a partner at a place, as the loop has it, N.
+    fn force_n(&self, control_m: [f64; 3], partner_m: Option<[f64; 3]>) -> [f64; 3] {
+        let (value, slope) = continued(self.root.as_ref().unwrap_or(&self.jet), self.radius_m, control_m);
+        let change = self.coupling.zip(partner_m).map(|(of, at_m)| of.change(at_m, self.radius_m));
+        let (more, steeper) = change.unwrap_or_default();
+        let nearness = nearness(self.radius_m, distance(self.jet.control_m, control_m));
+        let root = if self.root.is_some() { nearness * (value + more).max(0.0) } else { 1.0 };
+        std::array::from_fn(|k| root * (slope[k] + steeper[k]))
+    }
+
+    fn partner_m(&self) -> Option<[f64; 3]> {
+        self.coupling.map(|coupling| coupling.partner_m)
+    }
+
+    /// Distance from a control, with a partner at a place, m: that of both tools together.
+    fn away_m(&self, control_m: [f64; 3], partner_m: Option<[f64; 3]>) -> f64 {
+        let gap_m = parted_m(self.partner_m(), partner_m);
+        libm::hypot(distance(self.jet.control_m, control_m), gap_m)
     }
 
     /// Whether another jet has nearly the force of this one at its control, by the rule of the loop.
     pub(super) fn agrees(&self, other: &Self) -> bool {
         let limit_n = FLUSH_N.max(FLUSH_SHARE * norm(self.jet.force_n));
-        distance(other.force_n(self.jet.control_m), self.jet.force_n) <= limit_n
+        distance(other.force_n(self.jet.control_m, self.partner_m()), self.jet.force_n) <= limit_n
     }
+}
+
+/// Distance of two places of a partner, m. That of a partner that touches the body from none is larger than any other.
+pub(super) fn parted_m(one: Option<[f64; 3]>, other: Option<[f64; 3]>) -> f64 {
+    match (one, other) {
+        (None, None) => 0.0,
+        (Some(one), Some(other)) => distance(one, other),
+        _ => f64::from(palpate_core::Jet::PARTED_M),
+    }
+}
+
+/// The share of its force that a root has at this distance from its control, m.
+fn nearness(radius_m: f64, away_m: f64) -> f64 {
+    (1.5 - 0.5 * (away_m - radius_m) / radius_m.max(MIN_LEVELLING_M)).clamp(0.0, 1.0)
 }
 
 /// Value and gradient of an expansion; beyond the trust radius straight on and levelling off.
@@ -153,12 +184,19 @@ pub(super) struct Known {
     is_of_roots: bool,
     /// Distance from a jet up to which its branch is known by tables, m.
     tabled_m: f64,
+    /// Where the partner is now, if it touches the body.
+    partner_m: Option<[f64; 3]>,
 }
 
 impl Known {
     /// Without jets. Of a tool that touches nothing at rest jets are compared with this stiffness, N/m.
     pub(super) fn of_stiffness(rest_n_m: Option<f64>) -> Self {
         Self { rest_n_m: rest_n_m.unwrap_or(0.0), is_of_roots: rest_n_m.is_some(), ..Self::default() }
+    }
+
+    /// The partner is at this place now.
+    pub(super) fn face(&mut self, partner_m: Option<[f64; 3]>) {
+        self.partner_m = partner_m;
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -172,9 +210,10 @@ impl Known {
     /// The jet with the smallest distance in trust radii, as the loop chooses it, and this distance in metres;
     /// `None` if it lies on another branch.
     pub(super) fn nearest(&self, control_m: [f64; 3], branch: u32) -> Option<(&Trust, f64)> {
-        let by = |(trust, _): &(Trust, u32)| distance(trust.jet.control_m, control_m) / trust.radius_m;
+        let away_m = |trust: &Trust| trust.away_m(control_m, self.partner_m);
+        let by = |(trust, _): &(Trust, u32)| away_m(trust) / trust.radius_m;
         let (nearest, of) = self.jets.iter().min_by(|a, b| by(a).total_cmp(&by(b)))?;
-        (*of == branch).then(|| (nearest, distance(nearest.jet.control_m, control_m)))
+        (*of == branch).then(|| (nearest, away_m(nearest)))
     }
 
     /// The jets are those of tables, which lie no farther apart than twice this distance, m.
@@ -186,33 +225,39 @@ impl Known {
     pub(super) fn has_near(&self, control_m: [f64; 3], branch: u32, within_m: f64) -> bool {
         let is_near = |(trust, of): &(Trust, u32)| {
             let within_m = within_m.min(KNOWN_TRUST * trust.radius_m).max(self.tabled_m);
-            *of == branch && distance(trust.jet.control_m, control_m) < within_m
+            *of == branch && trust.away_m(control_m, self.partner_m) < within_m
         };
         self.jets.iter().any(is_near)
     }
 
-    /// The first jet is that at rest: it defines the trust of all.
-    pub(super) fn trust(&mut self, jet: EnergyJet) -> Trust {
+    /// The first jet is that at rest: it defines the trust of all. With a partner the energy of a jet is what the tool adds, and
+    /// `alone_n` the force that the partner has alone; unknown, the jet has no root.
+    pub(super) fn trust(&mut self, jet: EnergyJet, beside: Option<(Coupling, Option<[f64; 3]>)>) -> Trust {
         if self.is_of_roots
+            && beside.is_none_or(|(_, alone_n)| alone_n.is_some())
             && let Some(trust) = Trust::of_root(jet)
         {
-            return trust;
+            let of_root = |(of, alone_n): (Coupling, Option<[f64; 3]>)| {
+                Some(of.of_root(jet.energy_j, jet.force_n, alone_n?))
+            };
+            return Trust { coupling: beside.and_then(of_root), ..trust };
         }
+        let coupling = beside.map(|(coupling, _)| coupling);
         if self.rest_n_m == 0.0 {
             self.rest_n_m = stiffness(&jet.stiffness_n_m);
         }
-        Trust::of(jet, self.rest_n_m)
+        Trust { coupling, ..Trust::of(jet, self.rest_n_m) }
     }
 
     /// Adds a jet of a branch; with `flush` it removes those that contradict it. A jet at the same control is
     /// replaced.
     pub(super) fn add(&mut self, trust: Trust, branch: u32, flush: bool) {
         self.jets.retain(|(old, _)| {
-            let same = distance(old.jet.control_m, trust.jet.control_m) < SAME_M;
+            let same = old.away_m(trust.jet.control_m, trust.partner_m()) < SAME_M;
             !same && (!flush || trust.agrees(old))
         });
         if self.jets.len() == MAX_JETS {
-            let away = |(old, _): &(Trust, u32)| distance(old.jet.control_m, trust.jet.control_m);
+            let away = |(old, _): &(Trust, u32)| old.away_m(trust.jet.control_m, trust.partner_m());
             let all = self.jets.iter().enumerate();
             let farthest = all.max_by(|(_, a), (_, b)| away(a).total_cmp(&away(b))).map(|(at, _)| at);
             self.jets.swap_remove(farthest.expect("it is full"));
@@ -274,7 +319,7 @@ impl Growth {
         self.error_n_m3 = (self.error_n_m3 * FORGETTING).max(self.least_n_m3);
         let Some((nearest, r_m)) = known.nearest(solved.control_m, branch) else { return };
         if r_m > MIN_MEASURED_M && r_m <= nearest.radius_m {
-            let error_n = distance(nearest.force_n(solved.control_m), solved.force_n);
+            let error_n = distance(nearest.force_n(solved.control_m, known.partner_m), solved.force_n);
             self.error_n_m3 = self.error_n_m3.max(error_n / (r_m * r_m * r_m));
         }
     }
@@ -340,7 +385,7 @@ mod tests {
                 numbers[at] = value * level * 200.0 * (1.0 + 2e3 * r2);
             }
             numbers[10..].iter_mut().for_each(|third| *third = 4e4 * (2.0 * random() - 1.0));
-            let trust = known.trust(jet(&numbers, control_m));
+            let trust = known.trust(jet(&numbers, control_m), None);
             let flush = number % 17 == 16;
             flushes += u32::from(flush);
             let before = known.jets().len();
@@ -368,7 +413,7 @@ mod tests {
             (numbers[4], numbers[7], numbers[9], numbers[10], numbers[19]) =
                 (300.0, 200.0, 100.0, third, -third);
             let trust = Trust::of(EnergyJet::from_numbers([0.0; 3], &numbers), 300.0);
-            let along = |r_m: f64| trust.force_n([0.6 * r_m, 0.0, 0.8 * r_m]);
+            let along = |r_m: f64| trust.force_n([0.6 * r_m, 0.0, 0.8 * r_m], None);
             let radius_m = trust.radius_m;
             let step = distance(along(radius_m * (1.0 + 1e-9)), along(radius_m * (1.0 - 1e-9)));
             assert!(step < 1e-6, "{third}: {step}");

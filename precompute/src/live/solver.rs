@@ -1,5 +1,6 @@
 //! The live solver: in every step it chooses a position, solves there and publishes the jet.
 
+mod publishing;
 mod renewing;
 mod solving;
 
@@ -11,7 +12,7 @@ use palpate_core::{Method, Organ, Space};
 use super::branches::{Branches, REST};
 use super::choice::{Choice, HEADING_M, LostPositions};
 use super::error::LiveError;
-use super::hand::{Hand, Touch};
+use super::hand::{Hand, Partner, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
 use super::renewals::Renewals;
@@ -23,6 +24,7 @@ use super::times::SolveTimes;
 use super::workers::Workers;
 use crate::fem::{Body, Constraints, FreeBody, Problem, Seed};
 use crate::num::jet::EnergyJet;
+use crate::num::vector::difference;
 use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
 
@@ -30,6 +32,9 @@ use crate::scene::{ElementOrder, ResolvedScene};
 const PROBLEMS: usize = 256;
 /// Jets that wait for the loop during a change of the model, usually.
 const OUTBOX: usize = 16;
+/// The partner is taken where it will be after this time, s: about when the loop has the jet, and half of the way to the next
+/// one.
+const PARTNER_AHEAD_S: f64 = 0.01;
 /// Solves after a change of the model for which its jets may wait: a hand that moves fast is never known.
 const MAX_HELD: u32 = 12;
 
@@ -67,6 +72,10 @@ pub struct LiveSolver {
     /// Whether the jets of a new model wait until the present touch is known, and the solves since the change.
     holds_back: bool,
     held_solves: u32,
+    /// Displacement of the partner, while it feels a force.
+    partner_m: Option<[f64; 3]>,
+    /// The body under the partner alone.
+    alone: Option<Seed>,
 }
 
 impl LiveSolver {
@@ -109,6 +118,8 @@ impl LiveSolver {
             first_rest,
             holds_back: false,
             held_solves: 0,
+            partner_m: None,
+            alone: None,
         })
     }
 
@@ -153,7 +164,7 @@ impl LiveSolver {
             }
             let known = &mut self.known[usize::from(contact)];
             for jet in &jets {
-                let trust = known.trust(*jet);
+                let trust = known.trust(*jet, None);
                 known.add(trust, REST, false);
             }
             known.are_tabled(within_m);
@@ -238,7 +249,7 @@ impl LiveSolver {
         self.problems.clear();
         self.workers = Workers::new(&Arc::new(self.free.at(self.skin.touch(first, &self.body))));
         self.renewals = self.renewals.take().map(|old| old.for_problem(&self.free));
-        (self.free_body, self.doubted) = (None, None);
+        (self.free_body, self.doubted, self.alone) = (None, None, None);
         self.known.fill(Known::of_stiffness(self.skin.stiffness_n_m(&self.body)));
         (self.growth, self.lost) = (Growth::first(self.skin.sphere().is_some()), LostPositions::default());
         self.branches.forget_folds();
@@ -301,6 +312,7 @@ impl LiveSolver {
     /// hand has passed.
     pub fn step(&mut self, hand: &Hand) -> Step {
         self.times.begin(None);
+        self.face(hand.partner.as_ref());
         self.take_renewal();
         self.send_known(hand);
         self.branches.release_but(hand.touch.as_ref());
@@ -310,6 +322,18 @@ impl LiveSolver {
             && step != Step::Idle
             && hand.touch.as_ref().is_some_and(|touch| !self.knows(touch));
         step
+    }
+
+    /// Solves with the partner where it will be soon.
+    fn face(&mut self, partner: Option<&Partner>) {
+        self.partner_m = self.skin.sphere().zip(partner).map(|(sphere, partner)| {
+            let from_m = difference(partner.position_m, sphere.start_m);
+            std::array::from_fn(|k| from_m[k] + PARTNER_AHEAD_S * partner.velocity_m_s[k])
+        });
+        if let Some(known) = self.known.first_mut() {
+            known.face(self.partner_m);
+        }
+        self.states.face(self.partner_m);
     }
 
     fn solve_next(&mut self, hand: &Hand) -> Step {
@@ -354,9 +378,13 @@ impl LiveSolver {
         Arc::new(self.free.at(self.skin.touch(contact, &self.body)))
     }
 
-    /// The body at rest.
-    pub(super) fn rest_state(&self) -> Seed {
-        Seed::at_rest(&self.body)
+    /// The body at rest, with a sphere where it touches nothing on the shortest way from this control.
+    pub(super) fn untouched_at(&self, control_m: [f64; 3]) -> Seed {
+        let mut seed = Seed::at_rest(&self.body);
+        if let Some(sphere) = self.skin.sphere() {
+            seed.become_rest(&self.body, sphere.beside_m(&self.body, control_m));
+        }
+        seed
     }
 
     fn problem(&mut self, contact: u16) -> Arc<Problem> {

@@ -1,6 +1,7 @@
 //! The solved states that are kept as starts of the next continuations.
 
 use super::hand::Hand;
+use super::memory::parted_m;
 use crate::fem::{Body, Seed};
 use crate::num::vector::distance;
 
@@ -33,27 +34,40 @@ pub(super) struct States {
     kept: Vec<Kept>,
     free: Vec<Seed>,
     uses: u64,
+    /// Where the partner is now.
+    partner_m: Option<[f64; 3]>,
 }
 
 impl States {
     /// Room for states like this one.
     pub(super) fn like(seed: &Seed) -> Self {
-        Self { kept: Vec::with_capacity(KEPT), free: vec![seed.clone(); KEPT + 1], uses: 0 }
+        Self { kept: Vec::with_capacity(KEPT), free: vec![seed.clone(); KEPT + 1], uses: 0, partner_m: None }
     }
 
     /// Takes out the state of a branch of a contact that is nearest to a control, if there is one.
     pub(super) fn take_nearest(&mut self, contact: u16, branch: u32, control_m: [f64; 3]) -> Option<Start> {
-        let away = |kept: &Kept| distance(kept.seed.jet.control_m, control_m);
+        let away = |kept: &Kept| self.away_m(&kept.seed, control_m);
         let is_of = |kept: &Kept| kept.contact == contact && kept.branch == branch;
         let of_branch = self.kept.iter().enumerate().filter(|(_, kept)| is_of(kept));
         let (nearest, _) = of_branch.min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)))?;
         let Kept { seed, is_guess, .. } = self.kept.swap_remove(nearest);
+        let is_guess = is_guess || parted_m(partner_of(&seed), self.partner_m) > 0.0;
         Some(Start { seed, is_guess })
+    }
+
+    /// The partner is at this place now: states of another one are guesses.
+    pub(super) fn face(&mut self, partner_m: Option<[f64; 3]>) {
+        self.partner_m = partner_m;
+    }
+
+    /// Distance of a state from a control with the present partner, m.
+    fn away_m(&self, seed: &Seed, control_m: [f64; 3]) -> f64 {
+        libm::hypot(distance(seed.jet.control_m, control_m), parted_m(partner_of(seed), self.partner_m))
     }
 
     /// The state of a branch of a contact that is nearest to a control.
     pub(super) fn nearest(&self, contact: u16, branch: u32, control_m: [f64; 3]) -> Option<&Seed> {
-        let away = |(_, seed): &(u32, &Seed)| distance(seed.jet.control_m, control_m);
+        let away = |(_, seed): &(u32, &Seed)| self.away_m(seed, control_m);
         let of_branch = self.of(contact).filter(|(of, _)| *of == branch);
         of_branch.min_by(|a, b| away(a).total_cmp(&away(b))).map(|(_, seed)| seed)
     }
@@ -140,4 +154,8 @@ impl States {
             }
         }
     }
+}
+
+fn partner_of(seed: &Seed) -> Option<[f64; 3]> {
+    seed.coupling.map(|coupling| coupling.partner_m)
 }

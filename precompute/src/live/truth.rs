@@ -8,9 +8,10 @@ use std::sync::Arc;
 
 use super::branches::joins;
 use super::hand::Touch;
+use super::memory::parted_m;
 use super::solver::LiveSolver;
 use crate::fem::{DESCENT_STEPS, FollowOptions, Problem, Seed, SolveFailure, Solver};
-use crate::num::vector::distance;
+use crate::num::vector::{difference, distance};
 use crate::spec::Tolerance;
 
 /// Longest step of a path, m.
@@ -39,6 +40,8 @@ pub struct Truth<'l> {
     /// Contact, state, and where its factor was made, of each contact of the present touch.
     paths: Vec<Path>,
     landings: u32,
+    /// Displacement of the partner, if it touches the body.
+    partner_m: Option<[f64; 3]>,
 }
 
 #[derive(Debug)]
@@ -51,7 +54,7 @@ struct Path {
 impl<'l> Truth<'l> {
     /// Of the body of a live session.
     pub fn new(live: &'l LiveSolver) -> Self {
-        Self { live, solver: None, paths: Vec::new(), landings: 0 }
+        Self { live, solver: None, paths: Vec::new(), landings: 0, partner_m: None }
     }
 
     /// Number of times that the body landed with a jump that is felt.
@@ -62,6 +65,12 @@ impl<'l> Truth<'l> {
     /// The tool has left the body: the next touch begins at rest.
     pub fn release(&mut self) {
         self.paths.clear();
+    }
+
+    /// A partner at this place touches the body too from now on, m; or none does.
+    pub fn face(&mut self, partner_m: Option<[f64; 3]>) {
+        let sphere = self.live.skin().sphere().zip(partner_m);
+        self.partner_m = sphere.map(|(sphere, at_m)| difference(at_m, sphere.start_m));
     }
 
     /// h at the next place of the path, N.
@@ -84,7 +93,7 @@ impl<'l> Truth<'l> {
         let at = match self.paths.iter().position(|path| path.contact == contact) {
             Some(at) => at,
             None => {
-                let (problem, seed) = (self.live.problem_of(contact), self.live.rest_state());
+                let (problem, seed) = (self.live.problem_of(contact), self.live.untouched_at(control_m));
                 self.paths.push(Path { contact, problem, seed });
                 self.paths.len() - 1
             }
@@ -95,6 +104,12 @@ impl<'l> Truth<'l> {
             solver.touch(problem.clone());
         }
         let mut to = seed.clone();
+        solver.set_partner(self.partner_m);
+        if parted_m(seed.coupling.map(|of| of.partner_m), self.partner_m) > 0.0 {
+            // The partner moves while the tool stays.
+            solver.follow(seed, seed.pose.displacement_m, true, &OPTIONS, &mut to)?;
+            std::mem::swap(seed, &mut to);
+        }
         // The factor may be that of another contact.
         let mut factor_at_m: Option<[f64; 3]> = None;
         // Where the branch was not found, if it ends on the way.

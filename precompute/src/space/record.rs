@@ -265,6 +265,6 @@ impl StoredSeed {
         let sensitivity = [columns.next()?, columns.next()?, columns.next()?];
         let pose = crate::fem::boundary::Pose::translation(displacement_m);
         let jet = EnergyJet::from_numbers(displacement_m, &self.numbers);
-        Some(crate::fem::solve::Seed { pose, state: numbers(&self.state), sensitivity, jet })
+        Some(crate::fem::solve::Seed { pose, state: numbers(&self.state), sensitivity, jet, coupling: None })
     }
 }

@@ -301,6 +301,7 @@ fn felt(solver: &mut LiveSolver, contact: u16, hand_m: &[Vector3<f64>]) -> Vec<V
                 hip_m: (*d).into(),
                 velocity_m_s: velocity(ms).into(),
                 touch: Some(alone(contact, (*d).into())),
+                ..Hand::default()
             };
             let before = solver.totals().factorisations;
             is_due = solver.step(&seen) != Step::Idle;

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use palpate_core::{
     AlignedBytes, Command, Config, Controller, JetMemory, Organ, Phase, Sample, State, TouchSurface,
 };
-use palpate_precompute::live::{Hand, LiveSolver, Touch, Truth};
+use palpate_precompute::live::{Hand, LiveSolver, Partner, Published, Touch, Truth};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use palpate_precompute::spec::Tolerance;
 use palpate_tests::documents;
@@ -15,7 +15,7 @@ const STEP_M: f64 = 1e-4;
 const TICKS_A_STEP: usize = 10;
 
 /// The small organ under a sphere of 10 mm.
-fn scene() -> ResolvedScene {
+pub(super) fn scene() -> ResolvedScene {
     let folder = tempfile::tempdir().expect("a folder");
     let assets = documents::root().join("assets");
     let text = std::fs::read_to_string(assets.join("liver-small.toml")).expect("a bundled scene");
@@ -30,7 +30,7 @@ fn scene() -> ResolvedScene {
 }
 
 /// Down to 8 mm, 25 mm along the skin, and up again.
-fn way(scene: &ResolvedScene) -> Vec<Vector3<f64>> {
+pub(super) fn way(scene: &ResolvedScene) -> Vec<Vector3<f64>> {
     let node = 199;
     let place_m = Vector3::from(scene.mesh.nodes_m[node as usize]);
     let surface = palpate_precompute::mesh::Surface::of(&scene.mesh);
@@ -50,62 +50,125 @@ fn way(scene: &ResolvedScene) -> Vec<Vector3<f64>> {
     way
 }
 
-/// The ticks of the controller on a way, with a solver that takes ten of them for a step.
-fn feel(scene: &ResolvedScene, friction: f32, way: &[Vector3<f64>]) -> (LiveSolver, Vec<(Touch, Command)>) {
-    let mut solver = LiveSolver::new(scene).expect("it can be touched");
-    let bytes = AlignedBytes::from(&solver.organ(scene).expect("an organ").0[..]);
+/// What one tool felt: its solver, and touch and command of each tick.
+pub(super) type Felt = (LiveSolver, Vec<(Touch, Command)>);
+
+/// The ticks of the controllers of one or two tools, each on its way, with a solver for each that takes ten ticks for a step.
+/// Every tool is the partner of the other one.
+pub(super) fn feel(scene: &ResolvedScene, friction: f32, ways: &[Vec<Vector3<f64>>]) -> Vec<Felt> {
+    let new = |_| (LiveSolver::new(scene).expect("it can be touched"), Vec::new());
+    let mut all: Vec<Felt> = ways.iter().map(new).collect();
+    let bytes = AlignedBytes::from(&all[0].0.organ(scene).expect("an organ").0[..]);
     let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes).expect("good");
-    let start_m = Vector3::from(solver.skin().contacts[0].rest_m);
+    let start_m = Vector3::from(all[0].0.skin().contacts[0].rest_m);
     let mut words = vec![0; TouchSurface::words(&organ)];
     let mut config = Config::live();
     config.contact.friction = friction;
     let controller = Controller::new(&organ, config).expect("an organ to be touched");
     let controller = controller.on_surface(TouchSurface::new(&organ, &mut words));
-    let mut memory = Box::<JetMemory<1, 256>>::default();
-    let (mut state, mut felt) = (State::new(), Vec::<(Touch, Command)>::new());
-    state.arm();
-    for (tick, centre_m) in way.iter().enumerate() {
-        let velocity = if tick == 0 { Vector3::zeros() } else { (centre_m - way[tick - 1]) * 1e3 };
-        let touch =
-            Touch { contacts: [(0, 1.0), (0, 0.0), (0, 0.0)], control_m: (centre_m - start_m).into() };
-        if tick % TICKS_A_STEP == 0 {
-            let is_engaged = felt.last().is_some_and(|(_, command)| command.engaged.is_some());
-            let hip_m = (*centre_m).into();
-            solver.step(&Hand { hip_m, velocity_m_s: velocity.into(), touch: is_engaged.then_some(touch) });
-            solver.took(1e-3 * TICKS_A_STEP as f64);
-            while let Some(published) = solver.published() {
-                memory.insert(&published.jet(0));
-            }
-        }
-        let t_us = 1_000 * tick as u64;
-        let sample = Sample { t_us, position_m: centre_m.map(|x| x as f32).into(), buttons: 0 };
-        let command = controller.tick_on(&mut state, t_us, Some(&sample), &mut *memory);
-        assert_eq!(command.phase, Phase::Active, "{command:?}");
-        felt.push((touch, command));
+    let loops = ways.iter().map(|_| (Box::<JetMemory<1, 256>>::default(), State::new()));
+    let mut loops: Vec<_> = loops.collect();
+    for (_, state) in &mut loops {
+        state.arm();
     }
-    (solver, felt)
+    for tick in 0..ways[0].len() {
+        let is_engaged = |(_, felt): &Felt| felt.last().is_some_and(|(_, command)| command.engaged.is_some());
+        let engaged: Vec<bool> = all.iter().map(is_engaged).collect();
+        let presses =
+            |(_, felt): &Felt| felt.last().is_some_and(|(_, command)| reaction_n(command).norm() > 1e-3);
+        let pressing: Vec<bool> = all.iter().map(presses).collect();
+        for (of, ((memory, state), (solver, felt))) in loops.iter_mut().zip(&mut all).enumerate() {
+            let centre_m = ways[of][tick];
+            let velocity = if tick == 0 { Vector3::zeros() } else { (centre_m - ways[of][tick - 1]) * 1e3 };
+            let control_m = (centre_m - start_m).into();
+            let touch = Touch { contacts: [(0, 1.0), (0, 0.0), (0, 0.0)], control_m };
+            let other = (0..ways.len()).find(|other| *other != of);
+            if tick % TICKS_A_STEP == 0 {
+                solver.step(&Hand {
+                    hip_m: centre_m.into(),
+                    velocity_m_s: velocity.into(),
+                    touch: engaged[of].then_some(touch),
+                    partner: other.filter(|other| pressing[*other]).map(|other| Partner {
+                        position_m: ways[other][tick].into(),
+                        velocity_m_s: (1e3 * (ways[other][tick] - ways[other][tick.max(1) - 1])).into(),
+                    }),
+                });
+                solver.took(1e-3 * TICKS_A_STEP as f64);
+                while let Some(published) = solver.published() {
+                    memory.insert(&published.jet(0));
+                }
+            }
+            let beside_m = other.filter(|other| pressing[*other]).map(|other| ways[other][tick] - start_m);
+            memory.partner(beside_m.map(|at_m| at_m.map(|x| x as f32).into()));
+            let t_us = 1_000 * tick as u64;
+            let sample = Sample { t_us, position_m: centre_m.map(|x| x as f32).into(), buttons: 0 };
+            let command = controller.tick_on(state, t_us, Some(&sample), &mut **memory);
+            assert_eq!(command.phase, Phase::Active, "{command:?}");
+            felt.push((touch, command));
+        }
+    }
+    all
 }
 
-fn reaction_n(command: &Command) -> Vector3<f64> {
-    Vector3::from(command.reaction_n.map(f64::from))
-}
-
-#[test]
-fn a_sphere_is_not_felt_to_lag() {
-    let scene = scene();
-    let (solver, felt) = feel(&scene, 0.0, &way(&scene));
+/// Numbers of positions, and of those with an imperceptible error, and the largest error, N, of every fifth tick. With a partner
+/// those count in which both press.
+pub(super) fn compare(of: &Felt, partner: Option<(&Felt, &[Vector3<f64>])>) -> (u32, u32, f64) {
+    let (solver, felt) = of;
     println!("{:?}", solver.totals());
-    let mut truth = Truth::new(&solver);
+    let mut truth = Truth::new(solver);
     let (mut count, mut good, mut worst) = (0, 0, 0.0f64);
-    for (touch, command) in felt.iter().step_by(5) {
+    for (tick, (touch, command)) in felt.iter().enumerate().step_by(5) {
+        truth.face(partner.map(|(_, way)| way[tick].into()));
         let wanted_n = Vector3::from(truth.force_n(touch).expect("it converges"));
         let error_n = (reaction_n(command) - wanted_n).norm();
         let tolerance_n = Tolerance::IMPERCEPTIBLE.of_size(wanted_n.norm());
+        if partner.is_some_and(|(of, _)| wanted_n.norm() == 0.0 || reaction_n(&of.1[tick].1).norm() == 0.0) {
+            continue;
+        }
         count += 1;
         good += u32::from(error_n < tolerance_n);
         worst = worst.max(error_n);
     }
     println!("{good} of {count} not felt, worst {worst:.3} N");
+    (count, good, worst)
+}
+
+pub(super) fn reaction_n(command: &Command) -> Vector3<f64> {
+    Vector3::from(command.reaction_n.map(f64::from))
+}
+
+/// A hand that lifts and comes down elsewhere finds the force there solved: no way leads there through the body.
+#[test]
+fn a_sphere_comes_to_any_other_place() {
+    let scene = scene();
+    let mut solver = LiveSolver::new(&scene).expect("it can be touched");
+    let start_m = Vector3::from(solver.skin().contacts[0].rest_m);
+    let surface = palpate_precompute::mesh::Surface::of(&scene.mesh);
+    let nodes = 0..scene.mesh.nodes_m.len() as u32;
+    let free = nodes.filter(|node| scene.mesh.nodes_m[*node as usize][0] > 0.04);
+    let of_skin: Vec<_> = free.filter_map(|node| Some((node, surface.normal(node)?))).collect();
+    // In an order that leaps across the body.
+    for n in 0..40 {
+        let (node, normal) = of_skin[(n * 131) % of_skin.len()];
+        let (place_m, normal) = (Vector3::from(scene.mesh.nodes_m[node as usize]), Vector3::from(normal));
+        let at = |clearance_m: f64| place_m + (0.01 + clearance_m) * normal;
+        let velocity_m_s = (-0.06 * normal).into();
+        for clearance_m in [15e-3, 10e-3, 5e-3] {
+            solver.step(&Hand { hip_m: at(clearance_m).into(), velocity_m_s, touch: None, partner: None });
+        }
+        let first_m = at(0.0) - start_m;
+        let away_m = |jet: &Published| jet.distance_m(first_m.into());
+        let known = solver.jets(0).filter(|jet| jet.trust.jet.force_n != [0.0; 3]);
+        let nearest_m = known.map(|jet| away_m(&jet)).fold(f64::INFINITY, f64::min);
+        assert!(nearest_m < 1e-3, "node {node}: {nearest_m} m");
+    }
+}
+
+#[test]
+fn a_sphere_is_not_felt_to_lag() {
+    let scene = scene();
+    let felt = feel(&scene, 0.0, &[way(&scene)]);
+    let (count, good, _) = compare(&felt[0], None);
     assert!(f64::from(good) >= 0.98 * f64::from(count));
 }
 
@@ -114,7 +177,8 @@ fn a_sphere_is_not_felt_to_lag() {
 fn a_sphere_feels_the_friction_of_coulomb() {
     let scene = scene();
     let (way, mu) = (way(&scene), 0.3);
-    let [smooth, rough] = [0.0, mu].map(|friction| feel(&scene, friction as f32, &way).1);
+    let [smooth, rough] =
+        [0.0, mu].map(|friction| feel(&scene, friction as f32, std::slice::from_ref(&way)).remove(0).1);
     let mut share = Vec::new();
     for ((_, smooth), (_, rough)) in smooth.iter().zip(&rough) {
         let (smooth_n, rough_n) = (reaction_n(smooth), reaction_n(rough));

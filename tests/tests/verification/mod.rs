@@ -8,3 +8,4 @@ mod live_sphere;
 mod sphere;
 mod sphere_contact;
 mod sphere_field;
+mod two_spheres;

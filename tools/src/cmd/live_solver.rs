@@ -106,7 +106,12 @@ fn seen(hand: &Hand) -> Seen {
         contacts: hand.engaged.map(|node| (node.space, f64::from(node.weight))),
         control_m: hand.displacement_m.map(f64::from),
     });
-    Seen { hip_m: hand.hip_m.map(f64::from), velocity_m_s: hand.velocity_m_s.map(f64::from), touch }
+    Seen {
+        hip_m: hand.hip_m.map(f64::from),
+        velocity_m_s: hand.velocity_m_s.map(f64::from),
+        touch,
+        partner: None,
+    }
 }
 
 /// A session from the solver's side.

@@ -69,15 +69,16 @@ impl Solver {
         let stiffness = self.condensed_stiffness(&problem);
         let sensitivity = self.sensitivity_of_state();
         let third_n_m2 = self.third(&sensitivity);
+        let coupling = self.coupling_to_partner(&sensitivity);
         let residual_n = self.final_correction(residual_n);
         let assembled = &self.assembled;
         if self.newton.reject_inverted && assembled.inverted > 0 {
             return fail(FailureReason::Inverted, residual_n);
         }
-        if self.elastic.is_pierced {
+        if self.is_pierced() {
             return fail(FailureReason::Pierced, residual_n);
         }
-        let energy_j = assembled.energy_j - body.rest_energy_j + self.elastic.energy_j;
+        let energy_j = assembled.energy_j - body.rest_energy_j + self.elastic.energy_j + self.of_partner().0;
         let (force_n, torque_n_m) = self.resultants(pose);
         // S is symmetric by definition; rounding makes the computed S unsymmetric in its last digits.
         let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());
@@ -86,7 +87,7 @@ impl Solver {
             return fail(FailureReason::NotFinite, residual_n);
         }
         Ok(Configuration {
-            seed: Seed { pose: *pose, state: self.state.clone(), sensitivity, jet },
+            seed: Seed { pose: *pose, state: self.state.clone(), sensitivity, jet, coupling },
             torque_n_m,
             residual_n,
             min_jacobian: assembled.min_jacobian,

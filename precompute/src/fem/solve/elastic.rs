@@ -1,14 +1,15 @@
-//! The part of an elastic tool in the equations, in the sensitivities and in the third derivatives.
+//! The part of elastic tools in the equations, in the sensitivities and in the third derivatives.
 
-use super::Solver;
-use crate::fem::assembly::third_derivatives;
+use super::{Problem, Solver};
+use crate::fem::assembly::{Assembled, third_derivatives};
 use crate::fem::boundary::Contact;
+use crate::fem::elastic::ElasticState;
 use crate::num::jet::SymmetricThird;
 
 impl Solver {
     /// Adds the derivatives of the tool's potential at the state to the residual and to the tangent.
     pub(super) fn add_elastic(&mut self, with_tangent: bool) {
-        let Self { problem, elastic, state, control_m, residual, assembled, .. } = self;
+        let Self { problem, elastic, partner, state, control_m, residual, assembled, .. } = self;
         match &problem.contact {
             None | Some(Contact::Held(_)) => return,
             Some(Contact::Pad(pad)) => pad.compute(&problem.body, state, *control_m, with_tangent, elastic),
@@ -16,22 +17,11 @@ impl Solver {
                 sphere.compute(&problem.body, state, *control_m, with_tangent, elastic);
             }
         }
-        for (node, force) in &elastic.nodal_n {
-            for (equation, force) in problem.dofs.displacement(*node).into_iter().zip(force) {
-                if let Some(residual) = residual.get_mut(equation as usize) {
-                    *residual += force;
-                }
-            }
-        }
-        for ([one, other], block) in &elastic.stiffness_n_m {
-            let (rows, columns) = (problem.dofs.displacement(*one), problem.dofs.displacement(*other));
-            for (a, row) in rows.into_iter().enumerate() {
-                for (b, column) in columns.into_iter().enumerate() {
-                    if block[(a, b)] != 0.0 && !(one == other && b > a) {
-                        assembled.tangent[problem.pattern.place_or_nowhere(row, column)] += block[(a, b)];
-                    }
-                }
-            }
+        add(elastic, problem, residual, assembled);
+        if let (Some(partner), Some(Contact::Sphere(sphere))) = (partner, &problem.contact) {
+            let at_m = partner.displacement_m;
+            sphere.compute(&problem.body, state, at_m, with_tangent, &mut partner.elastic);
+            add(&partner.elastic, problem, residual, assembled);
         }
     }
 
@@ -53,9 +43,35 @@ impl Solver {
         let body = &self.problem.body;
         let mut third = third_derivatives(body, &self.state, sensitivity);
         if let Some(Contact::Sphere(sphere)) = &self.problem.contact {
-            let own = sphere.third(body, &self.state, self.control_m, sensitivity);
-            third.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+            let own = sphere.third(body, &self.state, (self.control_m, true), sensitivity);
+            let beside = self.partner.as_ref().map(|partner| (partner.displacement_m, false));
+            let beside =
+                beside.map(|at| sphere.third(body, &self.state, at, sensitivity)).unwrap_or_default();
+            for (sum, (own, beside)) in third.iter_mut().zip(own.into_iter().zip(beside)) {
+                *sum += own + beside;
+            }
         }
         third
+    }
+}
+
+/// Adds forces and stiffness of a tool to the equations.
+fn add(elastic: &ElasticState, problem: &Problem, residual: &mut [f64], assembled: &mut Assembled) {
+    for (node, force) in &elastic.nodal_n {
+        for (equation, force) in problem.dofs.displacement(*node).into_iter().zip(force) {
+            if let Some(residual) = residual.get_mut(equation as usize) {
+                *residual += force;
+            }
+        }
+    }
+    for ([one, other], block) in &elastic.stiffness_n_m {
+        let (rows, columns) = (problem.dofs.displacement(*one), problem.dofs.displacement(*other));
+        for (a, row) in rows.into_iter().enumerate() {
+            for (b, column) in columns.into_iter().enumerate() {
+                if block[(a, b)] != 0.0 && !(one == other && b > a) {
+                    assembled.tangent[problem.pattern.place_or_nowhere(row, column)] += block[(a, b)];
+                }
+            }
+        }
     }
 }

@@ -13,6 +13,8 @@
 //! A new factorisation is made if it is asked for, if there is no factor yet, if the steps do not converge, or if
 //! X does not.
 
+use nalgebra::Matrix3;
+
 use super::factor::Accuracy;
 use super::residual_steps::MAX_STEPS;
 use super::{FailureReason, Seed, SolveFailure, Solver};
@@ -125,7 +127,7 @@ impl Solver {
     ) -> Result<Followed, SolveFailure> {
         let fail = |reason| SolveFailure { reason, iterations: count.steps, residual_n };
         let sensitivity = sensitivity.ok_or(fail(FailureReason::SingularTangent))?;
-        if self.elastic.is_pierced {
+        if self.is_pierced() {
             return Err(fail(FailureReason::Pierced));
         }
         let (problem, n) = (self.problem.clone(), self.problem.unknowns());
@@ -137,13 +139,23 @@ impl Solver {
         }
         to.pose = *pose;
         to.state.copy_from_slice(&self.state);
+        let is_free = problem.is_elastic() && self.elastic.own_n_m == Matrix3::zeros();
         to.jet = EnergyJet {
             control_m: pose.displacement_m,
-            energy_j: self.assembled.energy_j - problem.body.rest_energy_j + self.elastic.energy_j,
+            energy_j: self.assembled.energy_j - problem.body.rest_energy_j
+                + self.elastic.energy_j
+                + self.of_partner().0,
             force_n,
             stiffness_n_m: 0.5 * (stiffness + stiffness.transpose()),
             third_n_m2: self.third(&to.sensitivity),
         };
+        if is_free {
+            // The rest is what the sweeps have left of the columns.
+            let energy_j = to.jet.energy_j;
+            to.jet = EnergyJet { energy_j, ..EnergyJet::from_numbers(pose.displacement_m, &[0.0; 20]) };
+            to.sensitivity.iter_mut().for_each(|column| column.fill(0.0));
+        }
+        to.coupling = self.coupling_to_partner(&to.sensitivity);
         if !to.jet.is_finite() {
             return Err(fail(FailureReason::NotFinite));
         }

@@ -13,6 +13,7 @@ mod free_body;
 mod held;
 mod incremental_loading;
 mod newton;
+mod partner;
 mod profile;
 mod quasi_newton;
 mod relax;
@@ -30,6 +31,7 @@ pub use follow::{FollowCount, FollowOptions, Followed};
 pub use free_body::FreeBody;
 pub(crate) use incremental_loading::LoadingOptions;
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
+pub use partner::Coupling;
 pub use profile::IterationProfile;
 pub use relax::DESCENT_STEPS;
 pub use renewal::Renewal;
@@ -43,6 +45,7 @@ use crate::fem::element::Order;
 use crate::num::jet::EnergyJet;
 use factor::{Factor, Matrix, RIGHT_SIDES, SymbolicFactor};
 use held::HeldEntries;
+use partner::Partner;
 use quasi_newton::StepHistory;
 use residual_steps::ResidualSteps;
 
@@ -218,6 +221,8 @@ pub struct Seed {
     pub sensitivity: [Vec<f64>; 3],
     /// Condensed energy of the state, for the test whether the next solution lies on the same branch.
     pub jet: EnergyJet,
+    /// The partner, if there is one.
+    pub coupling: Option<Coupling>,
 }
 
 impl Seed {
@@ -225,15 +230,16 @@ impl Seed {
     pub fn at_rest(body: &Body) -> Self {
         let sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
         let jet = EnergyJet::from_numbers([0.0; 3], &[0.0; 20]);
-        Self { pose: Pose::default(), state: body.rest_state.clone(), sensitivity, jet }
+        Self { pose: Pose::default(), state: body.rest_state.clone(), sensitivity, jet, coupling: None }
     }
 
-    /// Becomes [`Seed::at_rest`] in the same memory.
-    pub fn become_rest(&mut self, body: &Body) {
-        self.pose = Pose::default();
+    /// Becomes [`Seed::at_rest`] in the same memory, with the tool at a displacement where it touches nothing, or at zero.
+    pub fn become_rest(&mut self, body: &Body, displacement_m: [f64; 3]) {
+        self.pose = Pose::translation(displacement_m);
         self.state.copy_from_slice(&body.rest_state);
         self.sensitivity.iter_mut().for_each(|column| column.fill(0.0));
-        self.jet = EnergyJet::from_numbers([0.0; 3], &[0.0; 20]);
+        self.jet = EnergyJet::from_numbers(displacement_m, &[0.0; 20]);
+        self.coupling = None;
     }
 }
 
@@ -294,6 +300,8 @@ pub struct Solver {
     /// An elastic tool at the current state, and the displacement of the tool, m.
     elastic: ElasticState,
     control_m: [f64; 3],
+    /// Another sphere on the body.
+    partner: Option<Partner>,
     /// Share of `step` in the last move of the state.
     moved_by: f64,
     /// Numbers of iterations and factorisations since the start of the transition.
@@ -324,6 +332,7 @@ impl Solver {
             right: vec![0.0; RIGHT_SIDES * n],
             elastic: ElasticState::default(),
             control_m: [0.0; 3],
+            partner: None,
             moved_by: 0.0,
             iterations: 0,
             factorisations: 0,
@@ -357,7 +366,9 @@ impl Solver {
     pub fn rest(&mut self) -> Result<Configuration, SolveFailure> {
         let state = self.problem.body.rest_state.clone();
         let beside = self.problem.contact.as_ref().and_then(|contact| match contact {
-            Contact::Sphere(sphere) => sphere.beside_m(&self.problem.body),
+            Contact::Sphere(sphere) => {
+                Some(sphere.beside_m(&self.problem.body, [0.0; 3])).filter(|&beside_m| beside_m != [0.0; 3])
+            }
             Contact::Held(_) | Contact::Pad(_) => None,
         });
         let Some(beside_m) = beside else { return self.solve_at(&Pose::default(), &state) };

@@ -267,7 +267,7 @@ impl Solver {
     pub(super) fn scale_n(&self) -> f64 {
         let body = &self.problem.body;
         let reaction_n = if self.problem.is_elastic() {
-            self.elastic.force_n.norm()
+            self.elastic.force_n.norm() + self.of_partner().1
         } else {
             magnitude(&self.assembled.force_on(self.problem.handle_nodes()))
         };

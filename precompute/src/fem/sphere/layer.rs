@@ -49,6 +49,10 @@ impl Layer {
 /// Skin within this share of the radius from the centre is pierced: the pressure there would fill the sphere.
 const PIERCED: f64 = 0.5;
 
+/// A sphere slower than this has no way, m/s, and the steps on one.
+const SLOW_M_S: f64 = 1e-3;
+const STEPS_ON_WAY: u32 = 24;
+
 /// Steps out of a body, and the length of each as a multiple of the overlap.
 const STEPS_OUT: u32 = 20;
 const BESIDE: f64 = 1.05;
@@ -130,19 +134,19 @@ impl CoatedSphere {
         self.foot(body, displacement_m).1 - self.outer_m()
     }
 
-    /// A displacement from zero out of the body, if the layer overlaps the skin at rest there: step by step away from
-    /// the nearest point of the skin. `None` if it does not overlap.
-    pub(crate) fn beside_m(&self, body: &Body) -> Option<[f64; 3]> {
-        let mut away_m = [0.0; 3];
-        for step in 0..STEPS_OUT {
-            let (foot_m, distance_m) = self.foot(body, away_m);
+    /// The displacement out of the body, if the layer overlaps the skin at rest at this one: step by step away from the
+    /// nearest point of the skin. The same displacement if it does not overlap.
+    pub(crate) fn beside_m(&self, body: &Body, mut displacement_m: [f64; 3]) -> [f64; 3] {
+        for _ in 0..STEPS_OUT {
+            let (foot_m, distance_m) = self.foot(body, displacement_m);
             if distance_m >= self.outer_m() {
-                return (step > 0).then_some(away_m);
+                break;
             }
             let overlap = BESIDE * (self.outer_m() - distance_m) / distance_m.max(f64::MIN_POSITIVE);
-            away_m = std::array::from_fn(|k| away_m[k] + overlap * (self.start_m[k] + away_m[k] - foot_m[k]));
+            let away = |k: usize| overlap * (self.start_m[k] + displacement_m[k] - foot_m[k]);
+            displacement_m = std::array::from_fn(|k| displacement_m[k] + away(k));
         }
-        Some(away_m)
+        displacement_m
     }
 
     /// The place of the skin at rest that is nearest to the centre, and its distance from it, m.
@@ -173,6 +177,38 @@ impl CoatedSphere {
             let at = |k: usize| foot_m[k] + rest_m / away_m * (centre_m[k] - foot_m[k]) - self.start_m[k];
             std::array::from_fn(at)
         })
+    }
+
+    /// The displacement at which a centre that moves on from `centre_m` straight on overlaps the skin at rest by `depth_m`;
+    /// `None` if that is not within `within_m`, or if it does not move.
+    pub(crate) fn touched_on_way_m(
+        &self,
+        body: &Body,
+        centre_m: [f64; 3],
+        velocity_m_s: [f64; 3],
+        within_m: f64,
+        depth_m: f64,
+    ) -> Option<[f64; 3]> {
+        let speed_m_s = norm(velocity_m_s);
+        if speed_m_s < SLOW_M_S {
+            return None;
+        }
+        let at = |way_m: f64| -> [f64; 3] {
+            std::array::from_fn(|k| centre_m[k] - self.start_m[k] + way_m / speed_m_s * velocity_m_s[k])
+        };
+        let mut way_m = 0.0;
+        for _ in 0..STEPS_ON_WAY {
+            // The skin is no nearer than this.
+            let left_m = self.clearance_m(body, at(way_m)) + depth_m;
+            if left_m <= 0.1 * depth_m {
+                return Some(at(way_m));
+            }
+            way_m += left_m;
+            if way_m > within_m {
+                break;
+            }
+        }
+        None
     }
 
     /// Radius at which the layer begins, m.
@@ -277,14 +313,16 @@ impl CoatedSphere {
         }
     }
 
-    /// The third derivatives of the potential along the changes of the state for each axis of the displacement.
+    /// The third derivatives of the potential along the changes of the state for each axis of the displacement of a tool:
+    /// of this one if it `moves`, or of another one while this one stays.
     pub(crate) fn third(
         &self,
         body: &Body,
         state: &[f64],
-        displacement_m: [f64; 3],
+        (displacement_m, moves): ([f64; 3], bool),
         sensitivity: &[Vec<f64>; 3],
     ) -> SymmetricThird {
+        let own = if moves { 1.0 } else { 0.0 };
         let mut sum = SymmetricThird::default();
         for (face, places) in self.near(body, state, displacement_m) {
             let of = |axis: usize, node: u32| {
@@ -295,7 +333,7 @@ impl CoatedSphere {
                 let changes: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
                     let nodes = face.nodes().iter().zip(values);
                     let moved: Vector3<f64> = nodes.map(|(&node, value)| of(axis, node) * *value).sum();
-                    moved - Vector3::ith(axis, 1.0)
+                    moved - Vector3::ith(axis, own)
                 });
                 let along = changes.map(|change| normal.dot(&change));
                 let across = |i: usize, j: usize| changes[i].dot(&changes[j]) - along[i] * along[j];

@@ -3,12 +3,12 @@
 use super::super::branches::{Fold, Landing, REST, joins};
 use super::super::choice::CHECK_S;
 use super::super::hand::Hand;
-use super::super::published::{Published, Step};
+use super::super::published::Step;
 use super::super::states::Start;
 use super::super::task::{Aim, Task};
 use super::super::workers::Made;
 use super::LiveSolver;
-use crate::fem::{DESCENT_STEPS, FollowOptions, Followed, FreeBody, Seed};
+use crate::fem::{Coupling, DESCENT_STEPS, FollowOptions, Followed, FreeBody, Seed};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, norm};
 use crate::spec::Tolerance;
@@ -17,7 +17,7 @@ use crate::spec::Tolerance;
 const NEIGHBOUR_RADII: f64 = 1.5;
 /// A continuation is given up early, because half of the way or a landing costs less; a sweep of the sensitivities
 /// costs less than a new factor.
-const OPTIONS: FollowOptions = FollowOptions {
+pub(super) const OPTIONS: FollowOptions = FollowOptions {
     residual: 1e-3,
     max_frozen_steps: 8,
     max_steps: 10,
@@ -32,6 +32,8 @@ const MAX_SWEEPS_FROZEN: u32 = 12;
 const MAX_STEPS_AHEAD: u32 = 6;
 /// A branch that is not found at the hand within this distance from its last state has ended, m.
 const NEAR_M: f64 = 1e-3;
+/// A sphere starts beside the body at rest if that is nearer by this factor than the nearest state.
+const NEARER: f64 = 0.5;
 /// Times that a continuation that fails is tried over half of the way.
 const HALVINGS: u32 = 2;
 /// A branch that was met before is known again from its states within this distance, m.
@@ -68,7 +70,7 @@ impl LiveSolver {
                 continue;
             };
             let nearest = self.states.nearest(contact, branch, touch.control_m);
-            let Some(jet) = nearest.map(|seed| seed.jet) else {
+            let Some(jet) = nearest.map(|seed| (seed.jet, seed.coupling)) else {
                 // Its states were given up for others.
                 self.branches.fold(index).landing = Landing::Sought;
                 continue;
@@ -85,6 +87,8 @@ impl LiveSolver {
         let contact = task.contact;
         let is_first = self.known[usize::from(contact)].is_empty();
         let moves = self.go_to(contact, is_first);
+        let partner_m = self.partner_m.filter(|_| !is_first);
+        self.workers.present().solver.set_partner(partner_m);
         let from = self.start(&task, is_first);
         let branch = if is_first { REST } else { self.branches.of(contact) };
         let factorisations = self.totals.factorisations;
@@ -106,12 +110,12 @@ impl LiveSolver {
                 if !from.is_guess && to.jet.control_m != from.seed.jet.control_m {
                     self.growth.measure(&self.known[usize::from(contact)], &to.jet, branch);
                 }
-                self.publish(contact, branch, to.jet, true, found.unstable_modes);
+                self.publish(contact, branch, (to.jet, to.coupling), true, found.unstable_modes);
                 self.states.keep(contact, branch, Start { seed: to, is_guess: false });
                 true
             }
             Found::Landed(found) => {
-                let landed = self.landed(&task, &from, &to.jet, found);
+                let landed = self.landed(&task, &from, (to.jet, to.coupling), found);
                 self.states.keep(contact, landed, Start { seed: to, is_guess: false });
                 true
             }
@@ -120,8 +124,8 @@ impl LiveSolver {
                 false
             }
         };
-        // A guess that led nowhere would be tried again.
-        if is_first || from.is_guess && !leads_on {
+        // A guess that led nowhere would be tried again, and the body at rest is known.
+        if is_first || from.is_guess && !leads_on || from.seed.jet.is_free() {
             self.states.give_back(from.seed);
         } else {
             self.states.keep(contact, branch, from);
@@ -137,6 +141,9 @@ impl LiveSolver {
     /// The state to start from: the nearest of the contact's branch, or the body at rest.
     fn start(&mut self, task: &Task, is_first: bool) -> Start {
         if !is_first {
+            if let Some(start) = self.untouched(task) {
+                return start;
+            }
             let branch = self.branches.of(task.contact);
             if let Some(start) = self.states.take_nearest(task.contact, branch, task.control_m) {
                 return start;
@@ -147,7 +154,7 @@ impl LiveSolver {
             }
         }
         let mut rest = self.states.room();
-        rest.become_rest(&self.body);
+        rest.become_rest(&self.body, [0.0; 3]);
         if !is_first {
             // Its state was given up: solved again, which also finds its sensitivities.
             let mut to = self.states.room();
@@ -160,6 +167,25 @@ impl LiveSolver {
             self.states.give_back(to);
         }
         Start { seed: rest, is_guess: false }
+    }
+
+    /// The body at rest with a sphere beside it, if that is much nearer than a kept state: between two places of the skin
+    /// lies the body, and no continuation leads through it.
+    fn untouched(&mut self, task: &Task) -> Option<Start> {
+        let sphere = self.skin.sphere().filter(|_| self.partner_m.is_none())?;
+        let nearest = self.states.nearest(task.contact, self.branches.of(task.contact), task.control_m);
+        let within_m =
+            nearest.map_or(f64::INFINITY, |seed| NEARER * distance(seed.jet.control_m, task.control_m));
+        if -sphere.clearance_m(&self.body, task.control_m) >= within_m {
+            return None;
+        }
+        let beside_m = sphere.beside_m(&self.body, task.control_m);
+        if distance(beside_m, task.control_m) >= within_m {
+            return None;
+        }
+        let mut seed = self.states.room();
+        seed.become_rest(&self.body, beside_m);
+        Some(Start { seed, is_guess: false })
     }
 
     /// Moves the solver to a contact; whether it needs a new factor.
@@ -361,10 +387,16 @@ impl LiveSolver {
 
     /// Enters the jet of a landing: a fold that lies ahead keeps it back, else the touch changes its branch. Returns
     /// the branch.
-    fn landed(&mut self, task: &Task, from: &Start, jet: &EnergyJet, found: Followed) -> u32 {
+    fn landed(
+        &mut self,
+        task: &Task,
+        from: &Start,
+        jet: (EnergyJet, Option<Coupling>),
+        found: Followed,
+    ) -> u32 {
         let contact = task.contact;
         let left = self.branches.of(contact);
-        let branch = self.met_before(contact, left, jet).unwrap_or_else(|| self.branches.another());
+        let branch = self.met_before(contact, left, &jet.0).unwrap_or_else(|| self.branches.another());
         let landing = Landing::Found(branch);
         if let Aim::Landing(index) = task.aim {
             // The factor at hand is that of the other branch.
@@ -378,7 +410,7 @@ impl LiveSolver {
         }
         self.change_branch(contact, branch);
         self.branches.landed_at(contact, task.control_m);
-        self.publish(contact, branch, *jet, false, found.unstable_modes);
+        self.publish(contact, branch, jet, false, found.unstable_modes);
         branch
     }
 
@@ -404,32 +436,5 @@ impl LiveSolver {
         if found.count.factorisations > 0 {
             self.workers.present().factor = Made::At(contact, control_m);
         }
-    }
-
-    /// Enters a jet in the memory, and in the queue for the loop. If it does not join, jets that contradict it are
-    /// removed.
-    fn publish(
-        &mut self,
-        contact: u16,
-        branch: u32,
-        jet: EnergyJet,
-        joins: bool,
-        unstable_modes: Option<u32>,
-    ) {
-        let known = &mut self.known[usize::from(contact)];
-        let mut trust = known.trust(jet);
-        if let Some(sphere) = self.skin.sphere().filter(|_| jet.is_free()) {
-            trust.shrink_to(sphere.clearance_m(&self.body, jet.control_m));
-        }
-        known.add(trust, branch, !joins);
-        self.totals.jets += 1;
-        self.outbox.push_back(Published {
-            contact,
-            trust,
-            joins,
-            is_fresh: unstable_modes.is_some(),
-            is_unstable: unstable_modes.is_some_and(|modes| modes > 0),
-            model: self.model,
-        });
     }
 }

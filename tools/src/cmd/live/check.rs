@@ -160,9 +160,6 @@ fn solve(
             if begins {
                 truth.release();
             }
-            if !compares {
-                continue;
-            }
             let touch = Touch {
                 contacts: visit.weights.map(|node| (node.space, f64::from(node.weight))),
                 control_m: visit.control_m.map(f64::from),
@@ -170,6 +167,9 @@ fn solve(
             // A vertex that a change has fixed cannot be displaced.
             let is_free = |&(contact, weight): &(u16, f64)| weight <= 0.0 || live.skin().is_free(contact);
             let solved = touch.contacts.iter().all(is_free).then(|| truth.force_n(&touch).ok()).flatten();
+            if !compares {
+                continue;
+            }
             if sender.send(Ok(solved.map(|true_n| Compared { visit, true_n }))).is_err() {
                 return Ok(());
             }

@@ -178,6 +178,10 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
     let stop = stop_flag()?;
     let Ready { blob, for_loop, view, process } = args.start(&start, &stop)?;
     let organ = organ(&blob).map_err(|error| Failure::work(format!("{}: {error}", args.scene.display())))?;
+    if args.check > 0 && organ.tool.sphere().is_some() && args.session.friction.is_some_and(|mu| mu > 0.0) {
+        let line = "--check solves without the friction of a sphere: leave out --friction or --check";
+        return Err(Failure::input(line));
+    }
     let control = &args.session.control;
     let control = control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
     let jets = LiveField::new(for_loop).map_err(Failure::work)?;

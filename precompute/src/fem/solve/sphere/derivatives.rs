@@ -47,7 +47,7 @@ impl SphereSolver {
         }
         let pose = Pose::translation(centre.into());
         let configuration = Configuration {
-            seed: Seed { pose, state: self.solver.state.clone(), sensitivity, jet },
+            seed: Seed { pose, state: self.solver.state.clone(), sensitivity, jet, coupling: None },
             // The forces go through the centre.
             torque_n_m: [0.0; 3],
             residual_n,

@@ -219,8 +219,12 @@ pub(super) fn run(
             if solved_ms.is_some() || free_ms > now_ms {
                 break;
             }
-            let seen =
-                Seen { hip_m: (*d).into(), velocity_m_s: velocity.into(), touch: Some(touch(contact, d)) };
+            let seen = Seen {
+                hip_m: (*d).into(),
+                velocity_m_s: velocity.into(),
+                touch: Some(touch(contact, d)),
+                partner: None,
+            };
             let start = Instant::now();
             let step = solver.step(&seen);
             let seconds = slower * start.elapsed().as_secs_f64();

@@ -1,0 +1,89 @@
+//! A second sphere on the same body: the partner.
+//!
+//! With both centres c and p the energy is W(c, p) = min over u of E(u) + Phi(u, c) + Phi(u, p). A jet expands it in c at a
+//! fixed p. What a partner that moves does to the force h = dW/dc is, with X = du/dc and the potential of the partner,
+//!
+//! dh/dp = X^T Phi_up.
+//!
+//! It needs no further solve.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::Solver;
+use crate::fem::elastic::ElasticState;
+
+/// The partner at the current state.
+#[derive(Debug, Clone)]
+pub(super) struct Partner {
+    /// Its displacement from the place where that of the tool is zero, m.
+    pub(super) displacement_m: [f64; 3],
+    pub(super) elastic: ElasticState,
+}
+
+/// How the force of a solved tool depends on its partner.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coupling {
+    /// Displacement of the partner from the place where that of the tool is zero, m.
+    pub partner_m: [f64; 3],
+    /// dW/dp: the force of the partner on the body, N.
+    pub force_n: [f64; 3],
+    /// dh/dp: row i belongs to h_i, N/m.
+    pub mixed_n_m: Matrix3<f64>,
+}
+
+impl Coupling {
+    /// The changes of W and of h for another place of the partner, J and N, up to a distance.
+    pub fn change(&self, partner_m: [f64; 3], within_m: f64) -> (f64, [f64; 3]) {
+        let moved_m = (Vector3::from(partner_m) - Vector3::from(self.partner_m)).cap_magnitude(within_m);
+        (Vector3::from(self.force_n).dot(&moved_m), (self.mixed_n_m * moved_m).into())
+    }
+
+    /// That of the root s = sqrt(2 W) of the energy W with h that the tool adds, where the partner alone has a force:
+    ///
+    /// s_p = (dW/dp) / s,   s_cp = (dh/dp - s_c s_p^T) / s.
+    #[must_use]
+    pub fn of_root(&self, energy_j: f64, force_n: [f64; 3], alone_n: [f64; 3]) -> Self {
+        let root = (2.0 * energy_j).sqrt();
+        let slope = (Vector3::from(self.force_n) - Vector3::from(alone_n)) / root;
+        let mixed = (self.mixed_n_m - Vector3::from(force_n) / root * slope.transpose()) / root;
+        Self { force_n: slope.into(), mixed_n_m: mixed, ..*self }
+    }
+}
+
+impl Solver {
+    /// From now on a partner like the sphere of the problem touches the body too, with this displacement from the place where
+    /// that of the sphere is zero; or none does.
+    pub fn set_partner(&mut self, displacement_m: Option<[f64; 3]>) {
+        let mut elastic = self.partner.take().map(|partner| partner.elastic).unwrap_or_default();
+        elastic.clear();
+        self.partner = displacement_m.map(|displacement_m| Partner { displacement_m, elastic });
+    }
+
+    /// Energy and size of the force of the partner, J and N.
+    pub(super) fn of_partner(&self) -> (f64, f64) {
+        self.partner
+            .as_ref()
+            .map_or((0.0, 0.0), |partner| (partner.elastic.energy_j, partner.elastic.force_n.norm()))
+    }
+
+    /// Whether the skin is too deep inside the tool or its partner.
+    pub(super) fn is_pierced(&self) -> bool {
+        self.elastic.is_pierced || self.partner.as_ref().is_some_and(|partner| partner.elastic.is_pierced)
+    }
+
+    /// The coupling at the last assembled tangent, with the changes of the state for each axis of the tool.
+    pub(super) fn coupling_to_partner(&self, sensitivity: &[Vec<f64>; 3]) -> Option<Coupling> {
+        let partner = self.partner.as_ref()?;
+        let mut mixed_n_m = Matrix3::zeros();
+        for (node, block) in &partner.elastic.coupling_n_m {
+            for (axis, column) in sensitivity.iter().enumerate() {
+                let moved = Vector3::from_column_slice(&column[3 * *node as usize..][..3]);
+                // `block` is -Phi_up.
+                let row = mixed_n_m.row(axis) - moved.transpose() * block;
+                mixed_n_m.set_row(axis, &row);
+            }
+        }
+        let force_n = partner.elastic.force_n.into();
+        Some(Coupling { partner_m: partner.displacement_m, force_n, mixed_n_m })
+    }
+}
