@@ -31,6 +31,7 @@ pub mod rt;
 pub mod session;
 pub mod settings;
 pub mod sys;
+mod vector_form;
 
 #[cfg(test)]
 #[path = "../tests/common/synthetic.rs"]

@@ -165,7 +165,8 @@ const CORE: [&str; 14] = [
 
 /// The real-time host, lowest stratum first. The trait of a device is below the loop; a profile uses the
 /// loop's timing statistics, which are below both.
-const HOST: [&str; 25] = [
+const HOST: [&str; 26] = [
+    "vector_form",
     "sys",
     "first_place",
     "blob_file",

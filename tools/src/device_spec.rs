@@ -10,11 +10,8 @@ pub(crate) const LINK_BAUD: u32 = 1_000_000;
 /// A device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum DeviceSpec {
-    /// `sim` or `sim:random:SEED`
-    Simulated {
-        /// Seed of a random palpation; `None` for the tour.
-        seed: Option<u64>,
-    },
+    /// `sim`, `sim:random:SEED` or `sim:FILE.csv`
+    Simulated(Motion),
     /// `mouse`
     Mouse,
     /// `replay:FILE.mcap`
@@ -24,6 +21,17 @@ pub(crate) enum DeviceSpec {
     },
     /// A device with motors.
     Hardware(Hardware),
+}
+
+/// How a simulated hand moves.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Motion {
+    /// The tour.
+    Tour,
+    /// Random palpation with this seed.
+    Random(u64),
+    /// Along the way of a table.
+    Way(PathBuf),
 }
 
 /// A device with motors.
@@ -53,14 +61,16 @@ impl DeviceSpec {
     pub(crate) const fn hardware(&self) -> Option<&Hardware> {
         match self {
             Self::Hardware(hardware) => Some(hardware),
-            Self::Simulated { .. } | Self::Mouse | Self::Replay { .. } => None,
+            Self::Simulated(_) | Self::Mouse | Self::Replay { .. } => None,
         }
     }
 
     /// The file that it reads.
     pub(crate) const fn file(&self) -> Option<&PathBuf> {
         match self {
-            Self::Replay { file } | Self::Hardware(Hardware::Falcon { firmware: Some(file) }) => Some(file),
+            Self::Simulated(Motion::Way(file))
+            | Self::Replay { file }
+            | Self::Hardware(Hardware::Falcon { firmware: Some(file) }) => Some(file),
             _ => None,
         }
     }
@@ -85,7 +95,7 @@ impl fmt::Display for NoDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "no device `{}`; choose sim, sim:random:SEED, mouse, polhem:PORT, falcon[:FIRMWARE], link:PORT[@BAUD] or replay:FILE.mcap",
+            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], link:PORT[@BAUD] or replay:FILE.mcap",
             self.0
         )
     }
@@ -100,10 +110,14 @@ impl FromStr for DeviceSpec {
         let (kind, rest) = text.split_once(':').map_or((text, None), |(kind, rest)| (kind, Some(rest)));
         let unknown = || NoDevice(text.into());
         match (kind, rest) {
-            ("sim", None) => Ok(Self::Simulated { seed: None }),
+            ("sim", None) => Ok(Self::Simulated(Motion::Tour)),
             ("sim", Some(rest)) => {
-                let seed = rest.strip_prefix("random:").and_then(|seed| seed.parse().ok());
-                Ok(Self::Simulated { seed: Some(seed.ok_or_else(unknown)?) })
+                let motion = match rest.strip_prefix("random:") {
+                    Some(seed) => Motion::Random(seed.parse().map_err(|_| unknown())?),
+                    None if rest.ends_with(".csv") => Motion::Way(rest.into()),
+                    None => return Err(unknown()),
+                };
+                Ok(Self::Simulated(motion))
             }
             ("mouse", None) => Ok(Self::Mouse),
             ("replay", Some(file)) if !file.is_empty() => Ok(Self::Replay { file: file.into() }),
@@ -157,8 +171,9 @@ mod tests {
             assert_eq!(spec.hardware(), Some(&expected), "{text}");
             assert_eq!(expected.to_string().parse(), Ok(spec), "{text}");
         }
-        assert_eq!("sim".parse(), Ok(DeviceSpec::Simulated { seed: None }));
-        assert_eq!("sim:random:7".parse(), Ok(DeviceSpec::Simulated { seed: Some(7) }));
+        assert_eq!("sim".parse(), Ok(DeviceSpec::Simulated(Motion::Tour)));
+        assert_eq!("sim:random:7".parse(), Ok(DeviceSpec::Simulated(Motion::Random(7))));
+        assert_eq!("sim:a/b.csv".parse(), Ok(DeviceSpec::Simulated(Motion::Way("a/b.csv".into()))));
         assert_eq!("mouse".parse(), Ok(DeviceSpec::Mouse));
         assert_eq!("replay:a.mcap".parse(), Ok(DeviceSpec::Replay { file: "a.mcap".into() }));
     }

@@ -1,4 +1,4 @@
-//! Points from a table: CSV with the columns x_m, y_m and z_m.
+//! Numbers from a table: CSV with named columns, among them the points x_m, y_m and z_m.
 
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, IsTerminal, Read, stdin};
@@ -9,32 +9,48 @@ use crate::files::STANDARD;
 
 /// Reads the points of a file, or of standard input; `option` is the one that names the file.
 pub(crate) fn read_points(path: &Path, option: &str) -> Result<Vec<[f64; 3]>, Failure> {
+    table(path, option, ["x_m", "y_m", "z_m"])
+}
+
+/// Reads some columns of a file, or of standard input; `option` is the one that names the file.
+pub(crate) fn table<const N: usize>(
+    path: &Path,
+    option: &str,
+    columns: [&str; N],
+) -> Result<Vec<[f64; N]>, Failure> {
     if path == Path::new(STANDARD) {
         if stdin().is_terminal() {
             return Err(Failure::input(format!(
-                "no points: give {option} FILE.csv, or pipe a table with the header x_m,y_m,z_m into standard input"
+                "no points: give {option} FILE.csv, or pipe a table with the header {} into standard input",
+                columns.join(",")
             )));
         }
-        return parse_points("standard input", stdin().lock());
+        return parse("standard input", stdin().lock(), columns);
     }
     let file = File::open(path).map_err(|error| Failure::file(path, &error))?;
     if file.metadata().is_ok_and(|there| there.is_dir()) {
         return Err(Failure::file(path, &ErrorKind::IsADirectory.into()));
     }
-    parse_points(&path.display().to_string(), BufReader::new(file))
+    parse(&path.display().to_string(), BufReader::new(file), columns)
 }
 
-/// Reads the points of a table that messages call `name`.
-fn parse_points(name: &str, source: impl Read) -> Result<Vec<[f64; 3]>, Failure> {
+/// Reads the columns of a table that messages call `name`.
+fn parse<const N: usize>(
+    name: &str,
+    source: impl Read,
+    columns: [&str; N],
+) -> Result<Vec<[f64; N]>, Failure> {
     let at = |line: u64, what: String| {
-        Failure::input(format!("{name}:{line}: {what}; the header is x_m,y_m,z_m, one point a line"))
+        let header = columns.join(",");
+        Failure::input(format!("{name}:{line}: {what}; the header is {header}, one point a line"))
     };
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(source);
     let header = reader.headers().map_err(|error| at(1, error.to_string()))?;
-    let column = |name: &str| header.iter().position(|h| h == name);
-    let (Some(x), Some(y), Some(z)) = (column("x_m"), column("y_m"), column("z_m")) else {
-        return Err(at(1, "columns x_m, y_m and z_m are required".into()));
-    };
+    let mut places = [0; N];
+    for (place, column) in places.iter_mut().zip(columns) {
+        let found = header.iter().position(|h| h == column);
+        *place = found.ok_or_else(|| at(1, format!("the column {column} is missing")))?;
+    }
     let mut points = Vec::new();
     for (row, record) in reader.records().enumerate() {
         let line = row as u64 + 2;
@@ -49,7 +65,11 @@ fn parse_points(name: &str, source: impl Read) -> Result<Vec<[f64; 3]>, Failure>
             let finite = text.parse().ok().filter(|number: &f64| number.is_finite());
             finite.ok_or_else(|| at(line, format!("`{text}` is not a finite number")))
         };
-        points.push([number(x)?, number(y)?, number(z)?]);
+        let mut values = [0.0; N];
+        for (value, place) in values.iter_mut().zip(places) {
+            *value = number(place)?;
+        }
+        points.push(values);
     }
     Ok(points)
 }

@@ -14,6 +14,7 @@ mod progress;
 mod recording;
 mod report;
 mod scenes;
+mod second;
 mod space_faults;
 
 use std::path::Path;

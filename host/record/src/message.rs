@@ -22,7 +22,7 @@ pub(super) mod tests {
     use super::*;
     use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Solver, vec3};
     use palpate_host::device::DeviceState;
-    use palpate_host::live::LiveTick;
+    use palpate_host::live::{LiveTick, Partner};
     use palpate_host::rt::Applied;
     use serde_json::Value;
 
@@ -61,6 +61,11 @@ pub(super) mod tests {
                 hand_overs: 9,
                 fade_step_n: 0.5,
                 solver: Solver::Silent,
+                partner: Some(Partner {
+                    position_m: [0.5, 0.25, -2.0],
+                    velocity_m_s: [0.0; 3],
+                    presses: true,
+                }),
             }),
         }
     }
@@ -90,7 +95,8 @@ pub(super) mod tests {
         r#","phase":"safe-zero","fault":"overspeed","ramp":0.3,"clamped":true"#,
         r#","hand_work_j":-0.33333334,"damped":true,"compute_ns":9001,"device_ns":8000"#,
         r#","lateness_ns":401,"skipped_periods":3,"live":{"jets":41,"sequence":40,"hand_overs":9,"fade_step_n":0.5"#,
-        r#","solver":"silent"}}"#,
+        r#","solver":"silent","partner":{"position_m":{"x":0.5,"y":0.25,"z":-2.0},"velocity_m_s":{"x":0.0"#,
+        r#","y":0.0,"z":0.0},"presses":true}}}"#,
     );
     const EMPTY: &str = concat!(
         r#"{"tick":0,"t_us":0,"device":"disconnected","zeroed":false,"reset":false,"arm":false"#,

@@ -312,7 +312,7 @@ impl Inputs {
         let reply = RecordedReply { sample: recorded.sample, state: recorded.device };
         self.replies.push(reply).expect("every tick consumes one");
         if let Some(live) = recorded.live {
-            let recorded = RecordedLive { frame, solver: live.solver };
+            let recorded = RecordedLive { frame, solver: live.solver, partner: live.partner };
             // Tables read none of them: the first stays in the queue.
             let _ = self.live.push(recorded);
         }

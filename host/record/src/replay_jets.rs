@@ -2,7 +2,7 @@
 //! solver.
 
 use palpate_core::Solver;
-use palpate_host::live::{Frame, Hand, JetSource};
+use palpate_host::live::{Frame, Hand, JetSource, Partner};
 
 /// What the solver gave to one recorded tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,6 +11,8 @@ pub(crate) struct RecordedLive {
     pub(crate) frame: Option<Frame>,
     /// State of the solver.
     pub(crate) solver: Solver,
+    /// Another tool on the same body.
+    pub(crate) partner: Option<Partner>,
 }
 
 /// The solver of a replay. [`replay`](crate::replay()) feeds it once for each tick.
@@ -18,23 +20,28 @@ pub(crate) struct RecordedLive {
 pub(crate) struct ReplayJets {
     fed: rtrb::Consumer<RecordedLive>,
     solver: Solver,
+    partner: Option<Partner>,
 }
 
 impl ReplayJets {
     pub(crate) const fn new(fed: rtrb::Consumer<RecordedLive>) -> Self {
-        Self { fed, solver: Solver::Gone }
+        Self { fed, solver: Solver::Gone, partner: None }
     }
 }
 
 impl JetSource for ReplayJets {
     fn take(&mut self, frame: &mut Frame) -> bool {
         let Ok(recorded) = self.fed.pop() else { return false };
-        self.solver = recorded.solver;
+        (self.solver, self.partner) = (recorded.solver, recorded.partner);
         recorded.frame.inspect(|recorded| *frame = *recorded).is_some()
     }
 
     fn solver(&mut self, _now_ns: u64) -> Solver {
         self.solver
+    }
+
+    fn partner(&mut self, _now_ns: u64) -> Option<Partner> {
+        self.partner
     }
 
     fn publish(&mut self, _hand: &Hand) {

@@ -3,7 +3,8 @@
 
 use super::places::places;
 use super::script::{
-    GRASP_BUTTON, GRIP_HEIGHT_M, Script, Segment, SplitMix, largest_stroke_m, surface_centre, tangents,
+    GRASP_BUTTON, GRIP_HEIGHT_M, MAX_TARGET_SPEED_M_S, Script, Segment, SplitMix, largest_stroke_m,
+    surface_centre, tangents,
 };
 use palpate_core::{Organ, Vec3, vec3};
 
@@ -225,6 +226,47 @@ impl RandomPalpation {
     }
 }
 
+/// A motion through given places at given times; the hand stays at the last one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Way {
+    /// Times, s, and places, m, in the order of time.
+    places: Box<[(f32, Vec3)]>,
+    /// The place that comes next.
+    next: usize,
+    elapsed_s: f32,
+}
+
+impl Way {
+    /// `None` without places, or if a time is not later than the one before, a number is not finite, or the speed exceeds
+    /// [`MAX_TARGET_SPEED_M_S`].
+    #[must_use]
+    pub fn new(places: impl Into<Box<[(f32, Vec3)]>>) -> Option<Self> {
+        let places = places.into();
+        let is_sound = |pair: &[(f32, Vec3)]| {
+            let [(from_s, from_m), (to_s, to_m)] = [pair[0], pair[1]];
+            to_s > from_s && vec3::distance(from_m, to_m) <= MAX_TARGET_SPEED_M_S * (to_s - from_s)
+        };
+        let is_finite = |(t_s, place_m): &(f32, Vec3)| t_s.is_finite() && vec3::is_finite(*place_m);
+        let all = !places.is_empty() && places.iter().all(is_finite) && places.windows(2).all(is_sound);
+        all.then_some(Self { places, next: 0, elapsed_s: 0.0 })
+    }
+
+    fn target_m(&self) -> Vec3 {
+        let last = self.places.len() - 1;
+        let (to_s, to_m) = self.places[self.next.min(last)];
+        let (from_s, from_m) = self.places[self.next.saturating_sub(1).min(last)];
+        let share = ((self.elapsed_s - from_s) / (to_s - from_s).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+        vec3::add(from_m, vec3::scale(vec3::sub(to_m, from_m), share))
+    }
+
+    fn advance(&mut self, by_s: f32) {
+        self.elapsed_s += by_s;
+        while self.places.get(self.next).is_some_and(|(at_s, _)| *at_s <= self.elapsed_s) {
+            self.next += 1;
+        }
+    }
+}
+
 /// Motion that the hand follows.
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant, reason = "there is one per hand, so boxing saves nothing")]
@@ -233,6 +275,8 @@ pub enum Palpation {
     Tour(Script),
     /// Random touches.
     Random(RandomPalpation),
+    /// A given motion.
+    Way(Way),
 }
 
 impl Palpation {
@@ -242,6 +286,7 @@ impl Palpation {
         match self {
             Self::Tour(script) => script.target_m(),
             Self::Random(random) => random.target_m(),
+            Self::Way(way) => way.target_m(),
         }
     }
 
@@ -251,6 +296,7 @@ impl Palpation {
         match self {
             Self::Tour(script) => script.buttons(),
             Self::Random(random) => random.buttons(),
+            Self::Way(_) => 0,
         }
     }
 
@@ -259,6 +305,7 @@ impl Palpation {
         match self {
             Self::Tour(script) => script.advance(by_s),
             Self::Random(random) => random.advance(by_s),
+            Self::Way(way) => way.advance(by_s),
         }
     }
 }
@@ -311,6 +358,28 @@ mod tests {
         assert!(deepest_m.iter().all(|m| (-0.025..-0.015).contains(m)), "{deepest_m:?}");
         assert!(highest_held_m.iter().all(|m| (0.015..0.026).contains(m)), "{highest_held_m:?}");
         assert!(nearest_m > 0.025, "not through the middle: {nearest_m}");
+    }
+
+    #[test]
+    fn a_way_is_followed_and_ends_at_its_last_place() {
+        let at = |x: f32| [x, 0.0, 0.0];
+        let mut hand =
+            Palpation::Way(Way::new([(0.5, at(0.0)), (1.0, at(0.1)), (1.5, at(0.0))]).expect("sound"));
+        for tick in 0..2_000 {
+            let t_s = tick as f32 * 1e-3;
+            let exact_m = (0.1 - 0.2 * (t_s - 1.0).abs()).max(0.0);
+            assert!((hand.target_m()[0] - exact_m).abs() < 1e-4, "{t_s}: {:?}", hand.target_m());
+            hand.advance(1e-3);
+        }
+        for places in [
+            &[][..],
+            &[(0.0, at(f32::NAN))],
+            &[(f32::INFINITY, at(0.0))],
+            &[(1.0, at(0.0)), (1.0, at(0.0))],
+            &[(0.0, at(0.0)), (0.1, at(0.1))],
+        ] {
+            assert!(Way::new(places).is_none(), "{places:?}");
+        }
     }
 
     #[test]

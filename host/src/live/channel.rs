@@ -15,6 +15,7 @@
 use super::Frame;
 use super::hand::{HAND_WORDS, Hand};
 use super::latest;
+use super::partner::{Partner, PartnerLink};
 use super::ring::{self, FRAME_WORDS, RING_FRAMES};
 use crate::sys::{Ended, SharedWords};
 use core::sync::atomic::{AtomicU64, Ordering};
@@ -34,7 +35,7 @@ const FULL_PAUSE: Duration = Duration::from_micros(300);
 
 const MAGIC: u64 = u64::from_le_bytes(*b"palplive");
 /// Version of the layout. Both processes are the same program; a test of another one is refused.
-const VERSION: u64 = 1;
+const VERSION: u64 = 2;
 
 /// First words: what both ends agree on.
 const FIRST: usize = 0;
@@ -150,6 +151,8 @@ fn session_ends(memory: Arc<SharedWords>, vertices: usize, solver: Ended) -> (Lo
         meter: SolverMeter { memory: memory.clone(), ended: solver.clone() },
     };
     let for_loop = LoopEnd {
+        partner: None,
+        now_ns: 0,
         hand: latest::Writer::new(memory.clone(), HAND),
         jets: ring::Receiver::new(memory.clone(), RING),
         memory,
@@ -175,6 +178,10 @@ pub struct LoopEnd {
     hand: latest::Writer,
     jets: ring::Receiver,
     ended: Ended,
+    /// The session of another tool on the same body.
+    partner: Option<PartnerLink>,
+    /// Time of the present tick.
+    now_ns: u64,
 }
 
 impl LoopEnd {
@@ -183,9 +190,26 @@ impl LoopEnd {
         self.jets.take(frame)
     }
 
-    /// Tells the solver where the hand is.
+    /// Another session has a tool on the same body.
+    #[must_use]
+    pub fn with_partner(mut self, link: PartnerLink) -> Self {
+        self.partner = Some(link);
+        self
+    }
+
+    /// The other tool, if its session runs, at a time on CLOCK_MONOTONIC.
+    pub fn partner(&mut self, now_ns: u64) -> Option<Partner> {
+        self.now_ns = now_ns;
+        self.partner.as_mut()?.partner(now_ns)
+    }
+
+    /// Tells the solver where the hand is, and the other session.
     pub fn publish(&mut self, hand: &Hand) {
         self.hand.write(hand.words().into_iter());
+        if let Some(link) = &mut self.partner {
+            let Hand { hip_m: position_m, velocity_m_s, presses, .. } = *hand;
+            link.publish(self.now_ns, &Partner { position_m, velocity_m_s, presses });
+        }
     }
 
     /// State of the solver at a time on the clock of its heartbeat, CLOCK_MONOTONIC.

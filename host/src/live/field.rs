@@ -3,8 +3,9 @@
 use super::Frame;
 use super::channel::LoopEnd;
 use super::hand::{Hand, VelocityFilter};
+use super::partner::{PRESSES_N, Partner};
 use core::fmt::Debug;
-use palpate_core::{Command, Controller, Coverage, Jet, JetMemory, Sample, Solver, State};
+use palpate_core::{Command, Controller, Coverage, Jet, JetMemory, Sample, Solver, State, vec3};
 use serde::{Deserialize, Serialize};
 use std::io;
 
@@ -18,14 +19,19 @@ const MAKING_STACK: usize = 32 << 20;
 
 /// Where the jets come from: the channel to a solver, or a recording.
 ///
-/// In every tick the loop calls [`JetSource::take`], then [`JetSource::solver`], then [`JetSource::publish`], each
-/// once. None may wait, allocate or make a system call.
+/// In every tick the loop calls [`JetSource::take`], [`JetSource::solver`], [`JetSource::partner`] and
+/// [`JetSource::publish`] in this order, each once. None may wait, allocate or make a system call.
 pub trait JetSource: Debug + Send {
     /// Copies the next frame; `false` if there is none.
     fn take(&mut self, frame: &mut Frame) -> bool;
 
     /// State of the solver at the time of the tick.
     fn solver(&mut self, now_ns: u64) -> Solver;
+
+    /// Another tool on the same body, if its session runs.
+    fn partner(&mut self, _now_ns: u64) -> Option<Partner> {
+        None
+    }
 
     /// Tells the solver where the hand is.
     fn publish(&mut self, hand: &Hand);
@@ -38,6 +44,10 @@ impl JetSource for LoopEnd {
 
     fn solver(&mut self, now_ns: u64) -> Solver {
         LoopEnd::solver(self, now_ns)
+    }
+
+    fn partner(&mut self, now_ns: u64) -> Option<Partner> {
+        LoopEnd::partner(self, now_ns)
     }
 
     fn publish(&mut self, hand: &Hand) {
@@ -61,6 +71,9 @@ pub struct LiveTick {
     /// State of the solver.
     #[serde(with = "solver_name")]
     pub solver: Solver,
+    /// Another tool on the same body, if its session runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub partner: Option<Partner>,
 }
 
 /// A frame as the loop has taken it, for a recording. The loop records also one that it refuses.
@@ -147,6 +160,11 @@ impl LiveField {
         self.take(index, now_us);
         let solver = self.source.solver(now_ns);
         self.memory.solver(solver);
+        let partner = self.source.partner(now_ns);
+        let pressing = partner.filter(|partner| partner.presses);
+        let start_m =
+            controller.organ().spaces.first().map_or(vec3::ZERO, |space| space.active.rest_position_m);
+        self.memory.partner(pressing.map(|partner| vec3::sub(partner.position_m, start_m)));
         let command = controller.tick_on(state, now_us, sample, &mut *self.memory);
         let velocity_m_s = match sample {
             Some(sample) => self.filter.update(sample.t_us, sample.position_m),
@@ -166,9 +184,11 @@ impl LiveField {
             taken,
             refused,
             sequence: self.sequence,
+            presses: vec3::norm(command.reaction_n) > PRESSES_N,
+            partner: pressing,
         });
         let (hand_overs, fade_step_n) = (self.memory.hand_overs(), self.memory.fade_step_n());
-        (command, LiveTick { jets: taken, sequence: self.sequence, hand_overs, fade_step_n, solver })
+        (command, LiveTick { jets: taken, sequence: self.sequence, hand_overs, fade_step_n, solver, partner })
     }
 
     /// Takes the next frame, checks it, and keeps its jet.

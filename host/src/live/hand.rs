@@ -1,5 +1,6 @@
 //! What the loop tells the solver in every tick: where the tool is, how it moves and what it touches.
 
+use super::partner::Partner;
 use palpate_core::{NodeWeight, Vec3, vec3};
 
 /// The hand in one tick.
@@ -29,14 +30,20 @@ pub struct Hand {
     pub refused: u32,
     /// Sequence number of the last jet that was kept.
     pub sequence: u32,
+    /// Whether the tool feels a force.
+    pub presses: bool,
+    /// Another tool that presses the same body.
+    pub partner: Option<Partner>,
 }
 
 /// Words of a hand in shared memory.
-pub(super) const HAND_WORDS: usize = 12;
+pub(super) const HAND_WORDS: usize = 15;
 
 const ENGAGED: u32 = 1;
 const EXTRAPOLATED: u32 = 2;
 const MISSING: [u32; 3] = [4, 8, 16];
+const PRESSES: u32 = 32;
+const PARTNER: u32 = 64;
 
 const fn pair(low: u32, high: u32) -> u64 {
     low as u64 | (high as u64) << 32
@@ -61,6 +68,8 @@ impl Hand {
         for (is_missing, bit) in self.missing.into_iter().zip(MISSING) {
             flags |= flag(is_missing, bit);
         }
+        flags |= flag(self.presses, PRESSES) | flag(self.partner.is_some(), PARTNER);
+        let [place, place_and_velocity, velocity] = self.partner.unwrap_or_default().words();
         [
             self.tick,
             self.t_us,
@@ -74,12 +83,15 @@ impl Hand {
             pair(z, flags),
             pair(self.taken, self.refused),
             pair(self.sequence, 0),
+            place,
+            place_and_velocity,
+            velocity,
         ]
     }
 
     /// The hand of some words.
     pub(super) fn of_words(words: [u64; HAND_WORDS]) -> Self {
-        let [tick, t_us, first, second, third, rest @ ..] = words;
+        let [tick, t_us, first, second, third, rest @ .., place, place_and_velocity, velocity] = words;
         let share = |word| {
             let (weight, space) = halves(word);
             NodeWeight { space: space as u16, weight: f32::from_bits(weight) }
@@ -99,6 +111,9 @@ impl Hand {
             taken,
             refused,
             sequence,
+            presses: flags & PRESSES != 0,
+            partner: (flags & PARTNER != 0)
+                .then(|| Partner::of_words([place, place_and_velocity, velocity], true)),
         }
     }
 }
@@ -176,10 +191,17 @@ mod tests {
             taken: 17,
             refused: 3,
             sequence: u32::MAX,
+            presses: true,
+            partner: Some(Partner {
+                position_m: [0.1, -0.0, 7.0],
+                velocity_m_s: [1.0, 2.0, -3.0],
+                presses: true,
+            }),
         };
         for hand in [
             hand,
             Hand { is_engaged: false, is_extrapolated: true, missing: [true, false, true], ..hand },
+            Hand { presses: false, partner: None, ..hand },
             Hand::default(),
         ] {
             assert_eq!(Hand::of_words(hand.words()), hand);

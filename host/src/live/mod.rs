@@ -19,7 +19,9 @@ mod field;
 mod hand;
 mod latest;
 mod message;
+mod partner;
 mod ring;
+mod second;
 mod serve;
 mod start;
 
@@ -29,7 +31,9 @@ pub use channel::{
 };
 pub use field::{CONTACTS, JETS, JetSource, LiveCounts, LiveField, LiveTick, TakenJet};
 pub use hand::{Hand, VelocityFilter};
+pub use partner::{LinkState, Partner, PartnerLink, STALE_NS};
 pub use ring::RING_FRAMES;
+pub use second::{SecondError, SecondSession, link_of_stdin};
 pub use serve::{Service, Serving};
 pub use start::{Ready, SolverProcess, StartError, start, start_at};
 

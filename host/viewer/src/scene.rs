@@ -140,7 +140,12 @@ impl Scene {
             self.shapes.sphere(raster, at_m, radius_m, linear(ACTIVE_COLOUR), Material::Plain);
         }
         let hip = Vec3::from_array(record.hip_m);
-        self.tool.draw_solid(&mut self.shapes, raster, hip);
+        let partner = record.live.and_then(|live| live.partner);
+        for at_m in
+            [Some(hip), partner.map(|partner| Vec3::from_array(partner.position_m))].into_iter().flatten()
+        {
+            self.tool.draw_solid(&mut self.shapes, raster, at_m);
+        }
         self.draw_force(raster, organ, record, hip);
     }
 

@@ -11,7 +11,7 @@
 
 use super::branches::Branches;
 use super::hand::{Hand, Touch};
-use super::memory::{Growth, Known, Limit};
+use super::memory::{Growth, Known, Limit, parted_m};
 use super::renewals::Renewals;
 use super::skin::Skin;
 use super::states::States;
@@ -63,26 +63,47 @@ const FIRST_DEPTH_M: f64 = 1.5e-3;
 /// Number of such positions.
 const LOST: usize = 16;
 
-/// Positions where no equilibrium was found while the hand was there, newest last.
+/// Positions where no equilibrium was found, newest last.
 #[derive(Debug, Default)]
-pub(super) struct LostPositions(Vec<(u16, [f64; 3])>);
+pub(super) struct LostPositions {
+    all: Vec<Lost>,
+    /// Where the partner is now.
+    partner_m: Option<[f64; 3]>,
+}
+
+/// A position where no equilibrium was found.
+#[derive(Debug)]
+struct Lost {
+    task: Task,
+    partner_m: Option<[f64; 3]>,
+}
 
 impl LostPositions {
     pub(super) fn add(&mut self, task: &Task) {
-        if self.0.len() == LOST {
-            self.0.remove(0);
+        if self.all.len() == LOST {
+            self.all.remove(0);
         }
-        self.0.push((task.contact, task.control_m));
+        self.all.push(Lost { task: *task, partner_m: self.partner_m });
     }
 
     /// From another branch they may be found.
     pub(super) fn forget(&mut self, contact: u16) {
-        self.0.retain(|(of, _)| *of != contact);
+        self.all.retain(|lost| lost.task.contact != contact);
     }
 
-    /// Whether a position was tried in vain.
-    pub(super) fn contains(&self, contact: u16, control_m: [f64; 3]) -> bool {
-        self.0.iter().any(|&(of, at_m)| of == contact && distance(at_m, control_m) < LOST_REACH_M)
+    /// The partner is at this place now: with another one they may be found.
+    pub(super) fn face(&mut self, partner_m: Option<[f64; 3]>) {
+        self.partner_m = partner_m;
+    }
+
+    /// Whether a position was tried in vain. Where the hand is, more is tried than ahead of it.
+    pub(super) fn contains(&self, task: &Task) -> bool {
+        self.all.iter().any(|Lost { task: lost, partner_m }| {
+            let away_m = distance(lost.control_m, task.control_m);
+            lost.contact == task.contact
+                && libm::hypot(away_m, parted_m(*partner_m, self.partner_m)) < LOST_REACH_M
+                && (lost.aim.is_at_hand() || !task.aim.is_at_hand())
+        })
     }
 }
 
@@ -167,18 +188,19 @@ impl Choice<'_> {
             && !known.is_empty()
             && self.skin.is_free(contact)
             && !known.has_near(control_m, self.branches.of(contact), within_m)
-            && !self.branches.hides(contact, control_m)
-            && !self.lost.contains(contact, control_m);
-        needs.then_some(Task { contact, control_m, aim: Aim::Ahead })
+            && !self.branches.hides(contact, control_m);
+        self.unless_lost(needs, Task { contact, control_m, aim: Aim::Ahead })
+    }
+
+    /// A task that is needed, unless it was tried in vain.
+    fn unless_lost(&self, is_needed: bool, task: Task) -> Option<Task> {
+        (is_needed && !self.lost.contains(&task)).then_some(task)
     }
 
     /// The first jet of a contact is that at rest.
     fn first(&self, contact: u16) -> Option<Task> {
-        let rest = [0.0; 3];
-        let is_new = self.known.get(usize::from(contact))?.is_empty()
-            && self.skin.is_free(contact)
-            && !self.lost.contains(contact, rest);
-        is_new.then_some(Task { contact, control_m: rest, aim: Aim::Hand })
+        let is_new = self.known.get(usize::from(contact))?.is_empty() && self.skin.is_free(contact);
+        self.unless_lost(is_new, Task { contact, control_m: [0.0; 3], aim: Aim::Hand })
     }
 
     fn position(&self, task: Task, weight: f64, limit: Limit) -> Option<Task> {
@@ -186,11 +208,9 @@ impl Choice<'_> {
         let known = self.known.get(usize::from(contact))?;
         let at = (control_m, self.branches.of(contact));
         let is_hidden = aim == Aim::Ahead && self.branches.hides(contact, control_m);
-        let needs = !known.is_empty()
-            && !is_hidden
-            && !self.growth.knows(known, at, weight.max(MIN_WEIGHT), limit)
-            && !self.lost.contains(contact, control_m);
-        needs.then_some(task)
+        let needs =
+            !known.is_empty() && !is_hidden && !self.growth.knows(known, at, weight.max(MIN_WEIGHT), limit);
+        self.unless_lost(needs, task)
     }
 
     /// The nearest contact without a jet that shares a triangle with this one.
@@ -245,8 +265,8 @@ impl Choice<'_> {
     fn state(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
         let nearest = self.states.nearest(contact, self.branches.of(contact), control_m);
         let is_near = nearest.is_some_and(|seed| distance(seed.jet.control_m, control_m) <= STATE_REACH_M);
-        let needs = !is_near && self.skin.is_free(contact) && !self.lost.contains(contact, control_m);
-        needs.then_some(Task { contact, control_m, aim: Aim::Ahead })
+        let needs = !is_near && self.skin.is_free(contact);
+        self.unless_lost(needs, Task { contact, control_m, aim: Aim::Ahead })
     }
 
     /// A new factor at the hand if the state near it is unstable: the body lands elsewhere.
@@ -275,9 +295,7 @@ impl Choice<'_> {
     /// A new factor at the hand, if the last one is far. The solve also gives a jet.
     fn renewal(&self, contact: u16, control_m: [f64; 3]) -> Option<Task> {
         let is_near = |at_m: [f64; 3]| distance(at_m, control_m) <= FACTOR_REACH_M;
-        let renews = !self.workers.factor_of(contact).is_some_and(is_near)
-            && self.skin.is_free(contact)
-            && !self.lost.contains(contact, control_m);
-        renews.then_some(Task { contact, control_m, aim: Aim::Renewal })
+        let renews = !self.workers.factor_of(contact).is_some_and(is_near) && self.skin.is_free(contact);
+        self.unless_lost(renews, Task { contact, control_m, aim: Aim::Renewal })
     }
 }

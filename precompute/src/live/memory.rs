@@ -1,6 +1,6 @@
 //! What is known: the jets of every contact, how far each is trusted, and how fast their error grows.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::fem::Coupling;
 use crate::num::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
@@ -23,8 +23,12 @@ const FIRST_ERROR: f64 = 1e4;
 /// which is 7e5, and one position in five is off by more than the tolerance.
 const SPHERE_ERROR: f64 = 4e6;
 const LEAST_SPHERE_ERROR: f64 = 2e6;
-/// A touch with less energy has no jet of its root, J.
+/// A touch with less energy has that of a contact of Hertz, J.
 const LEAST_ROOT_J: f64 = 3e-6;
+/// W (n.S n) / |h|^2 of a contact of Hertz.
+const HERTZ: f64 = 0.6;
+/// A touch below this force has no root, N.
+const LEAST_FORCE_N: f64 = 1e-4;
 /// The jet of a light touch is trusted to this multiple of the distance to the first touch,
 const BEYOND_FIRST: f64 = 1.3;
 /// and a touch is light if that is below this, m.
@@ -78,9 +82,13 @@ impl Trust {
 
     /// The jet of a tool that touches nothing at rest: by its root, where the third derivatives change the slope of s
     /// by half within the radius. A light touch is trusted beyond the place where s is zero, which is that of the first
-    /// touch. Still lighter ones keep their jet, because the root of zero has no derivatives.
-    fn of_root(jet: EnergyJet) -> Option<Self> {
-        let root = jet.root(LEAST_ROOT_J)?;
+    /// touch. The lightest ones keep their jet, because the root of zero has no derivatives.
+    ///
+    /// Beside a partner the energy that the tool adds is a small difference of large ones, and takes a solve of the partner
+    /// alone: the root is that of a contact of Hertz.
+    fn of_root(jet: EnergyJet, coupling: Option<Coupling>) -> Option<Self> {
+        let known = if coupling.is_some() { None } else { jet.root(LEAST_ROOT_J) };
+        let root = known.or_else(|| hertz_root(&jet))?;
         let slope = norm(root.force_n);
         let first_m = BEYOND_FIRST * root.energy_j / slope;
         let least_m = if first_m <= LIGHT_M { first_m } else { 0.0 };
@@ -89,7 +97,7 @@ impl Trust {
             jet,
             root: Some(root),
             radius_m: radius_m.clamp(MIN_TRUST_M, MAX_TRUST_M),
-            coupling: None,
+            coupling: coupling.map(|coupling| coupling.of_root(&root)),
         })
     }
 
@@ -123,6 +131,16 @@ impl Trust {
         let limit_n = FLUSH_N.max(FLUSH_SHARE * norm(self.jet.force_n));
         distance(other.force_n(self.jet.control_m, self.partner_m()), self.jet.force_n) <= limit_n
     }
+}
+
+/// The root with the energy of a contact of Hertz, W = 0.6 |h|^2 / (n.S n), where |h| ~ depth^(3/2) along n = h / |h|. Its force
+/// and its first and second derivatives are those of the jet, as with any positive energy. `None` without a stiffness.
+fn hertz_root(jet: &EnergyJet) -> Option<EnergyJet> {
+    let force_n = Vector3::from(jet.force_n);
+    let stiffness_n_m = (jet.stiffness_n_m * force_n).dot(&force_n) / force_n.norm_squared();
+    let is_stiff = force_n.norm() > LEAST_FORCE_N && stiffness_n_m > 0.0;
+    let energy_j = HERTZ * force_n.norm_squared() / stiffness_n_m;
+    is_stiff.then(|| EnergyJet { energy_j, ..*jet }.root(0.0)).flatten()
 }
 
 /// Distance of two places of a partner, m. That of a partner that touches the body from none is larger than any other.
@@ -230,19 +248,13 @@ impl Known {
         self.jets.iter().any(is_near)
     }
 
-    /// The first jet is that at rest: it defines the trust of all. With a partner the energy of a jet is what the tool adds, and
-    /// `alone_n` the force that the partner has alone; unknown, the jet has no root.
-    pub(super) fn trust(&mut self, jet: EnergyJet, beside: Option<(Coupling, Option<[f64; 3]>)>) -> Trust {
+    /// The first jet is that at rest: it defines the trust of all.
+    pub(super) fn trust(&mut self, jet: EnergyJet, coupling: Option<Coupling>) -> Trust {
         if self.is_of_roots
-            && beside.is_none_or(|(_, alone_n)| alone_n.is_some())
-            && let Some(trust) = Trust::of_root(jet)
+            && let Some(trust) = Trust::of_root(jet, coupling)
         {
-            let of_root = |(of, alone_n): (Coupling, Option<[f64; 3]>)| {
-                Some(of.of_root(jet.energy_j, jet.force_n, alone_n?))
-            };
-            return Trust { coupling: beside.and_then(of_root), ..trust };
+            return trust;
         }
-        let coupling = beside.map(|(coupling, _)| coupling);
         if self.rest_n_m == 0.0 {
             self.rest_n_m = stiffness(&jet.stiffness_n_m);
         }

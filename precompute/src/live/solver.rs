@@ -74,8 +74,6 @@ pub struct LiveSolver {
     held_solves: u32,
     /// Displacement of the partner, while it feels a force.
     partner_m: Option<[f64; 3]>,
-    /// The body under the partner alone.
-    alone: Option<Seed>,
 }
 
 impl LiveSolver {
@@ -119,7 +117,6 @@ impl LiveSolver {
             holds_back: false,
             held_solves: 0,
             partner_m: None,
-            alone: None,
         })
     }
 
@@ -249,7 +246,7 @@ impl LiveSolver {
         self.problems.clear();
         self.workers = Workers::new(&Arc::new(self.free.at(self.skin.touch(first, &self.body))));
         self.renewals = self.renewals.take().map(|old| old.for_problem(&self.free));
-        (self.free_body, self.doubted, self.alone) = (None, None, None);
+        (self.free_body, self.doubted) = (None, None);
         self.known.fill(Known::of_stiffness(self.skin.stiffness_n_m(&self.body)));
         (self.growth, self.lost) = (Growth::first(self.skin.sphere().is_some()), LostPositions::default());
         self.branches.forget_folds();
@@ -334,6 +331,7 @@ impl LiveSolver {
             known.face(self.partner_m);
         }
         self.states.face(self.partner_m);
+        self.lost.face(self.partner_m);
     }
 
     fn solve_next(&mut self, hand: &Hand) -> Step {
@@ -361,11 +359,12 @@ impl LiveSolver {
 
     /// Whether every contact of a touch is known there, or cannot be.
     fn knows(&self, touch: &Touch) -> bool {
+        let is_lost = |contact, control_m| self.lost.contains(&Task { contact, control_m, aim: Aim::Hand });
         touch.contacts.iter().filter(|(_, weight)| *weight > 0.0).all(|&(contact, weight)| {
             let known = self.known.get(usize::from(contact));
             !self.skin.is_free(contact)
-                || self.lost.contains(contact, touch.control_m)
-                || self.lost.contains(contact, [0.0; 3])
+                || is_lost(contact, touch.control_m)
+                || is_lost(contact, [0.0; 3])
                 || known.is_none_or(|known| {
                     let at = (touch.control_m, self.branches.of(contact));
                     self.growth.knows(known, at, weight, Limit::Unknown)
@@ -376,6 +375,10 @@ impl LiveSolver {
     /// The problem of a contact.
     pub(super) fn problem_of(&self, contact: u16) -> Arc<Problem> {
         Arc::new(self.free.at(self.skin.touch(contact, &self.body)))
+    }
+
+    pub(super) fn body(&self) -> &Body {
+        &self.body
     }
 
     /// The body at rest, with a sphere where it touches nothing on the shortest way from this control.

@@ -104,12 +104,12 @@ impl<'l> Truth<'l> {
             solver.touch(problem.clone());
         }
         let mut to = seed.clone();
-        solver.set_partner(self.partner_m);
-        if parted_m(seed.coupling.map(|of| of.partner_m), self.partner_m) > 0.0 {
-            // The partner moves while the tool stays.
-            solver.follow(seed, seed.pose.displacement_m, true, &OPTIONS, &mut to)?;
-            std::mem::swap(seed, &mut to);
+        if let Some(sphere) = self.live.skin().sphere() {
+            face_partner(solver, seed, self.partner_m, &mut to, |at_m| {
+                sphere.beside_m(self.live.body(), at_m)
+            })?;
         }
+        solver.set_partner(self.partner_m);
         // The factor may be that of another contact.
         let mut factor_at_m: Option<[f64; 3]> = None;
         // Where the branch was not found, if it ends on the way.
@@ -152,4 +152,32 @@ impl<'l> Truth<'l> {
         }
         Ok(seed.jet.force_n)
     }
+}
+
+/// Moves the partner to its next place while the tool stays. It comes and goes on the shortest way, which `beside` ends.
+fn face_partner(
+    solver: &mut Solver,
+    seed: &mut Seed,
+    partner_m: Option<[f64; 3]>,
+    to: &mut Seed,
+    beside: impl Fn([f64; 3]) -> [f64; 3],
+) -> Result<(), SolveFailure> {
+    let before_m = seed.coupling.map(|of| of.partner_m);
+    if parted_m(before_m, partner_m) == 0.0 {
+        return Ok(());
+    }
+    let ends = before_m.or(partner_m.map(&beside)).zip(partner_m.or(before_m.map(&beside)));
+    let way = ends.into_iter().flat_map(|(from_m, to_m)| {
+        let steps = (distance(from_m, to_m) / STEP_M).ceil().max(1.0);
+        (1..=steps as u32).map(move |step| {
+            let share = f64::from(step) / steps;
+            Some(std::array::from_fn(|k| from_m[k] + share * (to_m[k] - from_m[k])))
+        })
+    });
+    for at_m in way.chain(partner_m.is_none().then_some(None)) {
+        solver.set_partner(at_m);
+        solver.follow(seed, seed.pose.displacement_m, true, &OPTIONS, to)?;
+        std::mem::swap(seed, to);
+    }
+    Ok(())
 }

@@ -17,7 +17,8 @@ use crate::touch;
 pub(crate) struct SessionArgs {
     /// sim, mouse, polhem:PORT, falcon, link:PORT or replay:FILE.mcap
     ///
-    /// sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse (drags the
+    /// sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), sim:FILE.csv (on a way with the
+    /// columns t_s,x_m,y_m,z_m), mouse (drags the
     /// organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or falcon:FIRMWARE
     /// (Novint Falcon on USB, with its firmware file for when it is silent), link:PORT or link:PORT@BAUD (a
     /// controller that speaks the device link), or replay:FILE.mcap (a recording).

@@ -1,19 +1,21 @@
 //! The device of a session.
 
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use palpate_core::{Organ, vec3};
 use palpate_host::Device;
 use palpate_host::device::motors_off::MotorsOff;
 use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
-use palpate_host::device::palpation::RandomConfig;
+use palpate_host::device::palpation::{Palpation, RandomConfig, Way};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::first_place::first_place;
 
 use super::SessionArgs;
-use crate::device_spec::DeviceSpec;
+use crate::device_spec::{DeviceSpec, Motion};
 use crate::failure::Failure;
+use crate::points::table;
 use crate::{hardware, touch};
 
 /// Initial height of the mouse's tool above its first place, m.
@@ -43,6 +45,19 @@ pub(crate) fn profile(args: &SessionArgs) -> Result<Option<Profile>, Failure> {
     }))
 }
 
+/// The way of a table with the columns t_s, x_m, y_m and z_m.
+fn way(path: &Path) -> Result<Way, Failure> {
+    let places: Vec<_> = table::<4>(path, "--device sim:", ["t_s", "x_m", "y_m", "z_m"])?
+        .into_iter()
+        .map(|row| row.map(|number| number as f32))
+        .map(|[t_s, x, y, z]| (t_s, [x, y, z]))
+        .collect();
+    Way::new(places).ok_or_else(|| {
+        let what = "a way needs rows in the order of time, at most 0.8 m/s apart";
+        Failure::input(format!("{}: {what}", path.display()))
+    })
+}
+
 /// Opens the simulated hand or the hardware. Mouse and replay are opened elsewhere.
 fn open_device<const N: usize>(
     args: &SessionArgs,
@@ -54,10 +69,17 @@ fn open_device<const N: usize>(
         return hardware::open(hardware, profile, args.guard(), stop);
     }
     let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::for_profile);
-    if let DeviceSpec::Simulated { seed: Some(seed) } = args.device {
-        config.random = Some(RandomConfig::new(seed));
-    }
-    Ok((Box::new(SimulatedHand::new(organ, config)), None))
+    let hand = match &args.device {
+        DeviceSpec::Simulated(Motion::Way(path)) => {
+            SimulatedHand::with_palpation(Palpation::Way(way(path)?), config)
+        }
+        DeviceSpec::Simulated(Motion::Random(seed)) => {
+            config.random = Some(RandomConfig::new(*seed));
+            SimulatedHand::new(organ, config)
+        }
+        _ => SimulatedHand::new(organ, config),
+    };
+    Ok((Box::new(hand), None))
 }
 
 /// A device that is opened when the session is ready for it.

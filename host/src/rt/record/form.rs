@@ -1,41 +1,11 @@
 //! How serde writes the fields of a record: names for states, `-1` for no node, and every bit of a vector.
 
 use crate::device::DeviceState;
-use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Vec3, vec3};
+use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Vec3};
 use serde::de::{Error, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// A vector. JSON has no NaN and no infinity: a vector with such a component also stores its bits.
-pub(super) mod vector {
-    use super::*;
-
-    #[derive(Serialize, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Vector {
-        #[serde(skip_serializing_if = "Option::is_none")]
-        x: Option<f32>,
-        #[serde(skip_serializing_if = "Option::is_none")]
-        y: Option<f32>,
-        #[serde(skip_serializing_if = "Option::is_none")]
-        z: Option<f32>,
-        #[serde(skip_serializing_if = "Option::is_none")]
-        bits: Option<[u32; 3]>,
-    }
-
-    pub(in super::super) fn serialize<S: Serializer>(vector: &Vec3, to: S) -> Result<S::Ok, S::Error> {
-        let [x, y, z] = vector.map(|component| Some(component).filter(|c| c.is_finite()));
-        let bits = (!vec3::is_finite(*vector)).then(|| vector.map(f32::to_bits));
-        Vector { x, y, z, bits }.serialize(to)
-    }
-
-    pub(in super::super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec3, D::Error> {
-        match Vector::deserialize(from)? {
-            Vector { bits: Some(bits), .. } => Ok(bits.map(f32::from_bits)),
-            Vector { x: Some(x), y: Some(y), z: Some(z), .. } => Ok([x, y, z]),
-            _ => Err(D::Error::custom("a vector without three components")),
-        }
-    }
-}
+pub(super) use crate::vector_form as vector;
 
 /// A sample; absent if the device sent none.
 pub(super) mod sample {

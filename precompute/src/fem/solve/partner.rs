@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Solver;
 use crate::fem::elastic::ElasticState;
+use crate::num::jet::EnergyJet;
 
 /// The partner at the current state.
 #[derive(Debug, Clone)]
@@ -38,14 +39,16 @@ impl Coupling {
         (Vector3::from(self.force_n).dot(&moved_m), (self.mixed_n_m * moved_m).into())
     }
 
-    /// That of the root s = sqrt(2 W) of the energy W with h that the tool adds, where the partner alone has a force:
+    /// That of the root s of h = s s_c where W depends on the depth along n = s_c / |s_c| alone, which the partner changes:
     ///
-    /// s_p = (dW/dp) / s,   s_cp = (dh/dp - s_c s_p^T) / s.
+    /// s_p = (dh/dp)^T s_c / (n.S n),   s_cp = (dh/dp - s_c s_p^T) / s,   n.S n = |s_c|^2 + s n.s_cc n.
     #[must_use]
-    pub fn of_root(&self, energy_j: f64, force_n: [f64; 3], alone_n: [f64; 3]) -> Self {
-        let root = (2.0 * energy_j).sqrt();
-        let slope = (Vector3::from(self.force_n) - Vector3::from(alone_n)) / root;
-        let mixed = (self.mixed_n_m - Vector3::from(force_n) / root * slope.transpose()) / root;
+    pub(crate) fn of_root(&self, root: &EnergyJet) -> Self {
+        let along = Vector3::from(root.force_n);
+        let bent = (root.stiffness_n_m * along).dot(&along) / along.norm_squared();
+        let stiffness_n_m = along.norm_squared() + root.energy_j * bent;
+        let slope = self.mixed_n_m.transpose() * along / stiffness_n_m;
+        let mixed = (self.mixed_n_m - along * slope.transpose()) / root.energy_j;
         Self { force_n: slope.into(), mixed_n_m: mixed, ..*self }
     }
 }

@@ -4,6 +4,7 @@ mod certificate;
 mod check;
 mod keep;
 mod knobs;
+mod second;
 mod visits;
 
 use std::ffi::OsStr;
@@ -34,6 +35,7 @@ use check::Checked;
 pub(crate) use check::Compared;
 use keep::Kept;
 use knobs::{Knobs, Turned};
+use second::{Report, SecondArgs, linked};
 use visits::Visits;
 
 /// Number of contacts of a live session.
@@ -71,6 +73,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     #[command(flatten)]
+    second: SecondArgs,
+    #[command(flatten)]
     session: SessionArgs,
 }
 
@@ -99,6 +103,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     of.insert("scene".into(), json!(args.scene));
     of.insert("live".into(), json!(ended.certificate));
     of.insert("kept".into(), json!(ended.kept));
+    if let Some(second) = &ended.second {
+        of.insert("second".into(), second.json());
+    }
     let mut lines = ended.certificate.lines();
     if let (Some(kept), Some(file)) = (&ended.kept, &args.keep) {
         lines.extend(kept.lines(file));
@@ -112,7 +119,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         lines,
     };
     figures.print(&args.session, &ended.outputs, &ended.touched, ended.watcher)?;
-    touch::judge(&ended.touched.summary)
+    if let Some(second) = ended.second.as_ref().filter(|_| !args.session.json) {
+        second.print()?;
+    }
+    touch::judge(&ended.touched.summary)?;
+    ended.second.as_ref().map_or(Ok(()), Report::judge)
 }
 
 /// A session that has ended, with what was found out about it.
@@ -127,13 +138,15 @@ pub(crate) struct Ended {
     profile: Option<Profile>,
     outputs: Outputs,
     watcher: Watcher,
+    second: Option<Report>,
 }
 
 impl Args {
     /// A session of a simulated hand with a check of `check` positions.
     pub(crate) fn checked(scene: &Path, seconds: f64, pictures: &Path, headless: bool, check: usize) -> Self {
         let session = SessionArgs::of_simulated_hand(seconds, pictures, headless);
-        Self { scene: scene.into(), check, keep: None, blob: None, set: Vec::new(), session }
+        let second = SecondArgs::default();
+        Self { scene: scene.into(), check, keep: None, blob: None, set: Vec::new(), second, session }
     }
 
     /// The files that the session writes. The first model has these values.
@@ -176,15 +189,17 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
     let (outputs, keep) = args.outputs(&start)?;
     let profile = session::profile(&args.session)?;
     let stop = stop_flag()?;
+    let (link, mut other) = args.other(&start, &stop)?;
     let Ready { blob, for_loop, view, process } = args.start(&start, &stop)?;
     let organ = organ(&blob).map_err(|error| Failure::work(format!("{}: {error}", args.scene.display())))?;
+    other.check(organ.tool.sphere().is_some())?;
     if args.check > 0 && organ.tool.sphere().is_some() && args.session.friction.is_some_and(|mu| mu > 0.0) {
         let line = "--check solves without the friction of a sphere: leave out --friction or --check";
         return Err(Failure::input(line));
     }
     let control = &args.session.control;
     let control = control.as_ref().map(|path| Control::start(path, Arc::clone(&stop))).transpose()?;
-    let jets = LiveField::new(for_loop).map_err(Failure::work)?;
+    let jets = LiveField::new(linked(for_loop, link)).map_err(Failure::work)?;
     let meter = view.meter();
     let source = Source::Jets(Box::new(LiveSource { jets, view }));
     let device = Opener::new(&args.session, &organ, profile.as_ref(), &stop)?;
@@ -202,12 +217,14 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
         between: Some(&knobs),
         ..args.session.show(record)
     };
+    other.wait(&stop)?;
     let mut watcher = Watcher::new(&args.session, begun);
     let mut visits = Visits::new(args.check > 0 || keep.is_some());
     let mut guard = None;
     let open = || {
         let (device, status) = device.open(&organ)?;
         guard = status;
+        other.opened();
         Ok(device)
     };
     let touched = touch::run(&[&*organ], source, show, &stop, open, |record| {
@@ -219,6 +236,7 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
     restart(&stop);
     let checked = Checked::of(&model, &visits.kept, args.check, &stop)?;
     let certificate = Certificate::new(&visits, &checked, &touched.summary, counters, watcher.ready());
+    let second = other.end(args)?;
     restart(&stop);
     let kept = keep.map(|file| Kept::of(&model, &organ, &visits.kept, &file, &stop)).transpose()?.flatten();
     Ok(Ended {
@@ -231,6 +249,7 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
         profile,
         outputs,
         watcher,
+        second,
     })
 }
 

@@ -1,6 +1,6 @@
 //! Where a session's tool was in touch, and what was felt there.
 
-use palpate_core::{NodeWeight, vec3};
+use palpate_core::{NodeWeight, Vec3, vec3};
 use palpate_host::rt::TickRecord;
 
 /// Way of the control between two kept visits, m.
@@ -12,6 +12,8 @@ pub(crate) struct Visit {
     pub(crate) weights: [NodeWeight; 3],
     pub(crate) control_m: [f32; 3],
     pub(crate) felt_n: [f32; 3],
+    /// Place of another tool that presses the same body.
+    pub(super) partner_m: Option<[f32; 3]>,
     /// Whether a new touch begins here.
     pub(super) begins: bool,
     /// Number of changes of the scene before it.
@@ -37,6 +39,8 @@ pub(super) struct Visits {
     /// Whether positions are kept.
     keeps: bool,
     touches: bool,
+    /// Whether another tool has pressed the body in the present touch: then it is no closed loop.
+    is_open: bool,
     /// Work on the hand in the present touch: now, and its smallest and largest value, J.
     work_j: [f32; 3],
 }
@@ -51,25 +55,32 @@ impl Visits {
     pub(super) fn take(&mut self, record: &TickRecord, changes: Option<usize>) {
         let touched = std::mem::replace(&mut self.touches, record.engaged.is_some());
         if !self.touches {
-            if touched {
+            if touched && !std::mem::take(&mut self.is_open) {
                 self.end_loop();
             }
             return;
         }
+        // The other hand does work on this one through the body.
+        self.is_open |= pressing_m(record).is_some();
         self.first_touch_us.get_or_insert(record.t_us);
         let [_, least_j, most_j] = if touched { self.work_j } else { [0.0; 3] };
         let work_j = record.hand_work_j;
         self.work_j = [work_j, least_j.min(work_j), most_j.max(work_j)];
         let Some(changes) = changes.filter(|_| self.keeps) else { return };
         let begins = !touched;
+        let partner_m = pressing_m(record);
         let is_far = |last: &Visit| {
             vec3::distance(last.control_m, record.displacement_m) > WAY_M
+                || match (last.partner_m, partner_m) {
+                    (Some(one), Some(other)) => vec3::distance(one, other) > WAY_M,
+                    (one, other) => one.is_some() != other.is_some(),
+                }
                 || last.weights.map(|node| node.space) != record.shares.map(|node| node.space)
                 || last.changes != changes
         };
         if begins || self.kept.last().is_none_or(is_far) {
             let (weights, control_m, felt_n) = (record.shares, record.displacement_m, record.reaction_n);
-            self.kept.push(Visit { weights, control_m, felt_n, begins, changes });
+            self.kept.push(Visit { weights, control_m, felt_n, partner_m, begins, changes });
         }
     }
 
@@ -84,9 +95,16 @@ impl Visits {
     }
 }
 
+/// Where another tool presses the same body in a tick, m.
+fn pressing_m(record: &TickRecord) -> Option<Vec3> {
+    let partner = record.live?.partner.filter(|partner| partner.presses)?;
+    Some(partner.position_m)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate_host::live::{LiveTick, Partner};
 
     fn record(engaged: bool, x_m: f32, work_j: f32) -> TickRecord {
         TickRecord {
@@ -118,5 +136,24 @@ mod tests {
         let places: Vec<i32> = visits.kept.iter().map(|v| (1e3 * v.control_m[0]).round() as i32).collect();
         assert_eq!(places, [0, 4, 1].repeat(3));
         assert_eq!(visits.kept.iter().filter(|visit| visit.begins).count(), 3);
+    }
+
+    #[test]
+    fn a_touch_beside_another_tool_is_no_loop_and_is_visited_where_that_moves() {
+        let mut visits = Visits::new(true);
+        for step in 0..=9 {
+            let partner = Partner {
+                position_m: [0.0, 1e-3 * step as f32, 0.0],
+                presses: step > 2,
+                ..Partner::default()
+            };
+            let live = LiveTick { partner: Some(partner), ..LiveTick::default() };
+            visits.take(&TickRecord { live: Some(live), ..record(true, 0.0, -0.01) }, Some(0));
+        }
+        visits.take(&record(false, 0.0, 0.0), Some(0));
+        assert_eq!(visits.loops.count, 0);
+        let partners: Vec<_> =
+            visits.kept.iter().map(|v| v.partner_m.map(|at_m| (1e3 * at_m[1]).round())).collect();
+        assert_eq!(partners, [None, Some(3.0), Some(6.0), Some(9.0)]);
     }
 }

@@ -1,0 +1,161 @@
+//! A second session on the same body, as a process of its own: one that fails leaves the other one its device.
+
+use super::partner::{LinkState, PartnerLink};
+use core::fmt;
+use core::sync::atomic::{AtomicBool, Ordering};
+use nix::sys::prctl;
+use nix::sys::signal::Signal;
+use std::io::{self, BufRead, BufReader, Read};
+use std::os::fd::AsFd;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How often a wait looks again.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// Why there is no second session.
+#[derive(Debug)]
+pub enum SecondError {
+    /// The stop flag was set.
+    Stopped,
+    /// It ended before its first tick: how, and its last line.
+    Ended(ExitStatus, String),
+    /// The process could not be started.
+    Io(io::Error),
+}
+
+impl fmt::Display for SecondError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Stopped => f.write_str("stopped before the second session was ready"),
+            Self::Ended(how, line) if line.is_empty() => {
+                write!(f, "the second session ended before its first tick ({how})")
+            }
+            Self::Ended(_, line) => write!(f, "second tool: {line}"),
+            Self::Io(error) => write!(f, "cannot start the second session: {error}"),
+        }
+    }
+}
+
+impl core::error::Error for SecondError {}
+
+impl From<io::Error> for SecondError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+/// The process of a second session. It ends when this is dropped.
+#[derive(Debug)]
+pub struct SecondSession {
+    child: Child,
+    state: LinkState,
+    report: Option<JoinHandle<String>>,
+    /// Gives the last line that it wrote before its first tick.
+    lines: Option<JoinHandle<String>>,
+}
+
+impl SecondSession {
+    /// Starts `command` with the link as its standard input. What it prints is its report; the lines that it writes to
+    /// standard error go to `line`.
+    ///
+    /// # Errors
+    ///
+    /// [`SecondError::Io`].
+    pub fn start(
+        mut command: Command,
+        line: impl Fn(&str) + Send + 'static,
+    ) -> Result<(PartnerLink, Self), SecondError> {
+        let (link, theirs) = PartnerLink::create()?;
+        command.stdin(theirs).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn()?;
+        let no_pipe = || io::Error::from(io::ErrorKind::BrokenPipe);
+        let mut printed = child.stdout.take().ok_or_else(no_pipe)?;
+        let written = BufReader::new(child.stderr.take().ok_or_else(no_pipe)?);
+        let report = std::thread::Builder::new().name("palpate-second".into()).spawn(move || {
+            let mut text = String::new();
+            // What was read before an error counts.
+            let _ = printed.read_to_string(&mut text);
+            text
+        })?;
+        let state = link.state();
+        let started = state.clone();
+        let lines = std::thread::Builder::new().name("palpate-second-lines".into()).spawn(move || {
+            // The last line before the first tick may be why there is none.
+            let mut last = String::new();
+            for next in written.lines().map_while(Result::ok) {
+                if !last.is_empty() {
+                    line(&std::mem::take(&mut last));
+                }
+                if started.is_ready() {
+                    line(&next);
+                } else {
+                    last = next;
+                }
+            }
+            last
+        })?;
+        Ok((link, Self { child, state, report: Some(report), lines: Some(lines) }))
+    }
+
+    /// Waits until its device is open.
+    ///
+    /// # Errors
+    ///
+    /// [`SecondError`].
+    pub fn wait_ready(&mut self, stop: &AtomicBool) -> Result<(), SecondError> {
+        while !self.state.is_ready() {
+            if stop.load(Ordering::Relaxed) {
+                return Err(SecondError::Stopped);
+            }
+            if let Some(how) = self.child.try_wait()? {
+                let line = self.lines.take().and_then(|lines| lines.join().ok());
+                return Err(SecondError::Ended(how, line.unwrap_or_default()));
+            }
+            std::thread::sleep(LOOK);
+        }
+        Ok(())
+    }
+
+    /// Ends its loop, waits for its report, and returns how it ended.
+    ///
+    /// # Errors
+    ///
+    /// An error of the system.
+    pub fn end(mut self) -> io::Result<(ExitStatus, String)> {
+        self.state.end();
+        let how = self.child.wait()?;
+        let report = self.report.take().and_then(|report| report.join().ok());
+        drop(self.lines.take().map(JoinHandle::join));
+        Ok((how, report.unwrap_or_default()))
+    }
+}
+
+impl Drop for SecondSession {
+    fn drop(&mut self) {
+        self.state.end();
+        // Its loop zeroes its device.
+        let _ = self.child.wait();
+    }
+}
+
+/// The link of a process that a first session has started. `stop` is set when that session ends or is gone.
+///
+/// # Errors
+///
+/// No session has started this process.
+pub fn link_of_stdin(stop: Arc<AtomicBool>) -> io::Result<PartnerLink> {
+    let link = PartnerLink::join(&io::stdin().as_fd().try_clone_to_owned()?)?;
+    // The signal ends a session as the user does.
+    prctl::set_pdeathsig(Signal::SIGTERM)?;
+    let state = link.state();
+    std::thread::Builder::new().name("palpate-first".into()).spawn(move || {
+        while !state.has_ended() {
+            std::thread::sleep(LOOK);
+        }
+        stop.store(true, Ordering::SeqCst);
+    })?;
+    Ok(link)
+}
