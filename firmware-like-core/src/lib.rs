@@ -82,4 +82,4 @@ pub use num::{lanes, vec3};
 pub use plane::{PlaneError, PlaneProblem};
 pub use space::{ActiveNode, SPACE_NAME_LEN, Space, SpacePlanes};
 pub use tag::ConfigTag;
-pub use touch::{ContactConfig, Foot, NodeWeight, TouchSurface};
+pub use touch::{ContactConfig, Foot, NodeWeight, TouchSurface, nearest_on_triangle};

@@ -40,3 +40,20 @@ pub(crate) fn without_effect<const N: usize>(organ: &Organ<'_, N>) -> Option<Str
         )
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_host::BlobFile;
+
+    /// Of the two active nodes of this organ no triangle has three.
+    #[test]
+    fn nodes_from_which_nothing_slides_are_named() {
+        let file = BlobFile::of(include_bytes!("../../firmware-like-core/golden/organ-514.blob"));
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        let names: Vec<&str> = organ.spaces.iter().map(|space| space.active.name.as_str()).collect();
+        let line = without_effect(&organ).expect("it cannot act");
+        assert!(names.len() <= NAMES && names.iter().all(|name| line.contains(name)), "{line}");
+        assert!(line.contains("[[active]]") && slid_over(&organ).is_empty(), "{line}");
+    }
+}

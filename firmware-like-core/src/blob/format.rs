@@ -176,6 +176,11 @@ impl Sphere {
     pub const fn reach_m(&self) -> f32 {
         self.radius_m + self.layer_m
     }
+
+    /// Thickness of the whole layer, metres: a third of it lies within the radius.
+    pub const fn thickness_m(&self) -> f32 {
+        1.5 * self.layer_m
+    }
 }
 
 /// A fingertip with an elastic pad.

@@ -6,4 +6,4 @@ pub(crate) mod grip;
 mod surface;
 
 pub use contact::ContactConfig;
-pub use surface::{Foot, NodeWeight, TouchSurface};
+pub use surface::{Foot, NodeWeight, TouchSurface, nearest_on_triangle};

@@ -166,7 +166,7 @@ impl<'m> TouchSurface<'m> {
     pub(crate) fn is_within(&self, point_m: Vec3, distance_m: f32) -> bool {
         let corner = |sign: f32| point_m.map(|x| x + sign * distance_m);
         let close = |&triangle: &u32| {
-            let nearest = self.corners(triangle).map(|corners| nearest_on(corners, point_m));
+            let nearest = self.corners(triangle).map(|corners| nearest_on_triangle(corners, point_m));
             nearest.is_some_and(|nearest_m| vec3::distance(nearest_m, point_m) <= distance_m)
         };
         self.near(&[corner(-1.0), corner(1.0)]).take(MAX_TESTS).any(close)
@@ -178,7 +178,7 @@ impl<'m> TouchSurface<'m> {
         let mut least: Option<(f32, Foot)> = None;
         for &triangle in self.near(&[corner(-1.0), corner(1.0)]).take(MAX_TESTS) {
             let Some(corners) = self.corners(triangle) else { continue };
-            let nearest_m = nearest_on(corners, point_m);
+            let nearest_m = nearest_on_triangle(corners, point_m);
             let away_m = vec3::distance(nearest_m, point_m);
             if away_m <= least.map_or(distance_m, |(least_m, _)| least_m) {
                 let weights = normalized(barycentric(corners, area(corners), nearest_m));
@@ -337,7 +337,7 @@ fn barycentric([a, b, c]: [Vec3; 3], area: Vec3, at: Vec3) -> Vec3 {
 }
 
 /// The point of a triangle nearest to a point: its projection, or the nearest point of the edges.
-fn nearest_on(corners: [Vec3; 3], point_m: Vec3) -> Vec3 {
+pub fn nearest_on_triangle(corners: [Vec3; 3], point_m: Vec3) -> Vec3 {
     let weights = barycentric(corners, area(corners), point_m);
     if weights.iter().all(|weight| *weight >= 0.0) {
         return point(corners, weights);

@@ -12,8 +12,6 @@ use palpate_core::format::Sphere;
 use palpate_core::vec3;
 use palpate_host::rt::TickRecord;
 
-/// Thickness of a layer, as a multiple of its part beyond the radius.
-const THICKNESS: f32 = 1.5;
 /// Distance of the samples on the skin, in radii of the sphere.
 const SPACING: f32 = 0.06;
 /// Largest number of parts of an edge.
@@ -47,7 +45,7 @@ impl Contact {
             return None;
         }
         self.spacing_m = SPACING * sphere.radius_m;
-        let (reach_m, thickness_m) = (sphere.reach_m(), THICKNESS * sphere.layer_m);
+        let (reach_m, thickness_m) = (sphere.reach_m(), sphere.thickness_m());
         let (mut area_m2, mut pressing_m2, mut largest) = (0.0, Vec3::ZERO, 0.0_f32);
         for corners in triangles {
             let [a, b, c] = corners.map(|corner| surface.position_m()[corner as usize] - centre_m);

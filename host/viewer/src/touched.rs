@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use palpate_core::format::Sphere;
-use palpate_core::{Organ, vec3};
+use palpate_core::{Organ, nearest_on_triangle, vec3};
 use palpate_host::rt::TickRecord;
 
 /// The tool relative to the skin at rest.
@@ -62,8 +62,8 @@ impl Touched {
         let [x, y, z] = organ.surface.position_m;
         let at = |vertex: u32| [x, y, z].map(|plane| plane.get(vertex as usize).copied().unwrap_or(0.0));
         let nearest = |corners: &[u32; 3]| {
-            let corners = corners.map(|corner| Vec3::from_array(at(corner)));
-            (nearest_on(corners, tool_m), corners)
+            let corners = corners.map(at);
+            (Vec3::from_array(nearest_on_triangle(corners, record.hip_m)), corners.map(Vec3::from_array))
         };
         let away = |point_m: &Vec3| point_m.distance_squared(tool_m);
         let all = organ.surface.triangles.iter().map(nearest);
@@ -85,21 +85,6 @@ impl Touched {
     pub(super) fn below_m(&self) -> f32 {
         (self.contact_m - self.tool_m).dot(self.normal)
     }
-}
-
-/// The point of a triangle nearest to a point.
-fn nearest_on([a, b, c]: [Vec3; 3], point: Vec3) -> Vec3 {
-    let area = (b - a).cross(c - a);
-    let share = |p: Vec3, q: Vec3| (q - p).cross(point - p).dot(area);
-    if share(a, b) >= 0.0 && share(b, c) >= 0.0 && share(c, a) >= 0.0 {
-        return point - area * ((point - a).dot(area) / area.length_squared().max(f32::MIN_POSITIVE));
-    }
-    let on_edge = |(p, q): (Vec3, Vec3)| {
-        let edge = q - p;
-        p + edge * ((point - p).dot(edge) / edge.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
-    };
-    let edges = [(a, b), (b, c), (c, a)].map(on_edge);
-    edges.into_iter().min_by(|p, q| p.distance(point).total_cmp(&q.distance(point))).unwrap_or(a)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Verification against known solutions. Each test prints its measured error (`cargo test -- --nocapture`).
 
+mod capsule;
 mod condensed;
 mod cook;
 mod golden;

@@ -69,7 +69,7 @@ impl Solver {
         let stiffness = self.condensed_stiffness(&problem);
         let sensitivity = self.sensitivity_of_state();
         let third_n_m2 = self.third(&sensitivity);
-        let coupling = self.coupling_to_partner(&sensitivity);
+        let coupling = self.coupling(&sensitivity);
         let residual_n = self.final_correction(residual_n);
         let assembled = &self.assembled;
         if self.newton.reject_inverted && assembled.inverted > 0 {

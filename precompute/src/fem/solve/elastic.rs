@@ -1,26 +1,28 @@
 //! The part of elastic tools in the equations, in the sensitivities and in the third derivatives.
 
+use super::partner::Partner;
 use super::{Problem, Solver};
 use crate::fem::assembly::{Assembled, third_derivatives};
 use crate::fem::boundary::Contact;
 use crate::fem::elastic::ElasticState;
+use crate::fem::sphere::Posture;
 use crate::num::jet::SymmetricThird;
 
 impl Solver {
     /// Adds the derivatives of the tool's potential at the state to the residual and to the tangent.
     pub(super) fn add_elastic(&mut self, with_tangent: bool) {
-        let Self { problem, elastic, partner, state, control_m, residual, assembled, .. } = self;
+        let Self { problem, elastic, partner, half_m, state, control_m, residual, assembled, .. } = self;
         match &problem.contact {
             None | Some(Contact::Held(_)) => return,
             Some(Contact::Pad(pad)) => pad.compute(&problem.body, state, *control_m, with_tangent, elastic),
             Some(Contact::Sphere(sphere)) => {
-                sphere.compute(&problem.body, state, *control_m, with_tangent, elastic);
+                let posture = Posture { displacement_m: *control_m, half_m: half_m.unwrap_or_default() };
+                sphere.compute(&problem.body, state, &posture, with_tangent, elastic);
             }
         }
         add(elastic, problem, residual, assembled);
         if let (Some(partner), Some(Contact::Sphere(sphere))) = (partner, &problem.contact) {
-            let at_m = partner.displacement_m;
-            sphere.compute(&problem.body, state, at_m, with_tangent, &mut partner.elastic);
+            sphere.compute(&problem.body, state, &partner.posture(), with_tangent, &mut partner.elastic);
             add(&partner.elastic, problem, residual, assembled);
         }
     }
@@ -43,10 +45,12 @@ impl Solver {
         let body = &self.problem.body;
         let mut third = third_derivatives(body, &self.state, sensitivity);
         if let Some(Contact::Sphere(sphere)) = &self.problem.contact {
-            let own = sphere.third(body, &self.state, (self.control_m, true), sensitivity);
-            let beside = self.partner.as_ref().map(|partner| (partner.displacement_m, false));
-            let beside =
-                beside.map(|at| sphere.third(body, &self.state, at, sensitivity)).unwrap_or_default();
+            let posture = Posture { displacement_m: self.control_m, half_m: self.half_m.unwrap_or_default() };
+            let own = sphere.third(body, &self.state, (&posture, true), sensitivity);
+            let beside = self.partner.as_ref().map(Partner::posture);
+            let beside = beside
+                .map(|posture| sphere.third(body, &self.state, (&posture, false), sensitivity))
+                .unwrap_or_default();
             for (sum, (own, beside)) in third.iter_mut().zip(own.into_iter().zip(beside)) {
                 *sum += own + beside;
             }

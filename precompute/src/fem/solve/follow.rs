@@ -155,7 +155,7 @@ impl Solver {
             to.jet = EnergyJet { energy_j, ..EnergyJet::from_numbers(pose.displacement_m, &[0.0; 20]) };
             to.sensitivity.iter_mut().for_each(|column| column.fill(0.0));
         }
-        to.coupling = self.coupling_to_partner(&to.sensitivity);
+        to.coupling = self.coupling(&to.sensitivity);
         if !to.jet.is_finite() {
             return Err(fail(FailureReason::NotFinite));
         }

@@ -302,6 +302,8 @@ pub struct Solver {
     control_m: [f64; 3],
     /// Another sphere on the body.
     partner: Option<Partner>,
+    /// Half axis of a capsule, m.
+    half_m: Option<[f64; 3]>,
     /// Share of `step` in the last move of the state.
     moved_by: f64,
     /// Numbers of iterations and factorisations since the start of the transition.
@@ -333,6 +335,7 @@ impl Solver {
             elastic: ElasticState::default(),
             control_m: [0.0; 3],
             partner: None,
+            half_m: None,
             moved_by: 0.0,
             iterations: 0,
             factorisations: 0,

@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Solver;
 use crate::fem::elastic::ElasticState;
+use crate::fem::sphere::Posture;
 use crate::num::jet::EnergyJet;
 
 /// The partner at the current state.
@@ -19,6 +20,12 @@ pub(super) struct Partner {
     /// Its displacement from the place where that of the tool is zero, m.
     pub(super) displacement_m: [f64; 3],
     pub(super) elastic: ElasticState,
+}
+
+impl Partner {
+    pub(super) fn posture(&self) -> Posture {
+        Posture { displacement_m: self.displacement_m, half_m: [0.0; 3] }
+    }
 }
 
 /// How the force of a solved tool depends on its partner.
@@ -74,18 +81,34 @@ impl Solver {
         self.elastic.is_pierced || self.partner.as_ref().is_some_and(|partner| partner.elastic.is_pierced)
     }
 
-    /// The coupling at the last assembled tangent, with the changes of the state for each axis of the tool.
-    pub(super) fn coupling_to_partner(&self, sensitivity: &[Vec<f64>; 3]) -> Option<Coupling> {
-        let partner = self.partner.as_ref()?;
-        let mut mixed_n_m = Matrix3::zeros();
-        for (node, block) in &partner.elastic.coupling_n_m {
-            for (axis, column) in sensitivity.iter().enumerate() {
-                let moved = Vector3::from_column_slice(&column[3 * *node as usize..][..3]);
-                // `block` is -Phi_up.
-                let row = mixed_n_m.row(axis) - moved.transpose() * block;
-                mixed_n_m.set_row(axis, &row);
+    /// From now on the tool is a capsule with this half axis, m; or a sphere.
+    pub fn set_half_axis(&mut self, half_m: Option<[f64; 3]>) {
+        self.half_m = half_m;
+    }
+
+    /// The coupling at the last assembled tangent, with the changes of the state for each axis of the tool: to the partner, or
+    /// of a capsule to its half axis.
+    pub(super) fn coupling(&self, sensitivity: &[Vec<f64>; 3]) -> Option<Coupling> {
+        // The change of h by X^T, with the sign of the blocks.
+        let through_body = |blocks: &[(u32, Matrix3<f64>)]| {
+            let mut sum = Matrix3::zeros();
+            for (node, block) in blocks {
+                for (axis, column) in sensitivity.iter().enumerate() {
+                    let moved = Vector3::from_column_slice(&column[3 * *node as usize..][..3]);
+                    let row = sum.row(axis) + moved.transpose() * block;
+                    sum.set_row(axis, &row);
+                }
             }
+            sum
+        };
+        if let Some(half_m) = self.half_m {
+            let mixed_n_m = through_body(&self.elastic.turned_n_m) + self.elastic.axis_n_m;
+            let force_n = self.elastic.of_axis_n.into();
+            return Some(Coupling { partner_m: half_m, force_n, mixed_n_m });
         }
+        let partner = self.partner.as_ref()?;
+        // These blocks are -Phi_up.
+        let mixed_n_m = -through_body(&partner.elastic.coupling_n_m);
         let force_n = partner.elastic.force_n.into();
         Some(Coupling { partner_m: partner.displacement_m, force_n, mixed_n_m })
     }

@@ -15,6 +15,18 @@
 //!
 //! D phi = phi' n.z,   D2 phi = phi'' (n.z)(n.w) + phi' z.P w / r,
 //! D3 phi = phi''' (n.z)(n.w)(n.v) + (phi'' - phi' / r) / r  ((n.z) w.P v + (n.w) z.P v + (n.v) z.P w).
+//!
+//! **A capsule** is all within R of the segment from c - a to c + a, with the half axis a. The nearest place of the segment is
+//! c + s a, s = (y - c).a / |a|^2 within -1 and 1; n and r are those from it. At an end s is constant and all is as above. Between
+//! the ends s follows the changes: with a' = a / |a|
+//!
+//! P = I - n n^T - a' a'^T.
+//!
+//! A change e of the half axis moves y - c - s a by w = -s e, and (z, e) have
+//!
+//! Phi_a = sum of -s phi' n,   D2 phi (z, e) = phi'' (n.z)(n.w) + phi' (z.w - (n.z)(n.w) - (z.a)(b.e) / |a|^2) / r,   b = r n - s a,
+//!
+//! without the last product at an end. The moment of the tool about c is a x Phi_a: a turn t of the tool changes a by t x a.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -25,7 +37,8 @@ use serde::{Deserialize, Serialize};
 use crate::fem::body::Body;
 use crate::fem::elastic::ElasticState;
 use crate::fem::pad::shape_values;
-use crate::fem::sphere::Sphere;
+use crate::fem::sphere::overlap::{Overlap, is_near};
+use crate::fem::sphere::{Posture, Sphere};
 use crate::mesh::nearest_on_triangle;
 use crate::num::jet::{SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{cross, difference, distance, norm};
@@ -221,9 +234,10 @@ impl CoatedSphere {
         &self,
         body: &Body,
         state: &[f64],
-        displacement_m: [f64; 3],
+        posture: &Posture,
     ) -> impl Iterator<Item = (&Face, [Vector3<f64>; 6])> {
-        let centre = Vector3::from(self.start_m) + Vector3::from(displacement_m);
+        let centre = Vector3::from(self.start_m) + Vector3::from(posture.displacement_m);
+        let reach = Vector3::from(posture.half_m).abs().add_scalar(self.outer_m());
         let placed = move |face: &'_ Face| {
             let mut places = [Vector3::zeros(); 6];
             for (place, &node) in places.iter_mut().zip(face.nodes()) {
@@ -233,7 +247,7 @@ impl CoatedSphere {
             places
         };
         let placed = self.points.faces.iter().map(move |face| (face, placed(face)));
-        placed.filter(|(face, places)| self.is_near(places, face.is_quadratic))
+        placed.filter(move |(face, places)| is_near(places, face.is_quadratic, &reach))
     }
 
     /// The points of a face that overlap the layer.
@@ -241,26 +255,14 @@ impl CoatedSphere {
         &'a self,
         face: &Face,
         places: &'a [Vector3<f64>; 6],
+        half: Vector3<f64>,
     ) -> impl Iterator<Item = Overlap<'a>> {
         let all = self.points.shapes[&(face.is_quadratic, face.parts)].iter();
-        all.filter_map(|values| {
-            let arrow: Vector3<f64> = places.iter().zip(values).map(|(place, value)| place * *value).sum();
-            let distance_m = arrow.norm();
-            (distance_m < self.outer_m()).then(|| Overlap { values, distance_m, normal: arrow / distance_m })
+        all.filter_map(move |values| {
+            let from_centre: Vector3<f64> =
+                places.iter().zip(values).map(|(place, value)| place * *value).sum();
+            Overlap::of(values, from_centre, half).filter(|overlap| overlap.distance_m < self.outer_m())
         })
-    }
-
-    /// Whether the box round the control points of a face, relative to the centre, reaches the sphere.
-    fn is_near(&self, places: &[Vector3<f64>; 6], is_quadratic: bool) -> bool {
-        let [a, b, c, ab, bc, ca] = *places;
-        let (mut low, mut high) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
-        if is_quadratic {
-            for (middle, one, other) in [(ab, a, b), (bc, b, c), (ca, c, a)] {
-                let control = 2.0 * middle - 0.5 * (one + other);
-                (low, high) = (low.inf(&control), high.sup(&control));
-            }
-        }
-        low.max() < self.outer_m() && high.min() > -self.outer_m()
     }
 
     /// phi and its first three derivatives by r, per area, at the distance r.
@@ -275,30 +277,38 @@ impl CoatedSphere {
         &self,
         body: &Body,
         state: &[f64],
-        displacement_m: [f64; 3],
+        posture: &Posture,
         with_tangent: bool,
         to: &mut ElasticState,
     ) {
         to.clear();
-        for (face, places) in self.near(body, state, displacement_m) {
+        let half = Vector3::from(posture.half_m);
+        let turns = posture.half_m != [0.0; 3];
+        for (face, places) in self.near(body, state, posture) {
             let mut nodal = [Vector3::zeros(); 6];
             let (mut coupling, mut pairs) = ([Matrix3::zeros(); 6], [[Matrix3::zeros(); 6]; 6]);
-            for Overlap { values, distance_m, normal } in self.touched(face, &places) {
+            let mut turned = [Matrix3::zeros(); 6];
+            for overlap in self.touched(face, &places, half) {
+                let Overlap { values, distance_m, normal, share, .. } = overlap;
                 let [energy, slope, curvature, _] = self.potential(distance_m);
                 to.energy_j += face.area_m2 * energy;
                 to.is_pierced |= distance_m < PIERCED * self.radius_m;
                 let push = face.area_m2 * slope * normal;
                 to.force_n -= push;
+                to.of_axis_n -= share * push;
                 nodal.iter_mut().zip(values).for_each(|(sum, value)| *sum += push * *value);
                 if with_tangent {
-                    let along = normal * normal.transpose();
-                    let across = Matrix3::identity() - along;
-                    let block = face.area_m2 * (curvature * along + slope / distance_m * across);
+                    let block = face.area_m2 * overlap.second(curvature, slope);
                     to.own_n_m += block;
                     for (i, value) in values[..face.nodes().len()].iter().enumerate() {
                         let part = block * *value;
                         coupling[i] += part;
                         pairs[i][..=i].iter_mut().zip(values).for_each(|(sum, other)| *sum += part * *other);
+                    }
+                    if turns {
+                        let block = face.area_m2 * overlap.turned(curvature, slope, half);
+                        to.axis_n_m -= block;
+                        turned.iter_mut().zip(values).for_each(|(sum, value)| *sum += block * *value);
                     }
                 }
             }
@@ -306,11 +316,15 @@ impl CoatedSphere {
             to.nodal_n.extend(nodes.iter().copied().zip(nodal));
             if with_tangent {
                 to.coupling_n_m.extend(nodes.iter().copied().zip(coupling));
+                if turns {
+                    to.turned_n_m.extend(nodes.iter().copied().zip(turned));
+                }
                 for (i, row) in pairs[..nodes.len()].iter().enumerate() {
                     to.stiffness_n_m.extend((0..=i).map(|j| ([nodes[i], nodes[j]], row[j])));
                 }
             }
         }
+        to.torque_n_m = half.cross(&to.of_axis_n);
     }
 
     /// The third derivatives of the potential along the changes of the state for each axis of the displacement of a tool:
@@ -319,16 +333,17 @@ impl CoatedSphere {
         &self,
         body: &Body,
         state: &[f64],
-        (displacement_m, moves): ([f64; 3], bool),
+        (posture, moves): (&Posture, bool),
         sensitivity: &[Vec<f64>; 3],
     ) -> SymmetricThird {
         let own = if moves { 1.0 } else { 0.0 };
         let mut sum = SymmetricThird::default();
-        for (face, places) in self.near(body, state, displacement_m) {
+        let half = Vector3::from(posture.half_m);
+        for (face, places) in self.near(body, state, posture) {
             let of = |axis: usize, node: u32| {
                 Vector3::from_column_slice(&sensitivity[axis][3 * node as usize..][..3])
             };
-            for Overlap { values, distance_m, normal } in self.touched(face, &places) {
+            for Overlap { values, distance_m, normal, axis, .. } in self.touched(face, &places, half) {
                 let [_, slope, curvature, third] = self.potential(distance_m);
                 let changes: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
                     let nodes = face.nodes().iter().zip(values);
@@ -336,7 +351,10 @@ impl CoatedSphere {
                     moved - Vector3::ith(axis, own)
                 });
                 let along = changes.map(|change| normal.dot(&change));
-                let across = |i: usize, j: usize| changes[i].dot(&changes[j]) - along[i] * along[j];
+                let on_axis = changes.map(|change| axis.dot(&change));
+                let across = |i: usize, j: usize| {
+                    changes[i].dot(&changes[j]) - along[i] * along[j] - on_axis[i] * on_axis[j]
+                };
                 let turn = (curvature - slope / distance_m) / distance_m;
                 for (value, [i, j, k]) in sum.iter_mut().zip(THIRD_INDICES) {
                     let turned = along[i] * across(j, k) + along[j] * across(i, k) + along[k] * across(i, j);
@@ -346,14 +364,4 @@ impl CoatedSphere {
         }
         sum
     }
-}
-
-/// A point of the skin in the layer.
-struct Overlap<'a> {
-    /// Values of the shape functions of its face.
-    values: &'a [f64; 6],
-    /// Its distance from the centre, m.
-    distance_m: f64,
-    /// Direction from the centre to it.
-    normal: Vector3<f64>,
 }

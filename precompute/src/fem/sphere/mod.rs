@@ -3,6 +3,7 @@
 mod complementarity;
 mod gap;
 mod layer;
+mod overlap;
 mod skin;
 
 pub(crate) use complementarity::complementary;
@@ -11,6 +12,15 @@ pub use layer::{CoatedSphere, Layer};
 pub(crate) use skin::Skin;
 
 use serde::{Deserialize, Serialize};
+
+/// Where a sphere or capsule is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Posture {
+    /// Displacement of its centre from where that is zero, m.
+    pub(crate) displacement_m: [f64; 3],
+    /// Half axis of a capsule, m; zero of a sphere.
+    pub(crate) half_m: [f64; 3],
+}
 
 /// A sphere without friction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

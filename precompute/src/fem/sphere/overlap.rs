@@ -1,0 +1,60 @@
+//! A point of the skin in the layer of a sphere or capsule.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// A point of the skin in the layer.
+pub(super) struct Overlap<'a> {
+    /// Values of the shape functions of its face.
+    pub(super) values: &'a [f64; 6],
+    /// Its distance r from the nearest place of the axis, m.
+    pub(super) distance_m: f64,
+    /// Direction n from there to it.
+    pub(super) normal: Vector3<f64>,
+    /// Where that place is: s, -1 and 1 at the ends, 0 of a sphere.
+    pub(super) share: f64,
+    /// Direction of the axis between its ends; zero at an end, and of a sphere.
+    pub(super) axis: Vector3<f64>,
+}
+
+impl<'a> Overlap<'a> {
+    /// A point at `from_centre`, with the half axis `half`; `None` on the axis.
+    pub(super) fn of(values: &'a [f64; 6], from_centre: Vector3<f64>, half: Vector3<f64>) -> Option<Self> {
+        let length2 = half.norm_squared();
+        let along = if length2 > 0.0 { from_centre.dot(&half) / length2 } else { 0.0 };
+        let share = along.clamp(-1.0, 1.0);
+        let is_between = length2 > 0.0 && along.abs() < 1.0;
+        let arrow = from_centre - share * half;
+        let distance_m = arrow.norm();
+        let axis = if is_between { half / length2.sqrt() } else { Vector3::zeros() };
+        (distance_m > 0.0).then(|| Self { values, distance_m, normal: arrow / distance_m, share, axis })
+    }
+
+    /// D2 phi for changes of the point, with phi'' and phi'.
+    pub(super) fn second(&self, curvature: f64, slope: f64) -> Matrix3<f64> {
+        let along = self.normal * self.normal.transpose();
+        let across = Matrix3::identity() - along - self.axis * self.axis.transpose();
+        curvature * along + slope / self.distance_m * across
+    }
+
+    /// D2 phi for a change of the point, by rows, and one of the half axis.
+    pub(super) fn turned(&self, curvature: f64, slope: f64, half: Vector3<f64>) -> Matrix3<f64> {
+        let along = self.normal * self.normal.transpose();
+        let across = -self.share * (Matrix3::identity() - along);
+        let lever = self.distance_m * self.normal - self.share * half;
+        let follows = self.axis * lever.transpose() / half.norm();
+        -self.share * curvature * along + slope / self.distance_m * (across - follows)
+    }
+}
+
+/// Whether the box round the control points of a face, relative to the centre, comes within `reach` of it.
+pub(super) fn is_near(places: &[Vector3<f64>; 6], is_quadratic: bool, reach: &Vector3<f64>) -> bool {
+    let [a, b, c, ab, bc, ca] = *places;
+    let (mut low, mut high) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
+    if is_quadratic {
+        for (middle, one, other) in [(ab, a, b), (bc, b, c), (ca, c, a)] {
+            let control = 2.0 * middle - 0.5 * (one + other);
+            (low, high) = (low.inf(&control), high.sup(&control));
+        }
+    }
+    (0..3).all(|k| low[k] < reach[k] && high[k] > -reach[k])
+}
