@@ -49,7 +49,7 @@ fn parse<const N: usize>(
     let mut places = [0; N];
     for (place, column) in places.iter_mut().zip(columns) {
         let found = header.iter().position(|h| h == column);
-        *place = found.ok_or_else(|| at(1, format!("the column {column} is missing")))?;
+        *place = found.ok_or_else(|| at(1, format!("the column {column} is required")))?;
     }
     let mut points = Vec::new();
     for (row, record) in reader.records().enumerate() {

@@ -104,7 +104,7 @@ fn a_second_tool_that_cannot_be_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let way = folder.path().join("way.csv");
     for (rows, words) in [
-        ("x_m,y_m,z_m\n0,0,0\n", ["column t_s is missing", "t_s,x_m,y_m,z_m"]),
+        ("x_m,y_m,z_m\n0,0,0\n", ["column t_s is required", "t_s,x_m,y_m,z_m"]),
         ("t_s,x_m,y_m,z_m\n0,0,0,0\n0.1,1,0,0\n", ["way.csv", "0.8 m/s"]),
         ("t_s,x_m,y_m,z_m\n0,0,nan,0\n", ["way.csv:2", "finite"]),
     ] {

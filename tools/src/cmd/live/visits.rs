@@ -143,7 +143,7 @@ mod tests {
         let mut visits = Visits::new(true);
         for step in 0..=9 {
             let partner = Partner {
-                position_m: [0.0, 1e-3 * step as f32, 0.0],
+                position_m: [0.0, 1.25e-3 * step as f32, 0.0],
                 presses: step > 2,
                 ..Partner::default()
             };
@@ -154,6 +154,6 @@ mod tests {
         assert_eq!(visits.loops.count, 0);
         let partners: Vec<_> =
             visits.kept.iter().map(|v| v.partner_m.map(|at_m| (1e3 * at_m[1]).round())).collect();
-        assert_eq!(partners, [None, Some(3.0), Some(6.0), Some(9.0)]);
+        assert_eq!(partners, [None, Some(4.0), Some(6.0), Some(9.0), Some(11.0)]);
     }
 }
