@@ -98,6 +98,10 @@ fn a_second_tool_that_cannot_be_is_refused() {
     live(&["--second", "link:/dev/no-such-port"], &["second tool", "/dev/no-such-port"]);
     live(&["--device", "link:/dev/a", "--second", "link:/dev/a"], &["--device and --second", "two devices"]);
     live(&["--check", "3", "--friction", "0.3"], &["--check", "--friction"]);
+    live(
+        &["--second", "sim", "--set", "tool.radius_m=0.007", "--set", "tool.radius_m=0.009"],
+        &["--set", "one value"],
+    );
     live(&["--beside"], &["--second"]);
     let held = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");
     refused(&[&["live", held, "--second", "sim"][..], &UNSEEN].concat(), &["sphere"]);

@@ -23,8 +23,9 @@ const MAGIC: u64 = u64::from_le_bytes(*b"palptwin");
 const WORDS: usize = 5;
 /// Whether the second session is ready for its first tick.
 const READY: usize = 1;
-/// Whether the first session has ended.
+/// Whether the loop of the first session has ended, and that of the second one.
 const ENDED: usize = 2;
+const OVER: usize = 3;
 const PLACES: [latest::Place; 2] = [
     latest::Place { state: 8, buffers: 24, len: WORDS },
     latest::Place { state: 16, buffers: 24 + 3 * WORDS, len: WORDS },
@@ -158,9 +159,19 @@ impl LinkState {
         self.is_set(READY)
     }
 
-    /// The first session has ended.
+    /// The loop of the first session has ended: that of the second one ends too.
     pub fn end(&self) {
         self.set(ENDED);
+    }
+
+    /// The loop of the second session has ended: nothing stops what it does afterwards.
+    pub fn set_over(&self) {
+        self.set(OVER);
+    }
+
+    /// Whether it has.
+    pub(super) fn is_over(&self) -> bool {
+        self.is_set(OVER)
     }
 
     /// Whether it has.

@@ -5,15 +5,18 @@ use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use nix::sys::prctl;
 use nix::sys::signal::Signal;
+use nix::unistd::getppid;
 use std::io::{self, BufRead, BufReader, Read};
 use std::os::fd::AsFd;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How often a wait looks again.
 const LOOK: Duration = Duration::from_millis(20);
+/// A second session that nobody waits for is killed after this time.
+const LAST_WAIT: Duration = Duration::from_secs(2);
 
 /// Why there is no second session.
 #[derive(Debug)]
@@ -119,29 +122,58 @@ impl SecondSession {
         Ok(())
     }
 
-    /// Ends its loop, waits for its report, and returns how it ended.
+    /// Ends its loop, as that of this session has ended.
+    pub fn end_loop(&self) {
+        self.state.end();
+    }
+
+    /// Waits for its report, and returns how it ended. The stop flag ends the wait, and the process.
     ///
     /// # Errors
     ///
     /// An error of the system.
-    pub fn end(mut self) -> io::Result<(ExitStatus, String)> {
+    pub fn end(mut self, stop: &AtomicBool) -> io::Result<(ExitStatus, String)> {
         self.state.end();
-        let how = self.child.wait()?;
+        let how = loop {
+            if let Some(how) = self.child.try_wait()? {
+                break how;
+            }
+            if stop.load(Ordering::Relaxed) {
+                break self.kill()?;
+            }
+            std::thread::sleep(LOOK);
+        };
         let report = self.report.take().and_then(|report| report.join().ok());
         drop(self.lines.take().map(JoinHandle::join));
         Ok((how, report.unwrap_or_default()))
     }
 }
 
-impl Drop for SecondSession {
-    fn drop(&mut self) {
-        self.state.end();
-        // Its loop zeroes its device.
-        let _ = self.child.wait();
+impl SecondSession {
+    /// Waits for a moment, in which its loop zeroes its device, then kills it: the guard of a real device zeroes it.
+    fn kill(&mut self) -> io::Result<ExitStatus> {
+        let begun = Instant::now();
+        while begun.elapsed() < LAST_WAIT {
+            if let Some(how) = self.child.try_wait()? {
+                return Ok(how);
+            }
+            std::thread::sleep(LOOK);
+        }
+        self.child.kill()?;
+        self.child.wait()
     }
 }
 
-/// The link of a process that a first session has started. `stop` is set when that session ends or is gone.
+impl Drop for SecondSession {
+    fn drop(&mut self) {
+        self.state.end();
+        // Nobody is left to tell.
+        let _ = self.kill();
+    }
+}
+
+/// The link of a process that a first session has started. `stop` is set when the loop of that session ends, unless the own one
+/// has ended before.
 ///
 /// # Errors
 ///
@@ -151,11 +183,17 @@ pub fn link_of_stdin(stop: Arc<AtomicBool>) -> io::Result<PartnerLink> {
     // The signal ends a session as the user does.
     prctl::set_pdeathsig(Signal::SIGTERM)?;
     let state = link.state();
+    if getppid().as_raw() == 1 {
+        // The first session was gone before it could be watched.
+        state.end();
+    }
     std::thread::Builder::new().name("palpate-first".into()).spawn(move || {
-        while !state.has_ended() {
+        while !state.has_ended() && !state.is_over() {
             std::thread::sleep(LOOK);
         }
-        stop.store(true, Ordering::SeqCst);
+        if !state.is_over() {
+            stop.store(true, Ordering::SeqCst);
+        }
     })?;
     Ok(link)
 }

@@ -192,7 +192,6 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
     let (link, mut other) = args.other(&start, &stop)?;
     let Ready { blob, for_loop, view, process } = args.start(&start, &stop)?;
     let organ = organ(&blob).map_err(|error| Failure::work(format!("{}: {error}", args.scene.display())))?;
-    other.check(organ.tool.sphere().is_some())?;
     if args.check > 0 && organ.tool.sphere().is_some() && args.session.friction.is_some_and(|mu| mu > 0.0) {
         let line = "--check solves without the friction of a sphere: leave out --friction or --check";
         return Err(Failure::input(line));
@@ -231,12 +230,14 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
         watcher.take(record);
         visits.take(record, knobs.changes());
     })?;
+    other.end_loop();
     let counters = meter.counters();
     let model = Model { scene: &args.scene, start, changes: knobs.end() };
     restart(&stop);
     let checked = Checked::of(&model, &visits.kept, args.check, &stop)?;
     let certificate = Certificate::new(&visits, &checked, &touched.summary, counters, watcher.ready());
-    let second = other.end(args)?;
+    restart(&stop);
+    let second = other.end(args, &stop)?;
     restart(&stop);
     let kept = keep.map(|file| Kept::of(&model, &organ, &visits.kept, &file, &stop)).transpose()?.flatten();
     Ok(Ended {

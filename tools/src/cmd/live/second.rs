@@ -13,6 +13,7 @@ use palpate_host::live::{LinkState, LoopEnd, PartnerLink, SecondError, SecondSes
 use serde_json::{Value, json};
 
 use super::Args;
+use crate::cmd::live_solver::scene;
 use crate::device_spec::DeviceSpec;
 use crate::failure::Failure;
 use crate::output;
@@ -128,6 +129,15 @@ impl Args {
             return Ok((Some(link), Other::First(state)));
         }
         let Some(device) = &self.second.second else { return Ok((None, Other::None)) };
+        // The settings have the first value of each key.
+        if self.set.len() > settings.len() {
+            let line = "--second has one model for both hands: give --set one value for a key";
+            return Err(Failure::input(line));
+        }
+        if scene(&self.scene, settings)?.resolve()?.tool.sphere().is_none() {
+            let line = "--second needs a scene with [tool] shape = \"sphere\": other tools hold their contacts alone";
+            return Err(Failure::input(line));
+        }
         let hardware = self.session.device.hardware();
         if hardware.is_some_and(|hardware| hardware.to_string() == *device) {
             return Err(Failure::input(format!("--device and --second are both {device}: give two devices")));
@@ -149,16 +159,6 @@ pub(super) fn linked(for_loop: LoopEnd, link: Option<PartnerLink>) -> LoopEnd {
 }
 
 impl Other {
-    /// Refuses a tool that is no sphere.
-    pub(super) fn check(&self, is_sphere: bool) -> Result<(), Failure> {
-        if is_sphere || !matches!(self, Self::Second(_)) {
-            return Ok(());
-        }
-        Err(Failure::input(
-            "--second needs a scene with [tool] shape = \"sphere\": other tools hold their contacts alone",
-        ))
-    }
-
     /// Waits until the second session can begin.
     pub(super) fn wait(&mut self, stop: &AtomicBool) -> Result<(), Failure> {
         let Self::Second(second) = self else { return Ok(()) };
@@ -178,10 +178,19 @@ impl Other {
         }
     }
 
-    /// Ends the second session.
-    pub(super) fn end(self, args: &Args) -> Result<Option<Report>, Failure> {
+    /// The loop of this session has ended.
+    pub(super) fn end_loop(&self) {
+        match self {
+            Self::None => {}
+            Self::Second(second) => second.end_loop(),
+            Self::First(state) => state.set_over(),
+        }
+    }
+
+    /// Waits for the report of the second session, which may check its positions; the stop flag ends it.
+    pub(super) fn end(self, args: &Args, stop: &AtomicBool) -> Result<Option<Report>, Failure> {
         let Self::Second(second) = self else { return Ok(None) };
-        let (how, text) = second.end().map_err(Failure::work)?;
+        let (how, text) = second.end(stop).map_err(Failure::work)?;
         let device = args.second.second.clone().unwrap_or_default();
         Ok(Some(Report { device, how, text }))
     }
