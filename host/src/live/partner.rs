@@ -164,20 +164,19 @@ impl LinkState {
         self.set(ENDED);
     }
 
+    /// Whether the loop of the first session has ended.
+    pub(super) fn has_ended(&self) -> bool {
+        self.is_set(ENDED)
+    }
+
     /// The loop of the second session has ended: nothing stops what it does afterwards.
     pub fn set_over(&self) {
         self.set(OVER);
     }
 
-    /// Whether it has.
+    /// Whether the loop of the second session has ended.
     pub(super) fn is_over(&self) -> bool {
         self.is_set(OVER)
-    }
-
-    /// Whether it has.
-    #[must_use]
-    pub fn has_ended(&self) -> bool {
-        self.is_set(ENDED)
     }
 }
 

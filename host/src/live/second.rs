@@ -147,9 +147,7 @@ impl SecondSession {
         drop(self.lines.take().map(JoinHandle::join));
         Ok((how, report.unwrap_or_default()))
     }
-}
 
-impl SecondSession {
     /// Waits for a moment, in which its loop zeroes its device, then kills it: the guard of a real device zeroes it.
     fn kill(&mut self) -> io::Result<ExitStatus> {
         let begun = Instant::now();
