@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let height_m = 1e-3 - 1.1e-2 * (std::f32::consts::PI * tick as f32 * 1e-3).sin();
         let position_m = vec3::add(node.rest_position_m, vec3::scale(node.outward_normal, height_m));
         // In a program the device provides the position and receives the force.
-        let sample = Sample { t_us: 1_000 * tick, position_m, buttons: 0 };
+        let sample = Sample { t_us: 1_000 * tick, position_m, ..Sample::default() };
         let command = controller.tick(&mut state, sample.t_us, Some(&sample));
         if tick % 100 == 0 {
             let outward_n = vec3::dot(command.hand_force_n, node.outward_normal);

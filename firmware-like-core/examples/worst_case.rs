@@ -127,7 +127,7 @@ fn sample(noise: &mut Noise, space: &Space<'_>, tick: u64) -> Option<Sample> {
     if kind == 2 {
         position_m[1] = noise.pick(&[f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
     }
-    (kind != 0).then_some(Sample { t_us, position_m, buttons: u32::from(phase != 0) })
+    (kind != 0).then_some(Sample { t_us, position_m, buttons: u32::from(phase != 0), ..Sample::default() })
 }
 
 fn main() -> ExitCode {

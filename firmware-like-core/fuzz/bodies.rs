@@ -42,7 +42,8 @@ pub(crate) fn blob(data: &[u8]) {
         state.arm();
         for (tick, space) in (1_u64..).zip(organ.spaces.iter().cycle().take(8)) {
             let position_m = space.active.rest_position_m;
-            let sample = Sample { t_us: 1000 * tick, position_m, buttons: (tick & 1) as u32 };
+            let sample =
+                Sample { t_us: 1000 * tick, position_m, buttons: (tick & 1) as u32, ..Sample::default() };
             let command = controller.tick(&mut state, sample.t_us, Some(&sample));
             assert!(vec3::norm(command.hand_force_n) <= controller.config().limits.max_force_n);
         }
@@ -141,7 +142,7 @@ pub(crate) fn tick(data: &[u8]) {
         let dt_us = u64::from(u16::from_le_bytes([dt_low, dt_high]));
         now_us = if kind & 2 == 0 { now_us.wrapping_add(dt_us) } else { now_us.wrapping_sub(dt_us << 8) };
         let t_us = now_us.wrapping_add(1000).wrapping_sub(u64::from(age) * 100);
-        let sample = Sample { t_us, position_m, buttons: buttons.into() };
+        let sample = Sample { t_us, position_m, buttons: buttons.into(), ..Sample::default() };
         match kind >> 2 {
             58 => state.hand_over(true),
             59 => state.hand_over(false),

@@ -7,15 +7,15 @@ use palpate_core::{Coverage, Field, Jet, JetError, JetMemory, NodeWeight, Solver
 /// A frame is refused, or has the bytes of its jet; the force and the energy are finite for any jets and any
 /// touch; a table never exceeds its size.
 ///
-/// A step is a kind and 45 words. The kind tells what is done with them: a frame with the words from its third
+/// A step is a kind and 51 words. The kind tells what is done with them: a frame with the words from its third
 /// one, sealed with a checksum or as it is; or a touch, beside a partner or not; or a release.
 pub(crate) fn jets(data: &[u8]) {
     let mut memory = JetMemory::<3, 8>::new();
     let (mut now_us, mut rest, mut is_gone) = (0_u64, data, false);
     let mut model = 0;
-    while let Some((&[kind, body @ ..], after)) = rest.split_first_chunk::<181>() {
+    while let Some((&[kind, body @ ..], after)) = rest.split_first_chunk::<205>() {
         rest = after;
-        let words: [u32; 45] =
+        let words: [u32; 51] =
             std::array::from_fn(|n| u32::from_le_bytes(std::array::from_fn(|byte| body[4 * n + byte])));
         match kind % 8 {
             0..4 => {
@@ -48,7 +48,7 @@ pub(crate) fn jets(data: &[u8]) {
                     [words[7], words[8], words[9]].map(if kind & 64 == 0 { near } else { f32::from_bits });
                 memory.partner((kind & 32 != 0).then_some(beside));
                 let hip_m = if kind & 16 == 0 { displacement_m } else { [z, x, y] };
-                let touch = Touch { now_us, weights, displacement_m, hip_m };
+                let touch = Touch { now_us, weights, displacement_m, hip_m, half_axis_m: None };
                 let found = memory.force(&touch).expect("jets always have an answer");
                 assert!(vec3::is_finite(found.force_n), "{touch:?}: {found:?}");
                 if !vec3::is_finite(displacement_m) {
@@ -72,9 +72,9 @@ pub(crate) fn jets(data: &[u8]) {
 }
 
 /// The jet of the bytes, put into a frame as far as `kind` says.
-fn frame(kind: u8, body: &[u8; 180]) -> Option<Jet> {
+fn frame(kind: u8, body: &[u8; 204]) -> Option<Jet> {
     let mut frame = [0; Jet::FRAME_LEN];
-    frame[..180].copy_from_slice(body);
+    frame[..204].copy_from_slice(body);
     if kind & 1 == 0 {
         frame[..8].copy_from_slice(&Jet::default().encode()[..8]);
         frame[15] = 0;
@@ -84,8 +84,8 @@ fn frame(kind: u8, body: &[u8; 180]) -> Option<Jet> {
         }
     }
     if kind & 2 == 0 {
-        let checksum = CHECKSUM.checksum(&frame[..180]);
-        frame[180..].copy_from_slice(&checksum.to_le_bytes());
+        let checksum = CHECKSUM.checksum(&frame[..204]);
+        frame[204..].copy_from_slice(&checksum.to_le_bytes());
     }
     match Jet::decode(&frame) {
         Ok(jet) => {

@@ -17,6 +17,8 @@ pub struct Touch {
     pub displacement_m: Vec3,
     /// HIP, model frame, metres. The displacement of a sphere's space is that of the HIP from its rest position.
     pub hip_m: Vec3,
+    /// The way from the centre of a capsule to one of its ends, model frame, metres.
+    pub half_axis_m: Option<Vec3>,
 }
 
 /// A source of the reaction force.
@@ -26,6 +28,12 @@ pub trait Field {
 
     /// W of one space, joules, where the force is its gradient; called after [`Field::force`] in a tick.
     fn energy_j(&self, space: u16, displacement_m: Vec3) -> Option<f32>;
+
+    /// dW/da of a capsule with the half axis a, newtons: its moment is the vector product of a and this; called after
+    /// [`Field::force`] in a tick.
+    fn turning_n(&self) -> Vec3 {
+        vec3::ZERO
+    }
 
     /// The tool touches nothing in this tick.
     fn released(&mut self, _now_us: u64) {}

@@ -20,7 +20,7 @@
 //! for tick in 0..300 {
 //!     let height_m = 1e-3 - 1e-5 * tick as f32;
 //!     let position_m = vec3::add(node.rest_position_m, vec3::scale(node.outward_normal, height_m));
-//!     let sample = Sample { t_us: 1_000 * tick, position_m, buttons: 0 };
+//!     let sample = Sample { t_us: 1_000 * tick, position_m, ..Sample::default() };
 //!     let command = controller.tick(&mut state, sample.t_us, Some(&sample));
 //!     // command.hand_force_n goes to the device.
 //!     # if tick == 299 { assert!(command.engaged == Some(0) && vec3::norm(command.hand_force_n) > 0.1); }
@@ -73,10 +73,11 @@ pub use displacement::{DisplacementPlanes, DisplacementTable};
 pub use field::{Field, Touch};
 pub use grid::{BallLattice, CORNERS, LatticeError, Location, MAX_CELLS, flags};
 pub use guard::{LimitConfig, PassivityConfig, clamp_force};
-pub use jet::{Jet, JetError, JetFlags, JetMemory, JetPartner, Solver};
+pub use jet::{Jet, JetCoupling, JetError, JetFlags, JetMemory, Solver};
 pub use method::baseline::rbf::{RBF_LANES, RbfPlanes};
 pub use method::hermite::{HermiteNode, HermitePlanes};
 pub use method::{Coverage, Estimate, ForceSample, Method, kernel};
+pub use num::orientation::Orientation;
 pub use num::vec3::Vec3;
 pub use num::{lanes, vec3};
 pub use plane::{PlaneError, PlaneProblem};

@@ -38,7 +38,7 @@ impl<'o> Hand<'o> {
     fn play(&mut self, stroke: &[(Vec3, u32)]) -> Vec<Option<Touch>> {
         let mut touch = |&(position_m, buttons): &(Vec3, u32)| {
             self.now_us += 1_000;
-            let sample = Sample { t_us: self.now_us, position_m, buttons };
+            let sample = Sample { t_us: self.now_us, position_m, buttons, ..Sample::default() };
             let command = self.controller.tick(&mut self.state, self.now_us, Some(&sample));
             let space = command.engaged?;
             assert_eq!((command.weights[0].weight, command.weights[1].weight), (1.0, 0.0), "a single space");

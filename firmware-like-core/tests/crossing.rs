@@ -23,7 +23,7 @@ fn crossing(controller: &Controller<'_, '_>, from_m: Vec3, to_m: Vec3) -> Option
     state.arm();
     let mut command = None;
     for (t_us, position_m) in [(0, from_m), (1_000, to_m)] {
-        let sample = Sample { t_us, position_m, buttons: 0 };
+        let sample = Sample { t_us, position_m, ..Sample::default() };
         command = Some(controller.tick(&mut state, t_us, Some(&sample)));
     }
     let command = command.filter(|command| command.engaged.is_some())?;

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use palpate_core::JetPartner;
+use palpate_core::JetCoupling;
 
 use crate::common::jets::jet;
 use crate::common::{Recipe, potential};
@@ -57,15 +57,16 @@ fn live_touches() -> Vec<Vec<u8>> {
         let mut bytes = vec![kind];
         let mut of = jet(potential, contact, [0.0, 0.001, z], 0.006);
         let mixed_n_m = [[30.0, 2.0, 1.0]; 3];
-        let partner = JetPartner { control_m: [0.0, z, 0.01], slope_n: [0.0, 1.0, 0.0], mixed_n_m };
-        of.partner = (flags & 32 != 0).then_some(partner);
-        bytes.extend_from_slice(&of.encode()[..180]);
+        let partner =
+            JetCoupling { control_m: [0.0, z, 0.01], slope_n: [0.0, 1.0, 0.0], mixed_n_m, own_n_m: [5.0; 6] };
+        of.coupling = (flags & 32 != 0).then_some(partner);
+        bytes.extend_from_slice(&of.encode()[..204]);
         bytes[1 + 14] = flags;
         bytes
     };
     let touch = |kind: u8, elapsed_us: u32, n: u32| {
         let middle = 1 << 31;
-        let mut words = [0_u32; 45];
+        let mut words = [0_u32; 51];
         words[..7].copy_from_slice(&[
             elapsed_us,
             0,

@@ -94,6 +94,7 @@ fn a_grasp_is_lost_at_its_limits() {
                 t_us: step * 1_000,
                 position_m: [0.0, 0.0, RADIUS_M + metres],
                 buttons: u32::from(step > 2),
+                ..Sample::default()
             };
             let command = controller.tick(&mut state, step * 1_000, Some(&sample));
             match (slipped_m, step) {

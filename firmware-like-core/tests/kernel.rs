@@ -358,7 +358,7 @@ fn any_samples_are_finite_and_within_the_limit() {
         let command = controller.tick(
             &mut state,
             t_us,
-            Some(&Sample { t_us, position_m, buttons: (tick % 7 == 0).into() }),
+            Some(&Sample { t_us, position_m, buttons: (tick % 7 == 0).into(), ..Sample::default() }),
         );
         let force = vec3::norm(command.hand_force_n);
         assert!(force <= 8.0 && (force == 0.0 || state.phase() == Phase::Active), "{tick}: {command:?}");

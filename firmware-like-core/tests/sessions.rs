@@ -75,11 +75,11 @@ proptest! {
                 Step::Move { elapsed_us, by_m, buttons } => {
                     hip_m = vec3::add(hip_m, by_m);
                     let t_us = now_us + elapsed_us;
-                    (elapsed_us, Some(Sample { t_us, position_m: hip_m, buttons }))
+                    (elapsed_us, Some(Sample { t_us, position_m: hip_m, buttons, ..Sample::default() }))
                 }
                 Step::Sample { elapsed_us, age_us, position_m, buttons } => {
                     let t_us = (now_us + elapsed_us).saturating_add_signed(-age_us);
-                    (elapsed_us, Some(Sample { t_us, position_m, buttons }))
+                    (elapsed_us, Some(Sample { t_us, position_m, buttons, ..Sample::default() }))
                 }
             };
             now_us += elapsed_us;

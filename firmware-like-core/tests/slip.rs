@@ -49,7 +49,7 @@ fn stroke(blob: &AlignedBytes, friction: f32, method: Method, (tilt, from, lengt
     let up = (0..=100).map(|i| at(from + length, -5e-3 + 1e-4 * i as f32));
     let (mut work_j, mut before): (f64, Option<(Vec3, Vec3)>) = (0.0, None);
     for (t, position_m) in (0..).zip(down.chain(along).chain(up)) {
-        let sample = Sample { t_us: 1_000 * t, position_m, buttons: 0 };
+        let sample = Sample { t_us: 1_000 * t, position_m, ..Sample::default() };
         let command = controller.tick(&mut state, sample.t_us, Some(&sample));
         assert_eq!(command.phase, Phase::Active, "{command:?}");
         if let Some((from_m, from_n)) = before {

@@ -90,7 +90,7 @@ fn play_with(friction: f32, blob: &AlignedBytes, path: impl Iterator<Item = Vec3
     let mut state = State::new();
     state.arm();
     let tick = |(t, position_m): (u64, Vec3)| {
-        let sample = Sample { t_us: 1_000 * t, position_m, buttons: 0 };
+        let sample = Sample { t_us: 1_000 * t, position_m, ..Sample::default() };
         (position_m, controller.tick(&mut state, sample.t_us, Some(&sample)))
     };
     (0..).zip(path).map(tick).collect()

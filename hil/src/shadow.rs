@@ -26,7 +26,7 @@ impl<'o> Shadow<'o> {
 
     /// Force on the hand in the device frame, and whether the tool is in contact.
     pub(crate) fn at(&mut self, t_us: u64, workspace: &Workspace, device_m: Vec3) -> (Vec3, bool) {
-        let sample = Sample { t_us, position_m: workspace.to_model_m(device_m), buttons: 0 };
+        let sample = Sample { t_us, position_m: workspace.to_model_m(device_m), ..Sample::default() };
         let command = self.controller.tick(&mut self.state, t_us, Some(&sample));
         (workspace.to_device_n(command.hand_force_n), command.engaged.is_some())
     }

@@ -50,7 +50,7 @@ impl Device for Scripted {
         script.forces.push(force_n);
         match script.fails {
             Some(kind) => Err(DeviceError::new(kind)),
-            None => Ok(Some(Sample { t_us, position_m: script.position_m, buttons: 1 })),
+            None => Ok(Some(Sample { t_us, position_m: script.position_m, buttons: 1, ..Sample::default() })),
         }
     }
 

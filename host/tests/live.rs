@@ -47,7 +47,7 @@ impl Device for Press {
         let aside_m = 4e-3 * share * (40.0 * t_s).sin();
         let position_m = vec3::add(self.rest_m, vec3::scale(self.normal, height_m));
         let position_m = vec3::add(position_m, vec3::scale(self.along, aside_m));
-        Ok(Some(Sample { t_us: now_us, position_m, buttons: 0 }))
+        Ok(Some(Sample { t_us: now_us, position_m, ..Sample::default() }))
     }
 
     fn stop(&mut self) {}

@@ -135,7 +135,8 @@ fn a_kernel_without_an_allocation() {
             let position_m =
                 vec3::add(node.active.rest_position_m, vec3::scale(node.active.outward_normal, height_m));
             let t_us = 1_000 * tick;
-            let command = controller.tick(&mut state, t_us, Some(&Sample { t_us, position_m, buttons: 0 }));
+            let command =
+                controller.tick(&mut state, t_us, Some(&Sample { t_us, position_m, ..Sample::default() }));
             assert!(vec3::norm(command.hand_force_n) <= 8.0);
             engaged += u32::from(command.engaged.is_some());
             forced += u32::from(command.hand_force_n != vec3::ZERO);

@@ -65,7 +65,7 @@ fn oscillation_m(
         let seen_m = (hand.position_m / COUNT_M).round() * COUNT_M * workspace_scale;
         let position_m: Vec3 =
             vec3::add(space.active.rest_position_m, vec3::scale(space.active.outward_normal, seen_m));
-        let sample = Sample { t_us: tick * 1000, position_m, buttons: 0 };
+        let sample = Sample { t_us: tick * 1000, position_m, ..Sample::default() };
         let command = controller.tick(&mut state, tick * 1000, Some(&sample));
         force_n = on_its_way_n;
         on_its_way_n = vec3::dot(command.hand_force_n, space.active.outward_normal);

@@ -28,7 +28,7 @@
 //!     // From 1 mm above the organ to 2 mm below its surface, one sample per millisecond.
 //!     let height_m = 1e-3 - 1e-5 * tick as f32;
 //!     let position_m = vec3::add(node.rest_position_m, vec3::scale(node.outward_normal, height_m));
-//!     let sample = Sample { t_us: 1_000 * tick, position_m, buttons: 0 };
+//!     let sample = Sample { t_us: 1_000 * tick, position_m, ..Sample::default() };
 //!     let command = controller.tick(&mut state, sample.t_us, Some(&sample));
 //!     # if tick == 299 { assert!(vec3::norm(command.hand_force_n) > 0.05, "{command:?}"); }
 //! }

@@ -388,6 +388,10 @@ impl ResolvedScene {
             digest.text("sphere");
             digest.numbers(&[*radius_m, *thickness_m, *pressure_pa]);
         }
+        if let Some(half_axis_m) = self.tool.half_axis_m() {
+            digest.text("capsule");
+            digest.numbers(&half_axis_m);
+        }
         digest.finish()
     }
 }

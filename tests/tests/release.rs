@@ -67,7 +67,8 @@ fn hand(controller: &Controller<'_, '_>, state: &mut State, now_ms: &mut u64, th
         for step in 1..=steps {
             let way_m = vec3::scale(vec3::sub(ends[1], ends[0]), step as f32 / steps as f32);
             *now_ms += 1;
-            let sample = Sample { t_us: 1_000 * *now_ms, position_m: vec3::add(ends[0], way_m), buttons: 0 };
+            let sample =
+                Sample { t_us: 1_000 * *now_ms, position_m: vec3::add(ends[0], way_m), ..Sample::default() };
             let command = controller.tick(state, sample.t_us, Some(&sample));
             assert_eq!(command.phase, Phase::Active, "{command:?}");
             let normals = command.weights.iter().filter(|node| node.weight > 0.0).map(|node| {

@@ -43,7 +43,8 @@ fn stroke(controller: &Controller<'_, '_>, through: &[Vec3], buttons: impl Fn(us
             let way = vec3::scale(vec3::sub(ends[1], ends[0]), step as f32 / steps as f32);
             let position_m = vec3::add(ends[0], way);
             tick += 1;
-            let sample = Sample { t_us: tick * 1_000, position_m, buttons: buttons(leg) };
+            let sample =
+                Sample { t_us: tick * 1_000, position_m, buttons: buttons(leg), ..Sample::default() };
             let began = Instant::now();
             let command = controller.tick(&mut state, tick * 1_000, Some(&sample));
             stroke.tick_ns.push(began.elapsed().as_nanos() as u64);

@@ -42,7 +42,8 @@ mod tests {
 
     #[test]
     fn a_line_says_where_and_what_with_signs() {
-        let sample = Sample { t_us: 0, position_m: [0.012, -0.0034, 0.0], buttons: 0b101 };
+        let sample =
+            Sample { t_us: 0, position_m: [0.012, -0.0034, 0.0], buttons: 0b101, ..Sample::default() };
         let record =
             TickRecord { sample: Some(sample), hand_force_n: [0.0, 1.25, -0.5], ..TickRecord::EMPTY };
         let shown = line(&record, record.sample);

@@ -18,6 +18,16 @@ pub(crate) fn table<const N: usize>(
     option: &str,
     columns: [&str; N],
 ) -> Result<Vec<[f64; N]>, Failure> {
+    Ok(table_with(path, option, columns, [])?.into_iter().map(|(row, [])| row).collect())
+}
+
+/// The same with columns that are zero where the table has none of them.
+pub(crate) fn table_with<const N: usize, const M: usize>(
+    path: &Path,
+    option: &str,
+    columns: [&str; N],
+    more: [&str; M],
+) -> Result<Vec<([f64; N], [f64; M])>, Failure> {
     if path == Path::new(STANDARD) {
         if stdin().is_terminal() {
             return Err(Failure::input(format!(
@@ -25,21 +35,22 @@ pub(crate) fn table<const N: usize>(
                 columns.join(",")
             )));
         }
-        return parse("standard input", stdin().lock(), columns);
+        return parse("standard input", stdin().lock(), columns, more);
     }
     let file = File::open(path).map_err(|error| Failure::file(path, &error))?;
     if file.metadata().is_ok_and(|there| there.is_dir()) {
         return Err(Failure::file(path, &ErrorKind::IsADirectory.into()));
     }
-    parse(&path.display().to_string(), BufReader::new(file), columns)
+    parse(&path.display().to_string(), BufReader::new(file), columns, more)
 }
 
 /// Reads the columns of a table that messages call `name`.
-fn parse<const N: usize>(
+fn parse<const N: usize, const M: usize>(
     name: &str,
     source: impl Read,
     columns: [&str; N],
-) -> Result<Vec<[f64; N]>, Failure> {
+    more: [&str; M],
+) -> Result<Vec<([f64; N], [f64; M])>, Failure> {
     let at = |line: u64, what: String| {
         let header = columns.join(",");
         Failure::input(format!("{name}:{line}: {what}; the header is {header}, one point a line"))
@@ -50,6 +61,14 @@ fn parse<const N: usize>(
     for (place, column) in places.iter_mut().zip(columns) {
         let found = header.iter().position(|h| h == column);
         *place = found.ok_or_else(|| at(1, format!("the column {column} is required")))?;
+    }
+    let mut other = [None; M];
+    let has_more = more.iter().any(|column| header.iter().any(|h| h == *column));
+    for (place, column) in other.iter_mut().zip(more).filter(|_| has_more) {
+        *place = header.iter().position(|h| h == column);
+        if place.is_none() {
+            return Err(at(1, format!("the column {column} goes with the others of its kind")));
+        }
     }
     let mut points = Vec::new();
     for (row, record) in reader.records().enumerate() {
@@ -69,7 +88,11 @@ fn parse<const N: usize>(
         for (value, place) in values.iter_mut().zip(places) {
             *value = number(place)?;
         }
-        points.push(values);
+        let mut others = [0.0; M];
+        for (value, place) in others.iter_mut().zip(other) {
+            *value = place.map_or(Ok(0.0), number)?;
+        }
+        points.push((values, others));
     }
     Ok(points)
 }

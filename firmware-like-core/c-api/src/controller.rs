@@ -426,8 +426,12 @@ pub extern "C" fn palpate_tick(
         command.write(PalpateCommand::zero(PalpatePhase::SafeZero, PalpateFault::Internal));
         return PalpateStatus::NullArgument;
     };
-    let sample =
-        sample.map(|&PalpateSample { t_us, position_m, buttons }| Sample { t_us, position_m, buttons });
+    let sample = sample.map(|&PalpateSample { t_us, position_m, buttons }| Sample {
+        t_us,
+        position_m,
+        buttons,
+        ..Sample::default()
+    });
     command.write(controller.tick(state, now_us, sample.as_ref()).into());
     PalpateStatus::Ok
 }

@@ -84,7 +84,7 @@ fn jets(bench: &mut impl Bench, organ: &SmallOrgan<'_>, space: &Space<'_>) -> Re
         }
         memory.solver(if number % 400 < 300 { Solver::Alive } else { Solver::Gone });
         let displacement_m = core::hint::black_box(displacement_m);
-        let touch = Touch { now_us, weights, displacement_m, hip_m: displacement_m };
+        let touch = Touch { now_us, weights, displacement_m, hip_m: displacement_m, half_axis_m: None };
         let before = bench.clock();
         let answer = memory.force(&touch);
         count.add(since(bench, before));
@@ -122,7 +122,7 @@ fn learn(memory: &mut JetMemory<3, JETS>, number: u32, control_m: Option<Vec3>) 
         stiffness_n_m: [310.0, 12.0, -7.0, 290.0, 5.0, 330.0],
         third_n_m2: [900.0, -400.0, 300.0, 250.0, -150.0, 800.0, -700.0, 600.0, 350.0, -5_000.0],
         trust_m: 0.003 + 0.001 * (number % 8) as f32,
-        partner: None,
+        coupling: None,
         model: 0,
     };
     let jet = Jet::decode(&core::hint::black_box(jet.encode())).map_err(|_| Failed)?;
@@ -147,7 +147,7 @@ fn touch(
             *x -= depth_m * n;
         }
         let now_us = 1000 * u64::from(step);
-        let sample = core::hint::black_box(Sample { t_us: now_us, position_m, buttons: 0 });
+        let sample = core::hint::black_box(Sample { t_us: now_us, position_m, ..Sample::default() });
         let before = bench.clock();
         let command = tick(&mut state, &sample);
         count.add(since(bench, before));

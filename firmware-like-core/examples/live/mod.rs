@@ -63,7 +63,7 @@ fn jet(noise: &mut Noise) -> Jet {
         stiffness_n_m: [300.0, 0.0, 0.0, 300.0, 0.0, 300.0],
         third_n_m2: std::array::from_fn(|_| 100.0 * noise.unit()),
         trust_m: 0.012 + 0.008 * noise.unit(),
-        partner: None,
+        coupling: None,
         model: 0,
     }
 }
@@ -151,5 +151,5 @@ fn sample(noise: &mut Noise, node: &palpate_core::ActiveNode, tick: u64) -> Samp
             if out_m > 0.0 { vec3::add(d, along(-2.0 * out_m)) } else { d }
         }
     };
-    Sample { t_us: 1_000 * tick, position_m: vec3::add(node.rest_position_m, d), buttons: 0 }
+    Sample { t_us: 1_000 * tick, position_m: vec3::add(node.rest_position_m, d), ..Sample::default() }
 }

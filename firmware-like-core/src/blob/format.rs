@@ -23,6 +23,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
+use crate::num::vec3::{self, Vec3};
 use crate::space::SPACE_NAME_LEN;
 
 #[cfg(target_endian = "big")]
@@ -124,6 +125,8 @@ pub enum Tool {
     /// A sphere, which touches the surface anywhere. The displacement of a space is that of its centre from the space's
     /// position. A live field has one space, a packed one a chart for each part of the surface.
     Sphere(Sphere),
+    /// A capsule, which touches the surface anywhere: a sphere that is drawn along an axis, which the grip turns.
+    Capsule(Capsule),
 }
 
 impl Tool {
@@ -131,16 +134,29 @@ impl Tool {
     pub const fn fingertip(&self) -> Option<Fingertip> {
         match *self {
             Self::Fingertip(tip) => Some(tip),
-            Self::Point | Self::Sphere(_) => None,
+            Self::Point | Self::Sphere(_) | Self::Capsule(_) => None,
         }
     }
 
-    /// The sphere, if it is one.
+    /// The sphere, or that of which a capsule is made.
     pub const fn sphere(&self) -> Option<Sphere> {
         match *self {
-            Self::Sphere(sphere) => Some(sphere),
+            Self::Sphere(sphere) | Self::Capsule(Capsule { sphere, .. }) => Some(sphere),
             Self::Point | Self::Fingertip(_) => None,
         }
+    }
+
+    /// The way from the centre of a capsule to one of its ends in the frame of the grip, metres.
+    pub const fn half_axis_m(&self) -> Option<Vec3> {
+        match *self {
+            Self::Capsule(Capsule { half_axis_m, .. }) => Some(half_axis_m),
+            Self::Point | Self::Fingertip(_) | Self::Sphere(_) => None,
+        }
+    }
+
+    /// Distance from the centre of a sphere or capsule within which it may touch, metres; 0 of other tools.
+    pub fn reach_m(&self) -> f32 {
+        self.sphere().map_or(0.0, |sphere| sphere.reach_m()) + self.half_axis_m().map_or(0.0, vec3::norm)
     }
 
     /// Whether it can take hold of the skin and pull.
@@ -156,6 +172,9 @@ impl Tool {
                 ("fingertip", [radius_m, stiffness_n_m])
             }
             Self::Sphere(Sphere { radius_m, layer_m }) => ("sphere", [radius_m, layer_m]),
+            Self::Capsule(Capsule { sphere: Sphere { radius_m, layer_m }, half_axis_m }) => {
+                ("capsule", [radius_m * vec3::norm(half_axis_m), layer_m])
+            }
         };
         let is_sound = numbers.iter().all(|x| x.is_finite() && *x > 0.0);
         (!is_sound).then_some(what)
@@ -181,6 +200,15 @@ impl Sphere {
     pub const fn thickness_m(&self) -> f32 {
         1.5 * self.layer_m
     }
+}
+
+/// A capsule: what a sphere covers whose centre moves along a line.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Capsule {
+    /// The sphere.
+    pub sphere: Sphere,
+    /// The way from the middle of the line to one end in the frame of the grip, metres.
+    pub half_axis_m: Vec3,
 }
 
 /// A fingertip with an elastic pad.

@@ -240,7 +240,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     /// Detects positions that a hand cannot reach.
     fn check_motion(&self, speed: &mut SpeedWindow, sample: &Sample) -> Result<(), Fault> {
         let limits = &self.config.limits;
-        if !vec3::is_finite(sample.position_m) {
+        if !vec3::is_finite(sample.position_m) || !sample.orientation.is_rotation() {
             return Err(Fault::NotFinite);
         }
         if vec3::max_abs(sample.position_m) > limits.max_position_m {
@@ -270,7 +270,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             return untouched(field, now_us, hip_m);
         };
         let displacement_m = vec3::sub(hip_m, at.anchor_m);
-        let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m };
+        let half_axis_m = self.organ.tool.half_axis_m().map(|half_m| sample.orientation.turn(half_m));
+        let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m, half_axis_m };
         let mut answer = field.force(&touch).ok_or(Fault::Internal)?;
         if at.kind == ContactKind::Sphere {
             let slope_n = self.blended_slope_n(&at, hip_m, field).ok_or(Fault::Internal)?;
@@ -299,6 +300,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         contact.slip(config, spaces, surface, (displacement_m, answer.force_n), energy_j);
         Ok(Command {
             reaction_n: answer.force_n,
+            reaction_n_m: half_axis_m.map_or(vec3::ZERO, |half_m| vec3::cross(half_m, field.turning_n())),
             displacement_m,
             engaged: Some(at.main_space()),
             weights: at.weights,
@@ -332,7 +334,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     /// Distance from the surface within which a sphere is engaged, metres: its reach of the skin, or a small part of that of
     /// the surface of the first touch.
     fn sphere_engaged_within_m(&self) -> f32 {
-        let reach_m = self.organ.tool.sphere().map_or(0.0, |sphere| sphere.reach_m());
+        let reach_m = self.organ.tool.reach_m();
         let is_of_contacts = self.surface.is_some_and(|surface| surface.is_of_contacts);
         if is_of_contacts { BESIDE_FIRST_TOUCH * reach_m } else { reach_m }
     }

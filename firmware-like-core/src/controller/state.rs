@@ -6,12 +6,13 @@ use crate::guard::passivity::Passivity;
 use crate::guard::speed::SpeedWindow;
 use crate::method::Coverage;
 use crate::named::named;
+use crate::num::orientation::Orientation;
 use crate::num::vec3::Vec3;
 use crate::touch::NodeWeight;
 use crate::touch::contact::Contact;
 
 /// One reading of the device.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sample {
     /// When it was taken, microseconds on the clock of `now_us`.
     pub t_us: u64,
@@ -19,12 +20,14 @@ pub struct Sample {
     pub position_m: Vec3,
     /// One bit per button, 1 while pressed.
     pub buttons: u32,
+    /// The orientation of the grip; none for a device that measures only a position.
+    pub orientation: Orientation,
 }
 
 named! {
     /// Why the force was set to zero.
     pub enum Fault {
-        /// A position was NaN or infinite.
+        /// A position was NaN or infinite, or an orientation no rotation.
         NotFinite = "not-finite",
         /// No fresh sample for too long.
         Stale = "stale",
@@ -65,6 +68,9 @@ pub struct Command {
     pub hand_force_n: Vec3,
     /// h of the model before any limit, newtons; zero without contact.
     pub reaction_n: Vec3,
+    /// Moment of h about the HIP before any limit, newton metres: what turns a tool with an axis against the body. Zero
+    /// without contact, and of a tool without an axis.
+    pub reaction_n_m: Vec3,
     /// Displacement of the engaged node, metres; zero without contact.
     pub displacement_m: Vec3,
     /// The HIP that the command refers to: the newest valid one, model frame, metres.

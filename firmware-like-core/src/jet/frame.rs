@@ -5,23 +5,24 @@
 //! ```text
 //! offset  bytes  content
 //!  0      4      "PJET"
-//!  4      2      u16 version, 2
-//!  6      2      u16 length of the frame, 184
+//!  4      2      u16 version, 3
+//!  6      2      u16 length of the frame, 208
 //!  8      4      u32 sequence
 //! 12      2      u16 contact
-//! 14      2      u16 flags: 1 joined, 2 fresh, 4 unstable, 8 flush before, 16 root, 32 partner; the others are 0
+//! 14      2      u16 flags: 1 joined, 2 fresh, 4 unstable, 8 flush before, 16 root, 32 coupling; the others are 0
 //! 16      12     f32 control x, y, z, metres
 //! 28      4      f32 W, joules
 //! 32      12     f32 h x, y, z, newtons
 //! 44      24     f32 S xx, xy, xz, yy, yz, zz, newtons per metre
 //! 68      40     f32 third derivatives of W, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz, N/m^2
 //! 108     4      f32 trust radius, metres
-//! 112     12     f32 place of the partner x, y, z, metres; zero without one, as the next
-//! 124     12     f32 dW/dp x, y, z, newtons
-//! 136     36     f32 dh/dp by rows, newtons per metre
-//! 172     4      u32 model: jets of an earlier one no longer count
-//! 176     4      zero
-//! 180     4      u32 CRC-32 (ISO-HDLC) of all bytes before it
+//! 112     12     f32 second control q x, y, z, metres; zero without a coupling, as the next
+//! 124     12     f32 dW/dq x, y, z, newtons
+//! 136     36     f32 dh/dq by rows, newtons per metre
+//! 172     24     f32 second derivatives of W by q, in the order of S, newtons per metre
+//! 196     4      u32 model: jets of an earlier one no longer count
+//! 200     4      zero
+//! 204     4      u32 CRC-32 (ISO-HDLC) of all bytes before it
 //! ```
 //!
 //! With the flag *root* W, h, S and the third derivatives are those of s = sqrt(2 W), in sqrt(J) and its quotients.
@@ -33,11 +34,11 @@ use crate::num::vec3::{self, Vec3};
 use crate::plane::LARGEST_VALUE;
 
 const MAGIC: [u8; 4] = *b"PJET";
-const VERSION: u16 = 2;
+const VERSION: u16 = 3;
 /// Where the checksum is.
-const CHECKSUM_AT: usize = 180;
-/// Number of floats, and of those without a partner.
-const FLOATS: usize = 39;
+const CHECKSUM_AT: usize = 204;
+/// Number of floats, and of those without a coupling.
+const FLOATS: usize = 45;
 const OF_TOOL: usize = 24;
 
 /// Properties of a jet.
@@ -56,8 +57,8 @@ pub struct JetFlags {
     pub root: bool,
 }
 
-/// The flag of a jet with a partner.
-const PARTNER: u16 = 32;
+/// The flag of a jet with a coupling.
+const COUPLED: u16 = 32;
 
 impl JetFlags {
     fn bits(self) -> u16 {
@@ -77,19 +78,22 @@ impl JetFlags {
             flush_before: flag(8),
             root: flag(16),
         };
-        (bits < PARTNER).then_some(all)
+        (bits < COUPLED).then_some(all)
     }
 }
 
-/// How the force of a jet depends on the place p of a partner, another tool on the same body.
+/// How the force of a jet depends on a second control q: the displacement of a partner, another tool on the same body, in
+/// the frame of the jet's; or the half axis of a capsule.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct JetPartner {
-    /// The displacement of the partner that was solved, in the frame of the jet's, metres.
+pub struct JetCoupling {
+    /// The second control that was solved, metres.
     pub control_m: Vec3,
-    /// dW/dp, newtons, or that of the root.
+    /// dW/dq, newtons, or that of the root.
     pub slope_n: Vec3,
-    /// dh/dp: row i belongs to h_i, newtons per metre; or the mixed derivatives of the root.
+    /// dh/dq: row i belongs to h_i, newtons per metre; or the mixed derivatives of the root.
     pub mixed_n_m: [Vec3; 3],
+    /// d2W/dq2: xx, xy, xz, yy, yz, zz, newtons per metre, or that of the root; zero of a partner.
+    pub own_n_m: [f32; 6],
 }
 
 /// The expansion of the energy W at one displacement of a contact point, or of its root ([`JetFlags::root`]).
@@ -116,20 +120,20 @@ pub struct Jet {
     pub third_n_m2: [f32; 10],
     /// Distance from `control_m` up to which the expansion is used, metres.
     pub trust_m: f32,
-    /// The partner, if one touches the body too.
-    pub partner: Option<JetPartner>,
+    /// The coupling, if there is a second control.
+    pub coupling: Option<JetCoupling>,
     /// Number of the model of the body; it rises when the session changes the model.
     pub model: u32,
 }
 
 impl Jet {
     /// Length of a frame, bytes.
-    pub const FRAME_LEN: usize = 184;
+    pub const FRAME_LEN: usize = 208;
     /// Largest trust radius, metres.
     pub const MAX_TRUST_M: f32 = 0.025;
     /// Largest distance of the control from rest, metres.
     pub const MAX_CONTROL_M: f32 = 1.0;
-    /// Distance of a partner that touches the body from none, metres: larger than that of two places of a partner.
+    /// Distance of a second control from none, metres: larger than that of two of them.
     pub const PARTED_M: f32 = 2.0;
 
     /// The frame of this jet, whatever its numbers are.
@@ -147,11 +151,11 @@ impl Jet {
         put(&(Self::FRAME_LEN as u16).to_le_bytes());
         put(&self.sequence.to_le_bytes());
         put(&self.contact.to_le_bytes());
-        put(&(self.flags.bits() | if self.partner.is_some() { PARTNER } else { 0 }).to_le_bytes());
+        put(&(self.flags.bits() | if self.coupling.is_some() { COUPLED } else { 0 }).to_le_bytes());
         let numbers = [&self.control_m[..], &[self.energy_j], &self.force_n, &self.stiffness_n_m];
-        let JetPartner { control_m, slope_n, mixed_n_m } = self.partner.unwrap_or_default();
+        let JetCoupling { control_m, slope_n, mixed_n_m, own_n_m } = self.coupling.unwrap_or_default();
         let mixed = mixed_n_m.as_flattened();
-        let last = [&self.third_n_m2[..], &[self.trust_m], &control_m, &slope_n, mixed];
+        let last = [&self.third_n_m2[..], &[self.trust_m], &control_m, &slope_n, mixed, &own_n_m];
         for number in numbers.into_iter().chain(last).flatten() {
             put(&number.to_le_bytes());
         }
@@ -193,7 +197,7 @@ impl Jet {
         let (contact, rest) = rest.split_first_chunk::<2>().ok_or(length)?;
         let (flags, rest) = rest.split_first_chunk::<2>().ok_or(length)?;
         let bits = u16::from_le_bytes(*flags);
-        let flags = JetFlags::from_bits(bits & !PARTNER).ok_or(JetError::Reserved)?;
+        let flags = JetFlags::from_bits(bits & !COUPLED).ok_or(JetError::Reserved)?;
         let mut numbers = [0.0; FLOATS];
         let mut words = rest.chunks_exact(4);
         for (number, word) in numbers.iter_mut().zip(&mut words) {
@@ -203,18 +207,20 @@ impl Jet {
         if words.next().is_none_or(|word| word != [0; 4]) {
             return Err(JetError::Reserved);
         }
-        let (numbers, of_partner) = numbers.split_first_chunk::<OF_TOOL>().ok_or(length)?;
-        let (place, mixed) = of_partner.split_first_chunk::<3>().ok_or(length)?;
+        let (numbers, of_coupling) = numbers.split_first_chunk::<OF_TOOL>().ok_or(length)?;
+        let (place, mixed) = of_coupling.split_first_chunk::<3>().ok_or(length)?;
         let (slope, mixed) = mixed.split_first_chunk::<3>().ok_or(length)?;
-        let mut partner = JetPartner { control_m: *place, slope_n: *slope, ..JetPartner::default() };
-        for (number, of) in partner.mixed_n_m.as_flattened_mut().iter_mut().zip(mixed) {
+        let mut coupling = JetCoupling { control_m: *place, slope_n: *slope, ..JetCoupling::default() };
+        let (mixed, own) = mixed.split_at_checked(9).ok_or(length)?;
+        let numbers_of = coupling.mixed_n_m.as_flattened_mut().iter_mut().zip(mixed);
+        for (number, of) in numbers_of.chain(coupling.own_n_m.iter_mut().zip(own)) {
             *number = *of;
         }
-        let has_partner = bits & PARTNER != 0;
-        if !has_partner && of_partner.iter().any(|number| number.to_bits() != 0) {
+        let is_coupled = bits & COUPLED != 0;
+        if !is_coupled && of_coupling.iter().any(|number| number.to_bits() != 0) {
             return Err(JetError::Reserved);
         }
-        let partner = Some(partner).filter(|_| has_partner);
+        let coupling = Some(coupling).filter(|_| is_coupled);
         let [x, y, z, energy_j, fx, fy, fz, xx, xy, xz, yy, yz, zz, third_n_m2 @ .., trust_m] = *numbers;
         let jet = Self {
             contact: u16::from_le_bytes(*contact),
@@ -226,7 +232,7 @@ impl Jet {
             stiffness_n_m: [xx, xy, xz, yy, yz, zz],
             third_n_m2,
             trust_m,
-            partner,
+            coupling,
             model: u32::from_le_bytes(model),
         };
         jet.check().map(|()| jet)
@@ -239,13 +245,14 @@ impl Jet {
         let near = |x: f32| x.abs() <= Self::MAX_CONTROL_M;
         let [x, y, z] = self.control_m;
         let control = near(x) && near(y) && near(z) && vec3::norm(self.control_m) <= Self::MAX_CONTROL_M;
-        let partner = self.partner.unwrap_or_default();
+        let coupling = self.coupling.unwrap_or_default();
         let checks = [
             (
-                "partner",
-                partner.control_m.iter().all(|&x| near(x))
-                    && sound(&partner.slope_n)
-                    && sound(partner.mixed_n_m.as_flattened()),
+                "coupling",
+                coupling.control_m.iter().all(|&x| near(x))
+                    && sound(&coupling.slope_n)
+                    && sound(coupling.mixed_n_m.as_flattened())
+                    && sound(&coupling.own_n_m),
             ),
             ("control", control),
             ("energy", sound(&[self.energy_j])),

@@ -7,6 +7,7 @@ use super::frame::Jet;
 use super::ladder::{Ladder, Solver};
 use super::table::{Decay, Table};
 use super::trusted::limited;
+use super::turning::Turning;
 use crate::field::{Field, Touch};
 use crate::method::{Coverage, ForceSample};
 use crate::num::exponential::exp_of_minus;
@@ -75,6 +76,10 @@ pub struct JetMemory<const CONTACTS: usize, const JETS: usize = 256> {
     whole: Option<Whole>,
     /// Displacement of the partner, if it touches the body.
     partner_m: Option<Vec3>,
+    /// The second control of the present touch: the half axis of the tool, or the place of the partner.
+    second_m: Option<Vec3>,
+    /// What turns a capsule.
+    turning: Turning,
 }
 
 impl<const CONTACTS: usize, const JETS: usize> Default for JetMemory<CONTACTS, JETS> {
@@ -103,6 +108,8 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
             faded_n: vec3::ZERO,
             whole: None,
             partner_m: None,
+            second_m: None,
+            turning: Turning::default(),
         }
     }
 
@@ -194,6 +201,20 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         (sum_n, weight, is_covered)
     }
 
+    /// Follows what turns a capsule.
+    // On its own, so that it costs a tool without an axis nothing.
+    #[inline(never)]
+    fn turn(&mut self, touch: &Touch, d: Vec3, decay: Decay) {
+        let Some(second_m) = self.second_m else { return };
+        let mut slope_n = vec3::ZERO;
+        for node in touch.weights.iter().filter(|node| node.weight > 0.0) {
+            let table = self.place(node.space).map(|place| &place.table);
+            let one_n = table.map_or(vec3::ZERO, |table| table.slope_n(d, second_m));
+            slope_n = vec3::add(slope_n, vec3::scale(one_n, node.weight));
+        }
+        self.turning.follow(slope_n, self.hand_overs, decay.fast);
+    }
+
     /// The force of one point, which is then one of the present touch.
     fn one(
         &mut self,
@@ -210,7 +231,7 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
             return None;
         }
         (place.tick, place.used) = (tick, used);
-        let answer = place.table.force(d, self.partner_m, decay, is_continued)?;
+        let answer = place.table.force(d, self.second_m, decay, is_continued)?;
         self.hand_overs = self.hand_overs.wrapping_add(answer.is_handed_over.into());
         self.faded_n = vec3::add(self.faded_n, vec3::scale(answer.faded_n, weight));
         Some(answer.sample)
@@ -230,8 +251,12 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
         let decay = decay(elapsed_us.min(MAX_ELAPSED_US));
         self.tick += 1;
         self.faded_n = vec3::ZERO;
+        self.second_m = touch.half_axis_m.and_then(limited).or(self.partner_m);
         let mut has_jets = [false; 3];
         let (sum_n, weight, is_covered) = self.sum(touch, d, decay, &mut has_jets);
+        if touch.half_axis_m.is_some() {
+            self.turn(touch, d, decay);
+        }
         // The mean takes the place of the points without jets.
         let mean_n = if weight > 0.0 { vec3::scale(sum_n, 1.0 / weight) } else { vec3::ZERO };
         let all = touch.weights.iter().map(|node| node.weight).fold(0.0, |sum, weight| sum + weight.max(0.0));
@@ -269,7 +294,7 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
             if place.table.model() != self.model && place.tick != self.tick {
                 return None;
             }
-            place.table.energy_j(displacement_m, self.partner_m, place.tick == self.tick)
+            place.table.energy_j(displacement_m, self.second_m, place.tick == self.tick)
         };
         let mean = || {
             let nodes = self.whole?.weights;
@@ -283,8 +308,13 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
         Some(of(space).or_else(mean)? * self.ladder.gain())
     }
 
+    /// With the factor of the ladder, as the force.
+    fn turning_n(&self) -> Vec3 {
+        vec3::scale(self.turning.slope_n(), self.ladder.gain())
+    }
+
     fn released(&mut self, now_us: u64) {
-        self.whole = None;
+        (self.whole, self.turning) = (None, Turning::default());
         self.tick += 1;
         self.faded_n = vec3::ZERO;
         self.ladder.free(now_us, self.solver);

@@ -12,7 +12,8 @@ mod ladder;
 mod memory;
 mod table;
 mod trusted;
+mod turning;
 
-pub use frame::{Jet, JetError, JetFlags, JetPartner};
+pub use frame::{Jet, JetCoupling, JetError, JetFlags};
 pub use ladder::Solver;
 pub use memory::JetMemory;

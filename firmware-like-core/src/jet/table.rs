@@ -77,9 +77,9 @@ struct Search<const JETS: usize> {
     per_trust2: [f32; JETS],
 }
 
-/// The place of a partner for the search: far from all places without one.
-fn place_of(partner_m: Option<Vec3>) -> Vec3 {
-    partner_m.unwrap_or([Jet::PARTED_M, 0.0, 0.0])
+/// The second control for the search: far from all others without one.
+fn place_of(second_m: Option<Vec3>) -> Vec3 {
+    second_m.unwrap_or([Jet::PARTED_M, 0.0, 0.0])
 }
 
 /// The jets of one contact point.
@@ -100,8 +100,8 @@ pub(super) struct Table<const JETS: usize> {
     next: Fade,
     /// Model of the jets.
     model: u32,
-    /// Whether a jet had a partner.
-    has_partners: bool,
+    /// Whether a jet had a second control.
+    is_coupled: bool,
 }
 
 /// The force of a table in one tick.
@@ -129,7 +129,7 @@ impl<const JETS: usize> Table<JETS> {
             fade: Fade::Fast,
             next: Fade::Fast,
             model: 0,
-            has_partners: false,
+            is_coupled: false,
         }
     }
 
@@ -144,7 +144,7 @@ impl<const JETS: usize> Table<JETS> {
         while let Some(last) = self.len.checked_sub(1) {
             self.remove(last);
         }
-        (self.model, self.next, self.has_partners) = (model, Fade::Change, false);
+        (self.model, self.next, self.is_coupled) = (model, Fade::Change, false);
     }
 
     /// Model of the jets.
@@ -167,7 +167,7 @@ impl<const JETS: usize> Table<JETS> {
     /// A jet with the same control is replaced. In a full table the one farthest from the tool, or else from
     /// the new jet, is.
     pub(super) fn insert(&mut self, jet: &Jet, present_m: Option<Vec3>, stamp: u32) {
-        self.has_partners |= jet.partner.is_some();
+        self.is_coupled |= jet.coupling.is_some();
         if jet.model != self.model {
             self.change(jet.model);
         }
@@ -176,7 +176,7 @@ impl<const JETS: usize> Table<JETS> {
         }
         let is_same = |known: &Jet| {
             vec3::distance(known.control_m, jet.control_m) <= SAME_M
-                && vec3::distance(partner_of(known), partner_of(jet)) <= SAME_M
+                && vec3::distance(second_of(known), second_of(jet)) <= SAME_M
         };
         let slot = match self.known().iter().position(is_same) {
             Some(slot) => slot,
@@ -221,7 +221,7 @@ impl<const JETS: usize> Table<JETS> {
 
     /// Removes the jets that contradict a new one at its control.
     fn flush(&mut self, new: &Jet) {
-        let partner_m = new.partner.map(|partner| partner.control_m);
+        let second_m = new.coupling.map(|coupling| coupling.control_m);
         let new_n = new.force(new.control_m).force_n;
         let most_n = CONTRADICTION_N.max(CONTRADICTION_SHARE * vec3::norm(new_n));
         let mut slot = self.len;
@@ -229,8 +229,8 @@ impl<const JETS: usize> Table<JETS> {
         while let Some(before) = slot.checked_sub(1) {
             slot = before;
             let differs = |jet: &Jet| {
-                let known = if self.has_partners {
-                    jet.force_beside(new.control_m, partner_m)
+                let known = if self.is_coupled {
+                    jet.force_beside(new.control_m, second_m)
                 } else {
                     jet.force(new.control_m)
                 };
@@ -259,27 +259,27 @@ impl<const JETS: usize> Table<JETS> {
     pub(super) fn force(
         &mut self,
         d: Vec3,
-        partner_m: Option<Vec3>,
+        second_m: Option<Vec3>,
         decay: Decay,
         is_continued: bool,
     ) -> Option<Answer> {
         let before = self.active.take().filter(|_| is_continued);
         let next = core::mem::replace(&mut self.next, Fade::Fast);
-        let (slot, squared) = self.nearest(d, partner_m)?;
+        let (slot, squared) = self.nearest(d, second_m)?;
         if before.is_none() {
             (self.offset_n, self.offset_j, self.fade) = (vec3::ZERO, 0.0, Fade::Fast);
         }
         let begins = before.is_none() && !is_continued;
         let is_kept = |active: &Active| {
             let is_known = active.slot < self.len && self.stamps.get(active.slot) == Some(&active.stamp);
-            is_known && squared >= NEARER * self.squared(active.slot, d, partner_m)
+            is_known && squared >= NEARER * self.squared(active.slot, d, second_m)
         };
         let kept = before.filter(is_kept);
         let active = match kept {
             Some(active) => active,
             None => Active { slot, stamp: *self.stamps.get(slot)?, jet: *self.jets.get(slot)? },
         };
-        let sample = active.jet.force_beside(d, partner_m);
+        let sample = active.jet.force_beside(d, second_m);
         let faded_n = vec3::scale(self.offset_n, 1.0 - decay.of(self.fade));
         self.offset_n = vec3::scale(self.offset_n, decay.of(self.fade));
         self.offset_j *= decay.of(self.fade);
@@ -288,10 +288,11 @@ impl<const JETS: usize> Table<JETS> {
         }
         let left = if kept.is_none() { before } else { None };
         if let Some(left) = &left {
-            let left_n = left.jet.force_beside(d, partner_m).force_n;
+            let left_n = left.jet.force_beside(d, second_m).force_n;
             let difference_n = vec3::sub(left_n, sample.force_n);
             self.offset_n = vec3::add(self.offset_n, difference_n);
-            self.offset_j += left.jet.energy_j(d) - active.jet.energy_j(d);
+            let of = |jet: &Jet| jet.energy_beside_j(d, second_m);
+            self.offset_j += of(&left.jet) - of(&active.jet);
             self.fade = self.fade.max(next);
         }
         if begins && active.jet.flags.root {
@@ -304,27 +305,32 @@ impl<const JETS: usize> Table<JETS> {
         Some(Answer { sample: ForceSample { force_n, ..sample }, is_handed_over, faded_n })
     }
 
+    /// dW/dq of the active jet.
+    pub(super) fn slope_n(&self, d: Vec3, second_m: Vec3) -> Vec3 {
+        self.active.as_ref().map_or(vec3::ZERO, |active| active.jet.slope_beside(d, second_m))
+    }
+
     /// W of the active jet with its fade if the point is touched, otherwise of the nearest one; `None` without jets.
     pub(super) fn energy_j(
         &self,
         displacement_m: Vec3,
-        partner_m: Option<Vec3>,
+        second_m: Option<Vec3>,
         is_touched: bool,
     ) -> Option<f32> {
         let active = self.active.as_ref().map(|active| &active.jet).filter(|_| is_touched);
         let nearest =
-            || self.jets.get(self.nearest(limited(displacement_m).unwrap_or_default(), partner_m)?.0);
+            || self.jets.get(self.nearest(limited(displacement_m).unwrap_or_default(), second_m)?.0);
         let faded_j = if active.is_some() { self.offset_j } else { 0.0 };
-        Some(active.or_else(nearest)?.energy_j(displacement_m) + faded_j)
+        Some(active.or_else(nearest)?.energy_beside_j(displacement_m, second_m) + faded_j)
     }
 
-    /// The same with partners.
-    // On its own, so that it costs a tool without a partner nothing.
+    /// The same with second controls.
+    // On its own, so that it costs a tool without one nothing.
     #[inline(never)]
-    fn nearest_of_partners(&self, d: Vec3, partner_m: Option<Vec3>) -> Option<(usize, f32)> {
+    fn nearest_of_both(&self, d: Vec3, second_m: Option<Vec3>) -> Option<(usize, f32)> {
         let mut best: Option<(usize, f32)> = None;
         for slot in 0..self.len {
-            let squared = self.squared(slot, d, partner_m);
+            let squared = self.squared(slot, d, second_m);
             if best.is_none_or(|(_, least)| squared < least) {
                 best = Some((slot, squared));
             }
@@ -332,11 +338,11 @@ impl<const JETS: usize> Table<JETS> {
         best
     }
 
-    /// (|d - d_k| / rho_k)^2; with partners the distance is that of both tools together.
-    fn squared(&self, slot: usize, d: Vec3, partner_m: Option<Vec3>) -> f32 {
+    /// (|d - d_k| / rho_k)^2; with second controls the distance is that of both together.
+    fn squared(&self, slot: usize, d: Vec3, second_m: Option<Vec3>) -> f32 {
         self.jets.get(slot).map_or(f32::MAX, |jet| {
-            let parted2 = if self.has_partners {
-                vec3::norm_squared(vec3::sub(partner_of(jet), place_of(partner_m)))
+            let parted2 = if self.is_coupled {
+                vec3::norm_squared(vec3::sub(second_of(jet), place_of(second_m)))
             } else {
                 0.0
             };
@@ -347,9 +353,9 @@ impl<const JETS: usize> Table<JETS> {
     /// The nearest jet in trust radii and the square of that distance; the earliest place of equal ones.
     ///
     /// Cost: eight jets side by side, without a branch.
-    fn nearest(&self, [dx, dy, dz]: Vec3, partner_m: Option<Vec3>) -> Option<(usize, f32)> {
-        if self.has_partners {
-            return self.nearest_of_partners([dx, dy, dz], partner_m);
+    fn nearest(&self, [dx, dy, dz]: Vec3, second_m: Option<Vec3>) -> Option<(usize, f32)> {
+        if self.is_coupled {
+            return self.nearest_of_both([dx, dy, dz], second_m);
         }
         let Search { x, y, z, per_trust2 } = &self.search;
         let blocks = x.chunks_exact(LANES).zip(y.chunks_exact(LANES));
@@ -378,7 +384,7 @@ impl<const JETS: usize> Table<JETS> {
     }
 }
 
-/// The place of a jet's partner for the search.
-fn partner_of(jet: &Jet) -> Vec3 {
-    place_of(jet.partner.as_ref().map(|partner| partner.control_m))
+/// The second control of a jet for the search.
+fn second_of(jet: &Jet) -> Vec3 {
+    place_of(jet.coupling.as_ref().map(|coupling| coupling.control_m))
 }

@@ -6,17 +6,19 @@
 //!
 //! phi(s) = s - s^2 / 2L up to s = L = max(rho, 5 mm), then L / 2
 //!
-//! The expansion of a root s = sqrt(2 W) is continued alike, and h = max(0, s) ds/dd, W = max(0, s)^2 / 2. A sphere far from
-//! where a jet was solved touches another place or nothing: beyond rho + L both fall to zero, over 2 L more.
+//! The expansion of a root s = sqrt(2 W) goes straight on beyond, as the force of a contact rises with the depth, and
+//! h = max(0, s) ds/dd, W = max(0, s)^2 / 2. A sphere far from where a jet was solved touches another place or nothing: beyond
+//! rho + L both fall to zero, over 2 L more.
 //!
-//! With a partner at p value and gradient have (dW/dp) . (p - p_k) and (dh/dp) (p - p_k) in addition, with p - p_k at most as
-//! long as the radius.
+//! With a second control q, the place of a partner or the half axis of a capsule, and y = q - q_k at most as long as the
+//! radius, the gradient has M y in addition, with M = dh/dq, and the value (dW/dq) . y + x . M y + y . Q y / 2, with
+//! Q = d2W/dq2. The derivative by q is dW/dq + x M + Q y, that of a root times s.
 //!
 //! T_k are the third derivatives of the energy. The force is continuous with its derivatives at the radius. It
 //! is the gradient of the energy inside. Beyond, the polynomial would grow with the square of the distance; the
 //! continuation is bounded, and softer than the body where that stiffens.
 
-use super::frame::{Jet, JetPartner};
+use super::frame::{Jet, JetCoupling};
 use crate::method::{Coverage, ForceSample};
 use crate::num::vec3::{self, Vec3};
 
@@ -51,8 +53,36 @@ impl Place {
         (1.5 - 0.5 * self.beyond_m / length_m).clamp(0.0, 1.0)
     }
 
+    /// The displacement from the control, no farther than where a root has faded.
+    fn from_control_within(&self, trust_m: f32) -> Vec3 {
+        let beyond_m = self.beyond_m.min(3.0 * trust_m.max(MIN_LEVELLING_M));
+        vec3::add(self.from_control_m, vec3::scale(self.outward, beyond_m))
+    }
+
     fn coverage(&self) -> Coverage {
         if self.beyond_m <= 0.0 { Coverage::Scattered } else { Coverage::Extrapolated }
+    }
+}
+
+/// The expansion at a displacement and a second control.
+struct Coupled {
+    gradient: Vec3,
+    value: f32,
+    nearness: f32,
+    coverage: Coverage,
+    from_control_m: Vec3,
+    /// y
+    moved_m: Vec3,
+}
+
+impl Coupled {
+    /// What the derivatives are multiplied with: that of a root by its value.
+    fn factor(&self, of: &Jet) -> f32 {
+        if of.flags.root { self.nearness * self.value.max(0.0) } else { 1.0 }
+    }
+
+    fn sample(&self, of: &Jet) -> ForceSample {
+        ForceSample { force_n: vec3::scale(self.gradient, self.factor(of)), coverage: self.coverage }
     }
 }
 
@@ -83,29 +113,48 @@ impl Jet {
         ForceSample { force_n: vec3::scale(gradient, value.max(0.0)), coverage }
     }
 
-    /// h at a displacement, with a partner at a place; the same as without where the jet or the touch has none.
-    pub(super) fn force_beside(&self, displacement_m: Vec3, partner_m: Option<Vec3>) -> ForceSample {
-        match self.partner.as_ref().zip(partner_m) {
+    /// h at a displacement, with a second control; the same as without where the jet or the touch has none.
+    pub(super) fn force_beside(&self, displacement_m: Vec3, second_m: Option<Vec3>) -> ForceSample {
+        match self.coupling.as_ref().zip(second_m) {
             None => self.force(displacement_m),
-            Some((partner, at_m)) => self.force_with(displacement_m, partner, at_m),
+            Some((coupling, at_m)) => self.coupled(displacement_m, coupling, at_m).sample(self),
         }
     }
 
-    // On its own, so that it costs a tool without a partner nothing.
+    /// dW/dq at a displacement and a second control q, newtons; zero where the jet has none.
     #[inline(never)]
-    fn force_with(&self, displacement_m: Vec3, partner: &JetPartner, at_m: Vec3) -> ForceSample {
-        let moved_m = vec3::sub(at_m, partner.control_m);
+    pub(super) fn slope_beside(&self, displacement_m: Vec3, second_m: Vec3) -> Vec3 {
+        let Some(coupling) = &self.coupling else { return vec3::ZERO };
+        let at = self.coupled(displacement_m, coupling, second_m);
+        let bent_n = vec3::transform(&vec3::transposed(coupling.mixed_n_m), at.from_control_m);
+        let own_n = product(&coupling.own_n_m, at.moved_m);
+        vec3::scale(vec3::add(coupling.slope_n, vec3::add(bent_n, own_n)), at.factor(self))
+    }
+
+    /// The expansion with a second control.
+    // On its own, so that it costs a tool without one nothing.
+    #[inline(never)]
+    fn coupled(&self, displacement_m: Vec3, coupling: &JetCoupling, second_m: Vec3) -> Coupled {
+        let moved_m = vec3::sub(second_m, coupling.control_m);
         let moved_m = vec3::scale(moved_m, (self.trust_m / vec3::norm(moved_m).max(SMALLEST_M)).min(1.0));
-        let change_n = partner.mixed_n_m.map(|row| vec3::dot(row, moved_m));
+        let change_n = vec3::transform(&coupling.mixed_n_m, moved_m);
+        let slope_n = vec3::add(coupling.slope_n, vec3::scale(product(&coupling.own_n_m, moved_m), 0.5));
         let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
-        let (gradient, value, nearness, coverage) = match &at {
-            Some(at) => (self.gradient(at), self.value(at), at.nearness(self.trust_m), at.coverage()),
-            None => (self.force_n, self.energy_j, 0.0, Coverage::Extrapolated),
+        let (gradient, value, nearness, coverage, from_control_m) = match &at {
+            Some(at) => {
+                let from_m = at.from_control_within(self.trust_m);
+                (self.gradient(at), self.value(at), at.nearness(self.trust_m), at.coverage(), from_m)
+            }
+            None => (self.force_n, self.energy_j, 0.0, Coverage::Extrapolated, vec3::ZERO),
         };
-        let gradient = vec3::add(gradient, change_n);
-        let root = nearness * (value + vec3::dot(partner.slope_n, moved_m)).max(0.0);
-        let root = if self.flags.root { root } else { 1.0 };
-        ForceSample { force_n: vec3::scale(gradient, root), coverage }
+        Coupled {
+            gradient: vec3::add(gradient, change_n),
+            value: value + vec3::dot(slope_n, moved_m) + vec3::dot(change_n, from_control_m),
+            moved_m,
+            nearness,
+            coverage,
+            from_control_m,
+        }
     }
 
     /// |S| at the control, the root of the sum of squares of its components, N/m: at least its largest stiffness.
@@ -115,6 +164,17 @@ impl Jet {
         let [diagonal, other] = [[xx, yy, zz], [xy, xz, yz]].map(vec3::norm);
         let size = vec3::norm([diagonal, other, other]);
         if self.flags.root { vec3::norm_squared(self.force_n) + self.energy_j.max(0.0) * size } else { size }
+    }
+
+    /// W at a displacement, with a second control, joules.
+    pub(super) fn energy_beside_j(&self, displacement_m: Vec3, second_m: Option<Vec3>) -> f32 {
+        match self.coupling.as_ref().zip(second_m) {
+            None => self.energy_j(displacement_m),
+            Some((coupling, at_m)) => {
+                let at = self.coupled(displacement_m, coupling, at_m);
+                if self.flags.root { 0.5 * at.factor(self) * at.value.max(0.0) } else { at.value }
+            }
+        }
     }
 
     /// W at a displacement, joules; beyond the trust radius continued along the ray from the control.
@@ -133,6 +193,9 @@ impl Jet {
         if at.beyond_m <= 0.0 {
             return inside;
         }
+        if self.flags.root {
+            return inside;
+        }
         let slope = self.stiffness_times(at.from_control_m, at.outward);
         vec3::add(inside, vec3::scale(slope, self.levelled_m(at.beyond_m)))
     }
@@ -149,6 +212,9 @@ impl Jet {
             return inside_j;
         }
         let along_n = vec3::dot(self.polynomial_n(x), at.outward);
+        if self.flags.root {
+            return inside_j + along_n * at.beyond_m;
+        }
         let slope_n_m = vec3::dot(self.stiffness_times(x, at.outward), at.outward);
         inside_j + along_n * at.beyond_m + slope_n_m * self.risen_m2(at.beyond_m)
     }

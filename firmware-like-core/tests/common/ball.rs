@@ -58,7 +58,7 @@ impl<'o> Hand<'o> {
 
     pub fn at_with(&mut self, position_m: Vec3, buttons: u32) -> Command {
         self.now_us += 1_000;
-        let sample = Sample { t_us: self.now_us, position_m, buttons };
+        let sample = Sample { t_us: self.now_us, position_m, buttons, ..Sample::default() };
         let command = self.controller.tick(&mut self.state, self.now_us, Some(&sample));
         assert_eq!(command.phase, Phase::Active, "{command:?}");
         command

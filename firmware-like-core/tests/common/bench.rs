@@ -16,7 +16,7 @@ pub fn config() -> Config {
 }
 
 pub fn sample(t_us: u64, position_m: Vec3) -> Sample {
-    Sample { t_us, position_m, buttons: 0 }
+    Sample { t_us, position_m, ..Sample::default() }
 }
 
 /// A controller and its state, ticked once per millisecond.

@@ -33,7 +33,7 @@ pub fn jet(of: impl Fn(Vec3, [usize; 3]) -> f64, contact: u16, control_m: Vec3, 
         stiffness_n_m: SECOND.map(at),
         third_n_m2: THIRD.map(at),
         trust_m,
-        partner: None,
+        coupling: None,
         model: 0,
     }
 }
@@ -78,8 +78,13 @@ impl<const CONTACTS: usize, const JETS: usize> Tool<CONTACTS, JETS> {
 
     pub fn after_us(&mut self, elapsed_us: u64, displacement_m: Vec3) -> ForceSample {
         self.now_us += elapsed_us;
-        let touch =
-            Touch { now_us: self.now_us, weights: self.weights, displacement_m, hip_m: displacement_m };
+        let touch = Touch {
+            now_us: self.now_us,
+            weights: self.weights,
+            displacement_m,
+            hip_m: displacement_m,
+            half_axis_m: None,
+        };
         self.memory.force(&touch).expect("jets always have an answer")
     }
 

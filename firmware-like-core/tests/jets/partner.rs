@@ -1,15 +1,16 @@
 //! Jets beside a partner: another tool on the same body.
 
 use palpate_core::vec3::Vec3;
-use palpate_core::{Jet, JetFlags, JetPartner};
+use palpate_core::{Jet, JetCoupling, JetFlags};
 
 use crate::common::jets::{Tool, flat};
 
 /// A force of 1 N that a partner at x raises by 100 N/m.
 fn beside(x: f32) -> Jet {
     let mixed_n_m = [[100.0, 0.0, 0.0], [0.0; 3], [0.0; 3]];
-    let partner = Some(JetPartner { control_m: [x, 0.0, 0.0], slope_n: [0.0; 3], mixed_n_m });
-    Jet { partner, ..flat(0, [0.0; 3], [1.0 + 100.0 * x, 0.0, 0.0]) }
+    let coupling =
+        Some(JetCoupling { control_m: [x, 0.0, 0.0], slope_n: [0.0; 3], mixed_n_m, own_n_m: [0.0; 6] });
+    Jet { coupling, ..flat(0, [0.0; 3], [1.0 + 100.0 * x, 0.0, 0.0]) }
 }
 
 /// The force along x with a partner at x, after the fades.
@@ -47,15 +48,16 @@ fn a_partner_that_leaves_leaves_its_jets() {
 /// Of a root, s is 0.1 + 5 x + 2 p: the force is its product with the slope.
 #[test]
 fn a_partner_changes_value_and_slope_of_a_root() {
-    let partner = JetPartner {
+    let partner = JetCoupling {
         control_m: [0.0; 3],
         slope_n: [2.0, 0.0, 0.0],
         mixed_n_m: [[30.0, 0.0, 0.0], [0.0; 3], [0.0; 3]],
+        own_n_m: [0.0; 6],
     };
     let root = Jet {
         flags: JetFlags { root: true, ..JetFlags::default() },
         energy_j: 0.1,
-        partner: Some(partner),
+        coupling: Some(partner),
         ..flat(0, [0.0; 3], [5.0, 0.0, 0.0])
     };
     let mut tool = Tool::<1, 8>::new(&[(0, 1.0)]);
@@ -71,10 +73,10 @@ fn a_partner_changes_value_and_slope_of_a_root() {
 #[test]
 fn a_partner_of_wild_numbers_is_refused() {
     let mut tool = Tool::<1, 8>::new(&[(0, 1.0)]);
-    let with = |change: &dyn Fn(&mut JetPartner)| {
-        let mut partner = beside(0.0).partner.unwrap_or_default();
+    let with = |change: &dyn Fn(&mut JetCoupling)| {
+        let mut partner = beside(0.0).coupling.unwrap_or_default();
         change(&mut partner);
-        Jet { partner: Some(partner), ..beside(0.0) }
+        Jet { coupling: Some(partner), ..beside(0.0) }
     };
     assert!(!tool.memory.insert(&with(&|partner| partner.control_m[1] = 1.1)));
     assert!(!tool.memory.insert(&with(&|partner| partner.slope_n[2] = f32::NAN)));

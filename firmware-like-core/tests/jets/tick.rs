@@ -49,7 +49,7 @@ impl<'o, 'a> Bench<'o, 'a> {
 
     fn at(&mut self, position_m: Vec3) -> Command {
         self.now_us += 1000;
-        let sample = Sample { t_us: self.now_us, position_m, buttons: 0 };
+        let sample = Sample { t_us: self.now_us, position_m, ..Sample::default() };
         self.controller.tick_on(&mut self.state, self.now_us, Some(&sample), &mut self.memory)
     }
 
@@ -80,7 +80,7 @@ fn a_press_has_the_force_of_the_jets() {
     state.arm();
     let mut last = Command::default();
     for (t_us, z) in [(0, 1e-3), (1_000, -1e-4)] {
-        let sample = Sample { t_us, position_m: [0.0, 0.0, z], buttons: 0 };
+        let sample = Sample { t_us, position_m: [0.0, 0.0, z], ..Sample::default() };
         last = bench.controller.tick(&mut state, t_us, Some(&sample));
     }
     assert_eq!(last.phase, Phase::SafeZero(Fault::Internal));
@@ -168,7 +168,12 @@ fn the_stiffness_of_the_jets_limits_the_force() {
         now_us += 1_000;
         let node = &organ.spaces[0].active;
         let position_m = vec3::add(node.rest_position_m, [0.0, 0.0, height_m]);
-        controller.tick_on(&mut state, now_us, Some(&Sample { t_us: now_us, position_m, buttons: 0 }), memory)
+        controller.tick_on(
+            &mut state,
+            now_us,
+            Some(&Sample { t_us: now_us, position_m, ..Sample::default() }),
+            memory,
+        )
     };
     for tick in 0..200 {
         at(&mut memory, 2e-3 - 5e-5 * tick as f32);
@@ -242,7 +247,7 @@ fn stroke(controller: &Controller<'_, '_>, jets: &mut Jets, (tilt, from): (f32, 
     let up = (0..=100).map(|i| at(from + 220, -5e-3 + 1e-4 * i as f32));
     let (mut work_j, mut engaged, mut before) = (0.0_f64, 0, None);
     for (t, position_m) in (0..).zip(down.chain(along).chain(up)) {
-        let sample = Sample { t_us: 1_000 * t, position_m, buttons: 0 };
+        let sample = Sample { t_us: 1_000 * t, position_m, ..Sample::default() };
         let command = controller.tick_on(&mut state, sample.t_us, Some(&sample), jets);
         assert_eq!(command.phase, Phase::Active, "{command:?}");
         engaged += u32::from(command.engaged.is_some());

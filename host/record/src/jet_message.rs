@@ -6,7 +6,7 @@
 //!  8      8      u64 time of that tick, us
 //! 16      4      u32 number among the jets taken, from 1
 //! 20      4      zero
-//! 24      184    the frame (palpate_core::Jet)
+//! 24      208    the frame (palpate_core::Jet)
 //! ```
 
 use palpate_core::Jet;

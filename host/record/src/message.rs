@@ -31,7 +31,12 @@ pub(super) mod tests {
         TickRecord {
             tick: 1_234,
             t_us: 1_234_056,
-            sample: Some(Sample { t_us: 1_234_001, position_m: [0.1, -0.2, 1.0e-9], buttons: 5 }),
+            sample: Some(Sample {
+                t_us: 1_234_001,
+                position_m: [0.1, -0.2, 1.0e-9],
+                buttons: 5,
+                ..Sample::default()
+            }),
             device: DeviceState::Unhomed,
             applied: Applied { zeroed: true, reset: true, arm: false, disarm: true },
             model: 3,
@@ -138,7 +143,7 @@ pub(super) mod tests {
             let position_m = [next(), next(), next()];
             not_finite += u32::from(!vec3::is_finite(position_m));
             let record = TickRecord {
-                sample: Some(Sample { t_us: 0, position_m, buttons: 0 }),
+                sample: Some(Sample { t_us: 0, position_m, ..Sample::default() }),
                 reaction_n: [next(), next(), next()],
                 ..full()
             };
@@ -151,7 +156,7 @@ pub(super) mod tests {
     #[test]
     fn a_value_that_is_not_finite_is_stored_as_bits() {
         let nan = f32::from_bits(0x7fc0_1234);
-        let sample = Sample { t_us: 7, position_m: [0.5, nan, f32::NEG_INFINITY], buttons: 0 };
+        let sample = Sample { t_us: 7, position_m: [0.5, nan, f32::NEG_INFINITY], ..Sample::default() };
         let message = text(&TickRecord { sample: Some(sample), ..full() });
         assert!(
             message.contains(r#""position_m":{"x":0.5,"bits":[1056964608,2143294004,4286578688]}"#),

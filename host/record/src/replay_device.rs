@@ -68,7 +68,7 @@ mod tests {
         };
         let (mut feed, replies) = rtrb::RingBuffer::new(2);
         let mut device = ReplayDevice::new(info, replies);
-        let sample = Sample { t_us: 3, position_m: [1.0, 2.0, 3.0], buttons: 9 };
+        let sample = Sample { t_us: 3, position_m: [1.0, 2.0, 3.0], buttons: 9, ..Sample::default() };
         feed.push(RecordedReply { sample: Some(sample), state: DeviceState::Homed }).expect("room");
         feed.push(RecordedReply { sample: None, state: DeviceState::Unhomed }).expect("room");
         assert_eq!(device.exchange(500, vec3::ZERO), Ok(Some(sample)));

@@ -52,7 +52,7 @@ mod tests {
             if t_us > 1 {
                 return Err(DeviceError::new(DeviceErrorKind::Disconnected));
             }
-            Ok(Some(Sample { t_us, position_m: [1.0, 2.0, 3.0], buttons: 5 }))
+            Ok(Some(Sample { t_us, position_m: [1.0, 2.0, 3.0], buttons: 5, ..Sample::default() }))
         }
 
         fn stop(&mut self) {

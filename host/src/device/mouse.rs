@@ -108,7 +108,7 @@ impl Device for Mouse {
         self.last_us = Some(now_us);
         let MouseTarget { position_m, buttons } = *self.target.read();
         self.follow(position_m, hand_force_n, elapsed_us as f32 * 1e-6);
-        Ok(Some(Sample { t_us: now_us, position_m: self.position_m, buttons }))
+        Ok(Some(Sample { t_us: now_us, position_m: self.position_m, buttons, ..Sample::default() }))
     }
 
     fn stop(&mut self) {

@@ -17,6 +17,7 @@ pub(super) fn places<const N: usize>(organ: &Organ<'_, N>) -> Vec<(Vec3, Vec3)> 
         places.rotate_left(first_place(organ));
         return places;
     };
+    let half_m = organ.tool.half_axis_m().unwrap_or_default();
     let mut vertices = free_vertices(&organ.surface);
     let mut found = Vec::new();
     let start_m = organ.spaces.first().map_or(vec3::ZERO, |space| space.active.rest_position_m);
@@ -34,8 +35,10 @@ pub(super) fn places<const N: usize>(organ: &Organ<'_, N>) -> Vec<(Vec3, Vec3)> 
         };
         next = (0..vertices.len()).max_by(|a, b| away(a).total_cmp(&away(b)));
     }
-    let centre =
-        |(place_m, normal): (Vec3, Vec3)| (vec3::add(place_m, vec3::scale(normal, sphere.reach_m())), normal);
+    let centre = |(place_m, normal): (Vec3, Vec3)| {
+        let reach_m = sphere.reach_m() + vec3::dot(half_m, normal).abs();
+        (vec3::add(place_m, vec3::scale(normal, reach_m)), normal)
+    };
     found.into_iter().map(centre).collect()
 }
 

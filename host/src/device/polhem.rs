@@ -201,7 +201,12 @@ impl Polhem {
             }
         }
         let position_m = self.config.workspace.to_model_m(reply.position_m);
-        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.update(now_us, reply.info) }))
+        Ok(Some(Sample {
+            t_us,
+            position_m,
+            buttons: self.buttons.update(now_us, reply.info),
+            ..Sample::default()
+        }))
     }
 
     fn exchange_lines(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {

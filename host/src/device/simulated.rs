@@ -11,7 +11,11 @@ use super::profile::Profile;
 use super::script::{Script, StrokeConfig};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceInfo};
-use palpate_core::{Organ, Sample, Vec3, vec3};
+use palpate_core::{Organ, Orientation, Sample, Vec3, vec3};
+
+/// How far the grip of a simulated hand tilts with a capsule, rad, and the periods, s.
+const TILT_RAD: f32 = 0.5;
+const TILT_S: [f64; 2] = [4.3, 6.1];
 
 /// The hand and its device.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,6 +118,8 @@ pub struct SimulatedHand {
     held_n: Vec3,
     work: Work,
     step: u64,
+    /// How far the grip tilts where the motion does not say it, rad.
+    tilt_rad: f32,
 }
 
 impl SimulatedHand {
@@ -124,7 +130,17 @@ impl SimulatedHand {
             Some(random) => Palpation::Random(RandomPalpation::new(organ, random)),
             None => Palpation::Tour(Script::new(organ, &config.strokes)),
         };
-        Self::with_palpation(palpation, config)
+        let tilt_rad = if organ.tool.half_axis_m().is_some() { TILT_RAD } else { 0.0 };
+        Self { tilt_rad, ..Self::with_palpation(palpation, config) }
+    }
+
+    /// That of the motion. On a tour with a capsule the grip tilts about x and y, with two periods.
+    fn orientation(&self, time_s: f64) -> Orientation {
+        let angle_rad = |period_s: f64| {
+            self.tilt_rad * ((time_s / period_s).fract() as f32 * core::f32::consts::TAU).sin()
+        };
+        let [x, y] = TILT_S.map(angle_rad);
+        self.palpation.orientation().unwrap_or_else(|| Orientation::of_vector([x, y, 0.0]))
     }
 
     /// A hand that follows the given motion.
@@ -147,6 +163,7 @@ impl SimulatedHand {
             config,
             work: Work::default(),
             step: 0,
+            tilt_rad: 0.0,
         }
     }
 
@@ -215,17 +232,23 @@ impl Device for SimulatedHand {
         self.step += 1;
         let time_s = self.step as f64 * f64::from(self.config.step_us) * 1e-6;
         let tremor_m = self.hand.tremor_m(time_s);
+        let orientation = self.orientation(time_s);
         let (Some(mechanism), Some(frame)) = (&mut self.mechanism, self.config.mechanism) else {
             let seen_m = vec3::add(self.hand.position_m(), tremor_m);
             let position_m = counted(seen_m, self.config.quantum_m, Counting::Round);
-            return Ok(Some(Sample { t_us: now_us, position_m, buttons: self.palpation.buttons() }));
+            return Ok(Some(Sample {
+                t_us: now_us,
+                position_m,
+                buttons: self.palpation.buttons(),
+                orientation,
+            }));
         };
         let workspace = frame.workspace;
         mechanism.command(workspace.to_device_n(hand_force_n));
         let (from_middle_m, buttons) = mechanism.reading(tremor_m);
         let position_m = workspace.to_model_m(vec3::add(workspace.device_origin_m, from_middle_m));
         let t_us = now_us.saturating_sub(u64::from(mechanism.config().position_delay_us));
-        Ok(Some(Sample { t_us, position_m, buttons }))
+        Ok(Some(Sample { t_us, position_m, buttons, orientation }))
     }
 
     fn stop(&mut self) {

@@ -2,7 +2,7 @@
 
 use super::Frame;
 use super::channel::LoopEnd;
-use super::hand::{Hand, VelocityFilter};
+use super::hand::{Axis, Hand, VelocityFilter};
 use super::partner::{PRESSES_N, Partner};
 use core::fmt::Debug;
 use palpate_core::{Command, Controller, Coverage, Jet, JetMemory, Sample, Solver, State, vec3};
@@ -106,6 +106,10 @@ pub struct LiveField {
     memory: Box<JetMemory<CONTACTS, JETS>>,
     source: Box<dyn JetSource>,
     filter: VelocityFilter,
+    /// The same of the end of a capsule.
+    turning: VelocityFilter,
+    /// The axis in the last tick.
+    axis: Option<Axis>,
     frame: Frame,
     /// Sequence number of the last jet that was kept.
     sequence: u32,
@@ -128,6 +132,8 @@ impl LiveField {
             memory,
             source: Box::new(source),
             filter: VelocityFilter::default(),
+            turning: VelocityFilter::default(),
+            axis: None,
             frame: [0; Jet::FRAME_LEN],
             sequence: 0,
             counts: LiveCounts::default(),
@@ -170,6 +176,12 @@ impl LiveField {
             Some(sample) => self.filter.update(sample.t_us, sample.position_m),
             None => self.filter.velocity_m_s(),
         };
+        let half_m = controller.organ().tool.half_axis_m();
+        if let (Some(half_m), Some(sample)) = (half_m, sample.filter(|it| it.orientation.is_rotation())) {
+            let half_m = sample.orientation.turn(half_m);
+            let velocity_m_s = self.turning.update(sample.t_us, half_m);
+            self.axis = Some(Axis { half_m, velocity_m_s });
+        }
         let LiveCounts { taken, refused, .. } = self.counts;
         self.source.publish(&Hand {
             tick: index,
@@ -186,6 +198,7 @@ impl LiveField {
             sequence: self.sequence,
             presses: vec3::norm(command.reaction_n) > PRESSES_N,
             partner: pressing,
+            axis: self.axis,
         });
         let (hand_overs, fade_step_n) = (self.memory.hand_overs(), self.memory.fade_step_n());
         (command, LiveTick { jets: taken, sequence: self.sequence, hand_overs, fade_step_n, solver, partner })

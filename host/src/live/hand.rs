@@ -34,6 +34,17 @@ pub struct Hand {
     pub presses: bool,
     /// Another tool that presses the same body.
     pub partner: Option<Partner>,
+    /// The axis of a capsule, which has no partner.
+    pub axis: Option<Axis>,
+}
+
+/// How a capsule is turned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Axis {
+    /// The way from its centre to one end, model frame, m.
+    pub half_m: Vec3,
+    /// The velocity of that end relative to the centre, m/s.
+    pub velocity_m_s: Vec3,
 }
 
 /// Words of a hand in shared memory.
@@ -44,6 +55,7 @@ const EXTRAPOLATED: u32 = 2;
 const MISSING: [u32; 3] = [4, 8, 16];
 const PRESSES: u32 = 32;
 const PARTNER: u32 = 64;
+const AXIS: u32 = 128;
 
 const fn pair(low: u32, high: u32) -> u64 {
     low as u64 | (high as u64) << 32
@@ -69,7 +81,14 @@ impl Hand {
             flags |= flag(is_missing, bit);
         }
         flags |= flag(self.presses, PRESSES) | flag(self.partner.is_some(), PARTNER);
-        let [place, place_and_velocity, velocity] = self.partner.unwrap_or_default().words();
+        flags |= flag(self.axis.is_some(), AXIS);
+        let other = match self.axis {
+            Some(Axis { half_m, velocity_m_s }) => {
+                Partner { position_m: half_m, velocity_m_s, presses: true }
+            }
+            None => self.partner.unwrap_or_default(),
+        };
+        let [place, place_and_velocity, velocity] = other.words();
         [
             self.tick,
             self.t_us,
@@ -98,6 +117,7 @@ impl Hand {
         };
         let [(dx, dy), (dz, vx), (vy, vz), (x, y), (z, flags), (taken, refused), (sequence, _)] =
             rest.map(halves);
+        let other = Partner::of_words([place, place_and_velocity, velocity], true);
         Self {
             tick,
             t_us,
@@ -112,8 +132,9 @@ impl Hand {
             refused,
             sequence,
             presses: flags & PRESSES != 0,
-            partner: (flags & PARTNER != 0)
-                .then(|| Partner::of_words([place, place_and_velocity, velocity], true)),
+            partner: (flags & PARTNER != 0).then_some(other),
+            axis: (flags & AXIS != 0)
+                .then_some(Axis { half_m: other.position_m, velocity_m_s: other.velocity_m_s }),
         }
     }
 }
@@ -197,11 +218,14 @@ mod tests {
                 velocity_m_s: [1.0, 2.0, -3.0],
                 presses: true,
             }),
+            axis: None,
         };
+        let axis = Some(Axis { half_m: [0.01, -0.0, 2.0], velocity_m_s: [1.0, 2.0, -3.0] });
         for hand in [
             hand,
             Hand { is_engaged: false, is_extrapolated: true, missing: [true, false, true], ..hand },
             Hand { presses: false, partner: None, ..hand },
+            Hand { partner: None, axis, ..hand },
             Hand::default(),
         ] {
             assert_eq!(Hand::of_words(hand.words()), hand);

@@ -30,7 +30,7 @@ pub use channel::{
     local,
 };
 pub use field::{CONTACTS, JETS, JetSource, LiveCounts, LiveField, LiveTick, TakenJet};
-pub use hand::{Hand, VelocityFilter};
+pub use hand::{Axis, Hand, VelocityFilter};
 pub use partner::{LinkState, Partner, PartnerLink, STALE_NS};
 pub use ring::RING_FRAMES;
 pub use second::{SecondError, SecondSession, link_of_stdin};

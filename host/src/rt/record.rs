@@ -61,6 +61,9 @@ pub struct TickRecord {
     /// h of the model, force by the tool on the body, N; zero when free.
     #[serde(with = "form::vector")]
     pub reaction_n: Vec3,
+    /// Moment of h about the HIP, N m; zero when free, and of a tool without an axis.
+    #[serde(default, skip_serializing_if = "is_zero", with = "form::vector")]
+    pub reaction_n_m: Vec3,
     /// Force for the hand after every limit, N.
     #[serde(with = "form::vector")]
     pub hand_force_n: Vec3,
@@ -102,6 +105,7 @@ impl TickRecord {
             engaged: command.engaged,
             shares: command.weights,
             reaction_n: command.reaction_n,
+            reaction_n_m: command.reaction_n_m,
             hand_force_n: command.hand_force_n,
             coverage: command.coverage,
             phase: command.phase,
@@ -126,6 +130,7 @@ impl TickRecord {
         engaged: None,
         shares: [NodeWeight { space: 0, weight: 0.0 }; 3],
         reaction_n: vec3::ZERO,
+        reaction_n_m: vec3::ZERO,
         hand_force_n: vec3::ZERO,
         coverage: None,
         phase: Phase::Disarmed,
@@ -139,4 +144,8 @@ impl TickRecord {
         skipped_periods: 0,
         live: None,
     };
+}
+
+fn is_zero(vector: &Vec3) -> bool {
+    *vector == vec3::ZERO
 }

@@ -52,7 +52,7 @@ mod tests {
         fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
             self.calls += 1;
             assert!(self.calls < self.panics_at, "injected panic");
-            Ok(Some(Sample { t_us: now_us, position_m: [0.0; 3], buttons: 0 }))
+            Ok(Some(Sample { t_us: now_us, position_m: [0.0; 3], ..Sample::default() }))
         }
 
         fn stop(&mut self) {

@@ -1,12 +1,13 @@
 //! Where a sphere presses on the skin, and how much.
 //!
 //! The deformed skin is in the layer of the sphere. A layer of the thickness d, of which 2 d / 3 lie outside the radius,
-//! presses with k t^3, t = (reach - r) / d, at the distance r from the centre. So the pressure is
+//! presses with k t^3, t = (reach - r) / d, at the distance r from the centre, or from the axis of a capsule. So the pressure is
 //! p = |F| t^3 / |sum of A t^3 n| for the known force F.
 
 use super::camera::Projection;
 use super::deformation::Deformation;
 use super::image::{Image, StrokeMask};
+use super::touched::nearest_on_axis;
 use glam::Vec3;
 use palpate_core::format::Sphere;
 use palpate_core::vec3;
@@ -31,12 +32,12 @@ pub(super) struct Contact {
 }
 
 impl Contact {
-    /// Finds the patch of a sphere. Returns the area of the skin in its layer and the greatest pressure in words; `None` if
+    /// Finds the patch of a sphere, or of a capsule with a half axis. Returns the area of the skin in its layer and the greatest pressure in words; `None` if
     /// it does not press.
     pub(super) fn update(
         &mut self,
         (surface, triangles): (&Deformation, &[[u32; 3]]),
-        sphere: Sphere,
+        (sphere, half_m): (Sphere, Vec3),
         record: &TickRecord,
     ) -> Option<String> {
         self.samples.clear();
@@ -50,7 +51,8 @@ impl Contact {
         for corners in triangles {
             let [a, b, c] = corners.map(|corner| surface.position_m()[corner as usize] - centre_m);
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-            if low.max_element() > reach_m || high.min_element() < -reach_m {
+            let most_m = half_m.abs() + reach_m;
+            if low.cmpgt(most_m).any() || high.cmplt(-most_m).any() {
                 continue;
             }
             let longest_m = a.distance(b).max(b.distance(c)).max(c.distance(a));
@@ -59,12 +61,13 @@ impl Contact {
             for (i, j, third) in parts_of(parts) {
                 let [u, v] = [i, j].map(|at| (at as f32 + third) / parts as f32);
                 let place = a + u * (b - a) + v * (c - a);
-                let overlap = (reach_m - place.length()) / thickness_m;
+                let from_axis = place - nearest_on_axis(half_m, place);
+                let overlap = (reach_m - from_axis.length()) / thickness_m;
                 if overlap > 0.0 {
                     let cubed = overlap.powi(3);
                     self.samples.push((centre_m + place, cubed));
                     area_m2 += part_m2;
-                    pressing_m2 += part_m2 * cubed * place.normalize_or_zero();
+                    pressing_m2 += part_m2 * cubed * from_axis.normalize_or_zero();
                     largest = largest.max(cubed);
                 }
             }

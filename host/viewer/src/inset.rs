@@ -194,7 +194,8 @@ impl Inset {
         let centre = frame.pixel(Vec2::new(0.0, -touched.below_m()));
         let at = frame.pixel(Vec2::new(0.0, -depth_m));
         let half_width = match tool {
-            Tool::Sphere(radius_m) => {
+            // A capsule is cut across.
+            Tool::Sphere(radius_m) | Tool::Capsule(radius_m, _) => {
                 let radius = radius_m * frame.per_m;
                 self.draw_round(frame, centre, [radius, radius], 1.0, image);
                 radius

@@ -156,9 +156,13 @@ impl Overlay {
         let moved = match captions.tool {
             Tool::Point => "displacement of the node",
             Tool::Fingertip(_) => "displacement of the finger",
-            Tool::Sphere(_) => {
+            Tool::Sphere(_) | Tool::Capsule(_) => {
                 displacement_m = captions.depth_m;
-                "depth of the sphere"
+                if captions.tool.half_axis_m().is_some() {
+                    "depth of the capsule"
+                } else {
+                    "depth of the sphere"
+                }
             }
         };
         self.text(image, moved, right, y, Align::Right, label);
@@ -167,8 +171,8 @@ impl Overlay {
 
         let touching = record.engaged.and_then(|index| captions.spaces.get(usize::from(index)));
         let touching = match captions.tool {
-            Tool::Sphere(_) if captions.depth_m <= 0.0 => "\u{2013}",
-            Tool::Sphere(_) => captions.contact.as_deref().unwrap_or("the skin"),
+            Tool::Sphere(_) | Tool::Capsule(_) if captions.depth_m <= 0.0 => "\u{2013}",
+            Tool::Sphere(_) | Tool::Capsule(_) => captions.contact.as_deref().unwrap_or("the skin"),
             Tool::Point | Tool::Fingertip(_) => touching.map_or("\u{2013}", String::as_str),
         };
         let (phase, colour) = match SessionState::of(record) {
@@ -290,7 +294,7 @@ impl Overlay {
         let places = match captions.tool {
             Tool::Point => Some("active nodes"),
             Tool::Fingertip(_) => Some("contact points"),
-            Tool::Sphere(_) => None,
+            Tool::Sphere(_) | Tool::Capsule(_) => None,
         };
         let places = places.map(|places| (places, ACTIVE_COLOUR));
         for (name, colour) in [("fixed", FIXED_COLOUR)].into_iter().chain(places) {

@@ -246,14 +246,15 @@ impl Renderer {
             self.scene.draw_reach((&self.raster, &projection), organ, record, &mut self.image);
         }
         let view = (&self.raster, &projection);
-        let touched = Touched::of(organ, record);
+        let half_m = self.scene.tool().half_m();
+        let touched = Touched::of(organ, record, half_m);
         if let Some(touched) = &touched {
             self.scene.draw_tool(view, touched, &mut self.image);
         }
         self.captions.contact = None;
         if let Some(sphere) = organ.tool.sphere().filter(|_| !self.captions.force_only) {
             let skin = (&self.surface, organ.surface.triangles);
-            self.captions.contact = self.contact.update(skin, sphere, record);
+            self.captions.contact = self.contact.update(skin, (sphere, half_m), record);
             self.contact.draw(&projection, &mut self.image);
         }
         self.scene.visible_nodes(organ, view, &self.surface, record, &mut self.names_at);

@@ -139,6 +139,9 @@ impl Scene {
             let radius_m = radius * self.radius_m;
             self.shapes.sphere(raster, at_m, radius_m, linear(ACTIVE_COLOUR), Material::Plain);
         }
+        if let Some(sample) = &record.sample {
+            self.tool = self.tool.turned(organ.tool, sample.orientation);
+        }
         let hip = Vec3::from_array(record.hip_m);
         let partner = record.live.and_then(|live| live.partner);
         for at_m in

@@ -1,4 +1,4 @@
-//! Solids for markers: sphere and arrow.
+//! Solids for markers and tools: sphere, capsule and arrow.
 
 use super::material::Material;
 use super::raster::{Raster, Vertex};
@@ -26,14 +26,31 @@ impl Shapes {
         albedo: Vec3,
         material: Material,
     ) {
+        self.capsule(raster, (centre_m, Vec3::ZERO), radius_m, albedo, material);
+    }
+
+    /// Draws a capsule with this centre and half axis.
+    pub fn capsule(
+        &mut self,
+        raster: &mut Raster,
+        (centre_m, half_m): (Vec3, Vec3),
+        radius_m: f32,
+        albedo: Vec3,
+        material: Material,
+    ) {
         self.clear();
-        for ring in 0..=SPHERE_RINGS {
+        let axis = half_m.try_normalize().unwrap_or(Vec3::Z);
+        let half_ring = SPHERE_RINGS / 2;
+        // The ring in the middle once for each end.
+        for (ring, end) in
+            (0..=half_ring).map(|ring| (ring, 1.0)).chain((half_ring..=SPHERE_RINGS).map(|ring| (ring, -1.0)))
+        {
             let (sin, cos) = (core::f32::consts::PI * ring as f32 / SPHERE_RINGS as f32).sin_cos();
             self.ring(
-                Vec3::Z,
+                axis,
                 |around| {
-                    let normal = around * sin + Vec3::Z * cos;
-                    (centre_m + normal * radius_m, normal)
+                    let normal = around * sin + axis * cos;
+                    (centre_m + end * half_m + normal * radius_m, normal)
                 },
                 albedo,
             );

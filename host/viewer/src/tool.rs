@@ -9,6 +9,7 @@ use super::raster::Raster;
 use super::shapes::Shapes;
 use super::touched::Touched;
 use glam::{Vec2, Vec3};
+use palpate_core::Orientation;
 
 /// Colour of the ball.
 const BALL_COLOUR: u32 = 0xdd_e6ee;
@@ -36,6 +37,8 @@ pub(super) enum Tool {
     Ball(f32),
     /// A sphere of this radius, m.
     Sphere(f32),
+    /// A capsule of this radius with this half axis, m.
+    Capsule(f32, Vec3),
     /// A fingertip whose pad has this radius, m.
     Fingertip(f32),
 }
@@ -47,21 +50,43 @@ impl Tool {
             palpate_core::format::Tool::Point => Self::Ball(BALL * organ_radius_m),
             palpate_core::format::Tool::Fingertip(tip) => Self::Fingertip(tip.radius_m),
             palpate_core::format::Tool::Sphere(sphere) => Self::Sphere(sphere.radius_m),
+            palpate_core::format::Tool::Capsule(capsule) => {
+                Self::Capsule(capsule.sphere.radius_m, Vec3::from_array(capsule.half_axis_m))
+            }
+        }
+    }
+
+    /// Half axis of a capsule, m; zero of other tools.
+    pub(super) const fn half_m(self) -> Vec3 {
+        match self {
+            Self::Capsule(_, half_m) => half_m,
+            Self::Ball(_) | Self::Sphere(_) | Self::Fingertip(_) => Vec3::ZERO,
+        }
+    }
+
+    /// A capsule as the grip turns it.
+    pub(super) fn turned(self, tool: palpate_core::format::Tool, grip: Orientation) -> Self {
+        match (self, tool.half_axis_m()) {
+            (Self::Capsule(radius_m, _), Some(half_m)) => {
+                Self::Capsule(radius_m, Vec3::from_array(grip.turn(half_m)))
+            }
+            _ => self,
         }
     }
 
     /// Distance from the tool's position to its outside, along the normal, m.
     pub(super) const fn height_m(self) -> f32 {
         match self {
-            Self::Ball(radius_m) | Self::Sphere(radius_m) => radius_m,
+            Self::Ball(radius_m) | Self::Sphere(radius_m) | Self::Capsule(radius_m, _) => radius_m,
             Self::Fingertip(radius_m) => PAD_HEIGHT * radius_m,
         }
     }
 
     /// Draws what is opaque: the ball.
     pub(super) fn draw_solid(self, shapes: &mut Shapes, raster: &mut Raster, at_m: Vec3) {
-        if let Self::Ball(radius_m) | Self::Sphere(radius_m) = self {
-            shapes.sphere(raster, at_m, radius_m, linear(BALL_COLOUR), Material::Polished);
+        if let Self::Ball(radius_m) | Self::Sphere(radius_m) | Self::Capsule(radius_m, _) = self {
+            let colour = linear(BALL_COLOUR);
+            shapes.capsule(raster, (at_m, self.half_m()), radius_m, colour, Material::Polished);
         }
     }
 
@@ -76,7 +101,8 @@ impl Tool {
         let (centre_m, normal) = (touched.tool_m, touched.normal);
         let (side, other) = normal.any_orthonormal_pair();
         let dome = match self {
-            Self::Ball(radius_m) | Self::Sphere(radius_m) => {
+            // Of a capsule the place of its axis that is deepest.
+            Self::Ball(radius_m) | Self::Sphere(radius_m) | Self::Capsule(radius_m, _) => {
                 Dome { centre_m, axes: [side, other, normal], radii_m: Vec3::splat(radius_m), is_half: false }
             }
             Self::Fingertip(radius_m) => Dome {
@@ -89,7 +115,7 @@ impl Tool {
         dome.draw(raster, projection, image);
         let line = (image.height() as f32 / 720.0).max(0.6);
         let ring = match self {
-            Self::Ball(radius_m) | Self::Sphere(radius_m) => {
+            Self::Ball(radius_m) | Self::Sphere(radius_m) | Self::Capsule(radius_m, _) => {
                 // The outline of a ball is a circle that faces the eye.
                 let (right, up) = (projection.to_eye.row(0), projection.to_eye.row(1));
                 ring(centre_m, [right * radius_m, up * radius_m])

@@ -5,10 +5,19 @@ use palpate_core::format::Sphere;
 use palpate_core::{Organ, nearest_on_triangle, vec3};
 use palpate_host::rt::TickRecord;
 
+/// Places on half of the axis of a capsule that are compared.
+const AXIS_STEPS: i16 = 4;
+
+/// The place of an axis through the origin that is nearest to a point; the origin if the axis has no length.
+pub(super) fn nearest_on_axis(half_m: Vec3, point_m: Vec3) -> Vec3 {
+    let length2 = half_m.length_squared();
+    if length2 > 0.0 { half_m * (point_m.dot(half_m) / length2).clamp(-1.0, 1.0) } else { Vec3::ZERO }
+}
+
 /// The tool relative to the skin at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touched {
-    /// The tool, m: of a fingertip the middle of its pad, of a sphere its centre.
+    /// The tool, m: of a fingertip the middle of its pad, of a sphere its centre, of a capsule the deepest place of its axis.
     pub(super) tool_m: Vec3,
     /// Distance from there to what touches, m: the reach of a sphere.
     pub(super) reach_m: f32,
@@ -24,10 +33,20 @@ impl Touched {
     /// The place of a record; `None` for an organ without active nodes.
     ///
     /// Touched: x_c = HIP - d, and n = sum w_i n_i over the engaged spaces.
-    pub(super) fn of<const N: usize>(organ: &Organ<'_, N>, record: &TickRecord) -> Option<Self> {
+    ///
+    /// A capsule has the half axis `half_m`; other tools have none.
+    pub(super) fn of<const N: usize>(
+        organ: &Organ<'_, N>,
+        record: &TickRecord,
+        half_m: Vec3,
+    ) -> Option<Self> {
         let tool_m = Vec3::from_array(record.hip_m);
         if let Some(sphere) = organ.tool.sphere() {
-            return Self::of_sphere(organ, sphere, record);
+            let steps: i16 = if half_m == Vec3::ZERO { 0 } else { AXIS_STEPS };
+            let places =
+                (-steps..=steps).map(|step| tool_m + half_m * (f32::from(step) / f32::from(steps.max(1))));
+            let all = places.filter_map(|centre_m| Self::of_sphere(organ, sphere, centre_m, record));
+            return all.max_by(|one, other| one.depth_m().total_cmp(&other.depth_m()));
         }
         let engaged = record.engaged.and_then(|index| organ.spaces.get(usize::from(index)));
         let Some(engaged) = engaged else {
@@ -57,13 +76,17 @@ impl Touched {
     }
 
     /// A sphere at the point of the skin at rest that is nearest to its centre.
-    fn of_sphere<const N: usize>(organ: &Organ<'_, N>, sphere: Sphere, record: &TickRecord) -> Option<Self> {
-        let tool_m = Vec3::from_array(record.hip_m);
+    fn of_sphere<const N: usize>(
+        organ: &Organ<'_, N>,
+        sphere: Sphere,
+        tool_m: Vec3,
+        record: &TickRecord,
+    ) -> Option<Self> {
         let [x, y, z] = organ.surface.position_m;
         let at = |vertex: u32| [x, y, z].map(|plane| plane.get(vertex as usize).copied().unwrap_or(0.0));
         let nearest = |corners: &[u32; 3]| {
             let corners = corners.map(at);
-            (Vec3::from_array(nearest_on_triangle(corners, record.hip_m)), corners.map(Vec3::from_array))
+            (Vec3::from_array(nearest_on_triangle(corners, tool_m.to_array())), corners.map(Vec3::from_array))
         };
         let away = |point_m: &Vec3| point_m.distance_squared(tool_m);
         let all = organ.surface.triangles.iter().map(nearest);
@@ -109,19 +132,19 @@ mod tests {
             shares: [NodeWeight { space: 1, weight: 1.0 }, NodeWeight::default(), NodeWeight::default()],
             ..TickRecord::EMPTY
         };
-        let touched = Touched::of(&organ, &record).expect("active nodes");
+        let touched = Touched::of(&organ, &record, Vec3::ZERO).expect("active nodes");
         assert!((touched.depth_m() - 0.006).abs() < 1e-6 && touched.is_engaged);
         assert!(touched.contact_m.distance(rest_m) < 1e-6 && touched.normal.distance(normal) < 1e-5);
         // Between two places the normal is between theirs.
         let half = |space| NodeWeight { space, weight: 0.5 };
         let record = TickRecord { shares: [half(0), half(1), NodeWeight::default()], ..record };
-        let between = Touched::of(&organ, &record).expect("active nodes").normal;
+        let between = Touched::of(&organ, &record, Vec3::ZERO).expect("active nodes").normal;
         let other = Vec3::from_array(organ.spaces[0].active.outward_normal);
         assert!((between.dot(normal) - between.dot(other)).abs() < 1e-5 && between.dot(normal) < 0.999);
         // A free tool is above the nearest place.
         let record =
             TickRecord { hip_m: (rest_m + 0.010 * normal).to_array(), engaged: None, ..TickRecord::EMPTY };
-        let free = Touched::of(&organ, &record).expect("active nodes");
+        let free = Touched::of(&organ, &record, Vec3::ZERO).expect("active nodes");
         assert!((free.depth_m() + 0.010).abs() < 1e-6 && !free.is_engaged && free.contact_m == rest_m);
     }
 }

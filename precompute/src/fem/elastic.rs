@@ -29,6 +29,8 @@ pub(crate) struct ElasticState {
     pub of_axis_n: Vector3<f64>,
     /// Phi_da, N/m.
     pub axis_n_m: Matrix3<f64>,
+    /// Phi_aa, N/m.
+    pub of_axis_n_m: Matrix3<f64>,
     /// Phi_ua at nodes, N/m.
     pub turned_n_m: Vec<(u32, Matrix3<f64>)>,
     /// Whether the skin is so deep inside the tool that it may come out on the other side.
@@ -41,7 +43,7 @@ impl ElasticState {
         (self.energy_j, self.is_pierced) = (0.0, false);
         (self.force_n, self.torque_n_m) = (Vector3::zeros(), Vector3::zeros());
         self.of_axis_n = Vector3::zeros();
-        (self.own_n_m, self.axis_n_m) = (Matrix3::zeros(), Matrix3::zeros());
+        (self.own_n_m, self.axis_n_m, self.of_axis_n_m) = Default::default();
         self.turned_n_m.clear();
         self.nodal_n.clear();
         self.stiffness_n_m.clear();

@@ -25,7 +25,7 @@ pub use pressure::PressurePair;
 pub use solvability::PressureFault;
 pub use solve::{
     Configuration, Coupling, DESCENT_STEPS, FailureReason, FollowCount, FollowOptions, Followed, FreeBody,
-    IterationProfile, NewtonOptions, Pressed, Problem, Renewal, Seed, SolveFailure, Solver, SphereSolver,
-    solve_body_force,
+    IterationProfile, NewtonOptions, Pressed, Problem, Renewal, Second, Seed, SolveFailure, Solver,
+    SphereSolver, solve_body_force,
 };
-pub use sphere::{CoatedSphere, Layer, Sphere};
+pub use sphere::{Capsule, CoatedSphere, Layer, Sphere};

@@ -67,15 +67,15 @@ const LOST: usize = 16;
 #[derive(Debug, Default)]
 pub(super) struct LostPositions {
     all: Vec<Lost>,
-    /// Where the partner is now.
-    partner_m: Option<[f64; 3]>,
+    /// The second control now.
+    second_m: Option<[f64; 3]>,
 }
 
 /// A position where no equilibrium was found.
 #[derive(Debug)]
 struct Lost {
     task: Task,
-    partner_m: Option<[f64; 3]>,
+    second_m: Option<[f64; 3]>,
 }
 
 impl LostPositions {
@@ -83,7 +83,7 @@ impl LostPositions {
         if self.all.len() == LOST {
             self.all.remove(0);
         }
-        self.all.push(Lost { task: *task, partner_m: self.partner_m });
+        self.all.push(Lost { task: *task, second_m: self.second_m });
     }
 
     /// From another branch they may be found.
@@ -91,17 +91,17 @@ impl LostPositions {
         self.all.retain(|lost| lost.task.contact != contact);
     }
 
-    /// The partner is at this place now: with another one they may be found.
-    pub(super) fn face(&mut self, partner_m: Option<[f64; 3]>) {
-        self.partner_m = partner_m;
+    /// The second control is this one now: with another one they may be found.
+    pub(super) fn face(&mut self, second_m: Option<[f64; 3]>) {
+        self.second_m = second_m;
     }
 
     /// Whether a position was tried in vain. Where the hand is, more is tried than ahead of it.
     pub(super) fn contains(&self, task: &Task) -> bool {
-        self.all.iter().any(|Lost { task: lost, partner_m }| {
+        self.all.iter().any(|Lost { task: lost, second_m }| {
             let away_m = distance(lost.control_m, task.control_m);
             lost.contact == task.contact
-                && libm::hypot(away_m, parted_m(*partner_m, self.partner_m)) < LOST_REACH_M
+                && libm::hypot(away_m, parted_m(*second_m, self.second_m)) < LOST_REACH_M
                 && (lost.aim.is_at_hand() || !task.aim.is_at_hand())
         })
     }

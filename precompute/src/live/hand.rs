@@ -11,6 +11,17 @@ pub struct Hand {
     pub touch: Option<Touch>,
     /// The partner, another sphere, while it feels a force of the same body.
     pub partner: Option<Partner>,
+    /// The axis of a capsule.
+    pub axis: Option<Axis>,
+}
+
+/// How a capsule is turned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Axis {
+    /// The way from its centre to one end, m.
+    pub half_m: [f64; 3],
+    /// The velocity of that end relative to the centre, m/s.
+    pub velocity_m_s: [f64; 3],
 }
 
 /// Another tool on the same body.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::fem::Coupling;
+use crate::fem::{Coupling, Second};
 use crate::num::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{distance, dot, norm};
 use crate::spec::Tolerance;
@@ -57,7 +57,7 @@ pub struct Trust {
     pub root: Option<EnergyJet>,
     /// rho, m.
     pub radius_m: f64,
-    /// How its force depends on a partner, if one touches the body too.
+    /// How its force depends on a second control, if there is one.
     pub coupling: Option<Coupling>,
 }
 
@@ -87,8 +87,9 @@ impl Trust {
     /// Beside a partner the energy that the tool adds is a small difference of large ones, and takes a solve of the partner
     /// alone: the root is that of a contact of Hertz.
     fn of_root(jet: EnergyJet, coupling: Option<Coupling>) -> Option<Self> {
-        let known = if coupling.is_some() { None } else { jet.root(LEAST_ROOT_J) };
-        let root = known.or_else(|| hertz_root(&jet))?;
+        let is_beside = coupling.is_some_and(|coupling| coupling.of == Second::Partner);
+        let exact = if is_beside { None } else { jet.root(LEAST_ROOT_J) };
+        let root = exact.or_else(|| hertz_root(&jet))?;
         let slope = norm(root.force_n);
         let first_m = BEYOND_FIRST * root.energy_j / slope;
         let least_m = if first_m <= LIGHT_M { first_m } else { 0.0 };
@@ -97,7 +98,10 @@ impl Trust {
             jet,
             root: Some(root),
             radius_m: radius_m.clamp(MIN_TRUST_M, MAX_TRUST_M),
-            coupling: coupling.map(|coupling| coupling.of_root(&root)),
+            coupling: coupling.map(|of| match exact {
+                Some(_) => of.of_exact_root(&root),
+                None => of.of_root(&root),
+            }),
         })
     }
 
@@ -106,30 +110,39 @@ impl Trust {
         self.radius_m = self.radius_m.min(radius_m).max(MIN_TRUST_M);
     }
 
-    /// h at a control, with a partner at a place, as the loop has it, N.
-    fn force_n(&self, control_m: [f64; 3], partner_m: Option<[f64; 3]>) -> [f64; 3] {
-        let (value, slope) = continued(self.root.as_ref().unwrap_or(&self.jet), self.radius_m, control_m);
-        let change = self.coupling.zip(partner_m).map(|(of, at_m)| of.change(at_m, self.radius_m));
+    /// h at a control, with a second one, as the loop has it, N.
+    fn force_n(&self, control_m: [f64; 3], second_m: Option<[f64; 3]>) -> [f64; 3] {
+        let (value, slope) = match &self.root {
+            Some(root) => straight_on(root, self.radius_m, control_m),
+            None => continued(&self.jet, self.radius_m, control_m),
+        };
+        let change = self.coupling.zip(second_m).map(|(of, at_m)| {
+            let away_m = distance(self.jet.control_m, control_m);
+            let most_m = self.radius_m + 3.0 * self.radius_m.max(MIN_LEVELLING_M);
+            let share = (most_m / away_m.max(f64::MIN_POSITIVE)).min(1.0);
+            let from_m = std::array::from_fn(|k| share * (control_m[k] - self.jet.control_m[k]));
+            of.change(at_m, self.radius_m, from_m)
+        });
         let (more, steeper) = change.unwrap_or_default();
         let nearness = nearness(self.radius_m, distance(self.jet.control_m, control_m));
         let root = if self.root.is_some() { nearness * (value + more).max(0.0) } else { 1.0 };
         std::array::from_fn(|k| root * (slope[k] + steeper[k]))
     }
 
-    fn partner_m(&self) -> Option<[f64; 3]> {
-        self.coupling.map(|coupling| coupling.partner_m)
+    fn second_m(&self) -> Option<[f64; 3]> {
+        self.coupling.map(|coupling| coupling.second_m)
     }
 
-    /// Distance from a control, with a partner at a place, m: that of both tools together.
-    fn away_m(&self, control_m: [f64; 3], partner_m: Option<[f64; 3]>) -> f64 {
-        let gap_m = parted_m(self.partner_m(), partner_m);
+    /// Distance from a control, with a second one, m: that of both together.
+    fn away_m(&self, control_m: [f64; 3], second_m: Option<[f64; 3]>) -> f64 {
+        let gap_m = parted_m(self.second_m(), second_m);
         libm::hypot(distance(self.jet.control_m, control_m), gap_m)
     }
 
     /// Whether another jet has nearly the force of this one at its control, by the rule of the loop.
     pub(super) fn agrees(&self, other: &Self) -> bool {
         let limit_n = FLUSH_N.max(FLUSH_SHARE * norm(self.jet.force_n));
-        distance(other.force_n(self.jet.control_m, self.partner_m()), self.jet.force_n) <= limit_n
+        distance(other.force_n(self.jet.control_m, self.second_m()), self.jet.force_n) <= limit_n
     }
 }
 
@@ -143,7 +156,7 @@ fn hertz_root(jet: &EnergyJet) -> Option<EnergyJet> {
     is_stiff.then(|| EnergyJet { energy_j, ..*jet }.root(0.0)).flatten()
 }
 
-/// Distance of two places of a partner, m. That of a partner that touches the body from none is larger than any other.
+/// Distance of two second controls, m. That of one from none is larger than any other.
 pub(super) fn parted_m(one: Option<[f64; 3]>, other: Option<[f64; 3]>) -> f64 {
     match (one, other) {
         (None, None) => 0.0,
@@ -155,6 +168,16 @@ pub(super) fn parted_m(one: Option<[f64; 3]>, other: Option<[f64; 3]>) -> f64 {
 /// The share of its force that a root has at this distance from its control, m.
 fn nearness(radius_m: f64, away_m: f64) -> f64 {
     (1.5 - 0.5 * (away_m - radius_m) / radius_m.max(MIN_LEVELLING_M)).clamp(0.0, 1.0)
+}
+
+/// Value and gradient of the expansion of a root; beyond the trust radius straight on.
+fn straight_on(root: &EnergyJet, radius_m: f64, control_m: [f64; 3]) -> (f64, [f64; 3]) {
+    let away_m = distance(control_m, root.control_m);
+    let share = (radius_m / away_m.max(f64::MIN_POSITIVE)).min(1.0);
+    let way: [f64; 3] = std::array::from_fn(|k| control_m[k] - root.control_m[k]);
+    let rim_m = std::array::from_fn(|k| root.control_m[k] + share * way[k]);
+    let slope = root.taylor_force_n(rim_m);
+    (root.taylor_value(rim_m) + (1.0 - share) * dot(slope, way), slope)
 }
 
 /// Value and gradient of an expansion; beyond the trust radius straight on and levelling off.
@@ -202,8 +225,8 @@ pub(super) struct Known {
     is_of_roots: bool,
     /// Distance from a jet up to which its branch is known by tables, m.
     tabled_m: f64,
-    /// Where the partner is now, if it touches the body.
-    partner_m: Option<[f64; 3]>,
+    /// The second control now, if there is one.
+    second_m: Option<[f64; 3]>,
 }
 
 impl Known {
@@ -212,9 +235,9 @@ impl Known {
         Self { rest_n_m: rest_n_m.unwrap_or(0.0), is_of_roots: rest_n_m.is_some(), ..Self::default() }
     }
 
-    /// The partner is at this place now.
-    pub(super) fn face(&mut self, partner_m: Option<[f64; 3]>) {
-        self.partner_m = partner_m;
+    /// The second control is this one now.
+    pub(super) fn face(&mut self, second_m: Option<[f64; 3]>) {
+        self.second_m = second_m;
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -228,7 +251,7 @@ impl Known {
     /// The jet with the smallest distance in trust radii, as the loop chooses it, and this distance in metres;
     /// `None` if it lies on another branch.
     pub(super) fn nearest(&self, control_m: [f64; 3], branch: u32) -> Option<(&Trust, f64)> {
-        let away_m = |trust: &Trust| trust.away_m(control_m, self.partner_m);
+        let away_m = |trust: &Trust| trust.away_m(control_m, self.second_m);
         let by = |(trust, _): &(Trust, u32)| away_m(trust) / trust.radius_m;
         let (nearest, of) = self.jets.iter().min_by(|a, b| by(a).total_cmp(&by(b)))?;
         (*of == branch).then(|| (nearest, away_m(nearest)))
@@ -243,7 +266,7 @@ impl Known {
     pub(super) fn has_near(&self, control_m: [f64; 3], branch: u32, within_m: f64) -> bool {
         let is_near = |(trust, of): &(Trust, u32)| {
             let within_m = within_m.min(KNOWN_TRUST * trust.radius_m).max(self.tabled_m);
-            *of == branch && trust.away_m(control_m, self.partner_m) < within_m
+            *of == branch && trust.away_m(control_m, self.second_m) < within_m
         };
         self.jets.iter().any(is_near)
     }
@@ -265,11 +288,11 @@ impl Known {
     /// replaced.
     pub(super) fn add(&mut self, trust: Trust, branch: u32, flush: bool) {
         self.jets.retain(|(old, _)| {
-            let same = old.away_m(trust.jet.control_m, trust.partner_m()) < SAME_M;
+            let same = old.away_m(trust.jet.control_m, trust.second_m()) < SAME_M;
             !same && (!flush || trust.agrees(old))
         });
         if self.jets.len() == MAX_JETS {
-            let away = |(old, _): &(Trust, u32)| old.away_m(trust.jet.control_m, trust.partner_m());
+            let away = |(old, _): &(Trust, u32)| old.away_m(trust.jet.control_m, trust.second_m());
             let all = self.jets.iter().enumerate();
             let farthest = all.max_by(|(_, a), (_, b)| away(a).total_cmp(&away(b))).map(|(at, _)| at);
             self.jets.swap_remove(farthest.expect("it is full"));
@@ -331,7 +354,7 @@ impl Growth {
         self.error_n_m3 = (self.error_n_m3 * FORGETTING).max(self.least_n_m3);
         let Some((nearest, r_m)) = known.nearest(solved.control_m, branch) else { return };
         if r_m > MIN_MEASURED_M && r_m <= nearest.radius_m {
-            let error_n = distance(nearest.force_n(solved.control_m, known.partner_m), solved.force_n);
+            let error_n = distance(nearest.force_n(solved.control_m, known.second_m), solved.force_n);
             self.error_n_m3 = self.error_n_m3.max(error_n / (r_m * r_m * r_m));
         }
     }

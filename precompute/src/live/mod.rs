@@ -31,7 +31,7 @@ mod truth;
 mod workers;
 
 pub use error::LiveError;
-pub use hand::{Hand, Partner, Touch};
+pub use hand::{Axis, Hand, Partner, Touch};
 pub use memory::Trust;
 pub use published::{Published, Step, Totals};
 pub use skin::Skin;

@@ -1,6 +1,6 @@
 //! What a step of the live solver gives.
 
-use palpate_core::{Jet, JetFlags, JetPartner};
+use palpate_core::{Jet, JetCoupling, JetFlags};
 
 use super::memory::Trust;
 use crate::num::SECOND_INDICES;
@@ -52,9 +52,10 @@ impl Published {
             stiffness_n_m: SECOND_INDICES.map(|[i, j]| stiffness_n_m[(i, j)] as f32),
             third_n_m2: third_n_m2.map(|x| x as f32),
             trust_m: self.trust.radius_m as f32,
-            partner: self.trust.coupling.map(|coupling| JetPartner {
-                control_m: coupling.partner_m.map(|x| x as f32),
+            coupling: self.trust.coupling.map(|coupling| JetCoupling {
+                control_m: coupling.second_m.map(|x| x as f32),
                 slope_n: coupling.force_n.map(|x| x as f32),
+                own_n_m: SECOND_INDICES.map(|[i, j]| coupling.own_n_m[(i, j)] as f32),
                 mixed_n_m: std::array::from_fn(|i| {
                     std::array::from_fn(|j| coupling.mixed_n_m[(i, j)] as f32)
                 }),

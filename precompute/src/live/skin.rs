@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 use palpate_core::Limits;
 
 use super::error::LiveError;
-use crate::fem::{Body, CoatedSphere, Contact, Fingertip, Handle, Pad, Sphere};
+use crate::fem::{Body, Capsule, CoatedSphere, Contact, Fingertip, Handle, Pad, Second, Sphere};
 use crate::mesh::{Surface, TetMesh};
-use crate::num::vector::distance;
+use crate::num::vector::{distance, norm};
 use crate::pack::{PackError, Place, Untabled};
 use crate::scene::ResolvedScene;
 use crate::spec::{Sampling, Tool};
@@ -23,7 +23,7 @@ enum By {
     Point,
     /// A fingertip at a vertex.
     Fingertip(Fingertip),
-    /// A sphere, which has one contact: its control is the way of the centre from its start.
+    /// A sphere or capsule, which has one contact: its control is the way of the centre from its start.
     Sphere(CoatedSphere),
 }
 
@@ -38,6 +38,8 @@ pub struct Skin {
     neighbours: Vec<Vec<u16>>,
     /// What touches it.
     touch: By,
+    /// The half axis of a capsule in the frame of the grip, m.
+    half_axis_m: Option<[f64; 3]>,
     /// Whether each contact is not fixed in the present model.
     is_free: Vec<bool>,
 }
@@ -52,7 +54,10 @@ impl Skin {
         let touch = match tool {
             Tool::Point => By::Point,
             Tool::Fingertip(tip) => By::Fingertip(*tip),
-            Tool::Sphere(sphere) => return Ok(Self::of_sphere(body, *sphere)),
+            Tool::Sphere(sphere) => return Ok(Self::of_sphere(body, *sphere, None)),
+            Tool::Capsule(Capsule { sphere, half_axis_m }) => {
+                return Ok(Self::of_sphere(body, *sphere, Some(*half_axis_m)));
+            }
         };
         let surface = Surface::of(mesh).seen(mesh);
         let nodes: Vec<u32> =
@@ -88,20 +93,22 @@ impl Skin {
             })
             .collect();
         let is_free = vec![true; nodes.len()];
-        Ok(Self { contacts, triangles, neighbours, touch, is_free })
+        Ok(Self { contacts, triangles, neighbours, touch, half_axis_m: None, is_free })
     }
 
     /// One contact, with the centre beside the body where the control is zero.
-    fn of_sphere(body: &Body, sphere: Sphere) -> Self {
+    fn of_sphere(body: &Body, sphere: Sphere, half_axis_m: Option<[f64; 3]>) -> Self {
         let places = (0..body.nodes_m.len() as u32).map(|node| Vector3::from(body.rest_position_m(node)));
         let (low, high) = places
             .map(|place| (place, place))
             .reduce(|(low, high), (place, _)| (low.inf(&place), high.sup(&place)))
             .expect("a body has nodes");
-        let away_m = sphere.reach_m() + CLEARANCE_M;
+        let away_m = sphere.reach_m() + half_axis_m.map_or(0.0, norm) + CLEARANCE_M;
         let rest_m = [0.5 * (low.x + high.x), 0.5 * (low.y + high.y), high.z + away_m];
         let sphere = CoatedSphere::new(body, sphere.radius_m, sphere.layer, rest_m);
+        let sphere = sphere.turned(half_axis_m.unwrap_or_default());
         Self {
+            half_axis_m,
             contacts: vec![Place { node: 0, rest_m, normal: [0.0, 0.0, 1.0] }],
             triangles: Vec::new(),
             neighbours: vec![Vec::new()],
@@ -155,7 +162,19 @@ impl Skin {
         }
     }
 
-    /// The sphere, if it is one.
+    /// What the second control of the tool is.
+    pub(super) fn second(&self) -> Second {
+        if self.half_axis_m.is_some() { Second::Axis } else { Second::Partner }
+    }
+
+    /// The capsule is turned to this half axis, m.
+    pub(super) fn turn(&mut self, half_m: [f64; 3]) {
+        if let By::Sphere(sphere) = &mut self.touch {
+            sphere.half_m = half_m;
+        }
+    }
+
+    /// The sphere or capsule, if it is one.
     pub(super) fn sphere(&self) -> Option<&CoatedSphere> {
         match &self.touch {
             By::Sphere(sphere) => Some(sphere),
@@ -168,8 +187,10 @@ impl Skin {
         match (&self.touch, tool) {
             (By::Point, Tool::Point) => true,
             (By::Fingertip(tip), Tool::Fingertip(other)) => tip == other,
-            (By::Sphere(sphere), Tool::Sphere(other)) => {
-                (sphere.radius_m, sphere.layer) == (other.radius_m, other.layer)
+            (By::Sphere(sphere), _) => {
+                let is_same =
+                    |other: &Sphere| (sphere.radius_m, sphere.layer) == (other.radius_m, other.layer);
+                tool.sphere().is_some_and(is_same) && tool.half_axis_m() == self.half_axis_m
             }
             _ => false,
         }

@@ -12,7 +12,7 @@ use palpate_core::{Method, Organ, Space};
 use super::branches::{Branches, REST};
 use super::choice::{Choice, HEADING_M, LostPositions};
 use super::error::LiveError;
-use super::hand::{Hand, Partner, Touch};
+use super::hand::{Axis, Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
 use super::renewals::Renewals;
@@ -22,7 +22,7 @@ use super::tabled;
 use super::task::{Aim, Task};
 use super::times::SolveTimes;
 use super::workers::Workers;
-use crate::fem::{Body, Constraints, FreeBody, Problem, Seed};
+use crate::fem::{Body, CoatedSphere, Constraints, FreeBody, Problem, Second, Seed};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::difference;
 use crate::pack::PackError;
@@ -32,9 +32,9 @@ use crate::scene::{ElementOrder, ResolvedScene};
 const PROBLEMS: usize = 256;
 /// Jets that wait for the loop during a change of the model, usually.
 const OUTBOX: usize = 16;
-/// The partner is taken where it will be after this time, s: about when the loop has the jet, and half of the way to the next
-/// one.
-const PARTNER_AHEAD_S: f64 = 0.01;
+/// The second control is taken as it will be after this time, s: about when the loop has the jet, and half of the way to the
+/// next one.
+const SECOND_AHEAD_S: f64 = 0.01;
 /// Solves after a change of the model for which its jets may wait: a hand that moves fast is never known.
 const MAX_HELD: u32 = 12;
 
@@ -72,8 +72,8 @@ pub struct LiveSolver {
     /// Whether the jets of a new model wait until the present touch is known, and the solves since the change.
     holds_back: bool,
     held_solves: u32,
-    /// Displacement of the partner, while it feels a force.
-    partner_m: Option<[f64; 3]>,
+    /// The half axis of a capsule, or the displacement of the partner while it feels a force.
+    second_m: Option<[f64; 3]>,
 }
 
 impl LiveSolver {
@@ -116,7 +116,7 @@ impl LiveSolver {
             first_rest,
             holds_back: false,
             held_solves: 0,
-            partner_m: None,
+            second_m: None,
         })
     }
 
@@ -309,7 +309,7 @@ impl LiveSolver {
     /// hand has passed.
     pub fn step(&mut self, hand: &Hand) -> Step {
         self.times.begin(None);
-        self.face(hand.partner.as_ref());
+        self.face(hand);
         self.take_renewal();
         self.send_known(hand);
         self.branches.release_but(hand.touch.as_ref());
@@ -321,17 +321,26 @@ impl LiveSolver {
         step
     }
 
-    /// Solves with the partner where it will be soon.
-    fn face(&mut self, partner: Option<&Partner>) {
-        self.partner_m = self.skin.sphere().zip(partner).map(|(sphere, partner)| {
-            let from_m = difference(partner.position_m, sphere.start_m);
-            std::array::from_fn(|k| from_m[k] + PARTNER_AHEAD_S * partner.velocity_m_s[k])
-        });
-        if let Some(known) = self.known.first_mut() {
-            known.face(self.partner_m);
+    /// Solves with the second control as it will be soon.
+    fn face(&mut self, hand: &Hand) {
+        let soon_m = |from_m: [f64; 3], velocity_m_s: [f64; 3]| -> [f64; 3] {
+            std::array::from_fn(|k| from_m[k] + SECOND_AHEAD_S * velocity_m_s[k])
+        };
+        self.second_m = match (self.skin.second(), &hand.axis) {
+            (Second::Axis, Some(Axis { half_m, velocity_m_s })) => Some(soon_m(*half_m, *velocity_m_s)),
+            (Second::Axis, None) => self.second_m.or_else(|| Some(self.skin.sphere()?.half_m)),
+            (Second::Partner, _) => self.skin.sphere().zip(hand.partner.as_ref()).map(|(sphere, partner)| {
+                soon_m(difference(partner.position_m, sphere.start_m), partner.velocity_m_s)
+            }),
+        };
+        if let (Second::Axis, Some(half_m)) = (self.skin.second(), self.second_m) {
+            self.skin.turn(half_m);
         }
-        self.states.face(self.partner_m);
-        self.lost.face(self.partner_m);
+        if let Some(known) = self.known.first_mut() {
+            known.face(self.second_m);
+        }
+        self.states.face(self.second_m);
+        self.lost.face(self.second_m);
     }
 
     fn solve_next(&mut self, hand: &Hand) -> Step {
@@ -382,9 +391,9 @@ impl LiveSolver {
     }
 
     /// The body at rest, with a sphere where it touches nothing on the shortest way from this control.
-    pub(super) fn untouched_at(&self, control_m: [f64; 3]) -> Seed {
+    pub(super) fn untouched_at(&self, sphere: Option<&CoatedSphere>, control_m: [f64; 3]) -> Seed {
         let mut seed = Seed::at_rest(&self.body);
-        if let Some(sphere) = self.skin.sphere() {
+        if let Some(sphere) = sphere {
             seed.become_rest(&self.body, sphere.beside_m(&self.body, control_m));
         }
         seed

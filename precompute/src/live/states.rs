@@ -34,14 +34,14 @@ pub(super) struct States {
     kept: Vec<Kept>,
     free: Vec<Seed>,
     uses: u64,
-    /// Where the partner is now.
-    partner_m: Option<[f64; 3]>,
+    /// The second control now.
+    second_m: Option<[f64; 3]>,
 }
 
 impl States {
     /// Room for states like this one.
     pub(super) fn like(seed: &Seed) -> Self {
-        Self { kept: Vec::with_capacity(KEPT), free: vec![seed.clone(); KEPT + 1], uses: 0, partner_m: None }
+        Self { kept: Vec::with_capacity(KEPT), free: vec![seed.clone(); KEPT + 1], uses: 0, second_m: None }
     }
 
     /// Takes out the state of a branch of a contact that is nearest to a control, if there is one.
@@ -51,18 +51,18 @@ impl States {
         let of_branch = self.kept.iter().enumerate().filter(|(_, kept)| is_of(kept));
         let (nearest, _) = of_branch.min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)))?;
         let Kept { seed, is_guess, .. } = self.kept.swap_remove(nearest);
-        let is_guess = is_guess || parted_m(partner_of(&seed), self.partner_m) > 0.0;
+        let is_guess = is_guess || parted_m(second_of(&seed), self.second_m) > 0.0;
         Some(Start { seed, is_guess })
     }
 
-    /// The partner is at this place now: states of another one are guesses.
-    pub(super) fn face(&mut self, partner_m: Option<[f64; 3]>) {
-        self.partner_m = partner_m;
+    /// The second control is this one now: states of another one are guesses.
+    pub(super) fn face(&mut self, second_m: Option<[f64; 3]>) {
+        self.second_m = second_m;
     }
 
-    /// Distance of a state from a control with the present partner, m.
+    /// Distance of a state from a control with the present second one, m.
     fn away_m(&self, seed: &Seed, control_m: [f64; 3]) -> f64 {
-        libm::hypot(distance(seed.jet.control_m, control_m), parted_m(partner_of(seed), self.partner_m))
+        libm::hypot(distance(seed.jet.control_m, control_m), parted_m(second_of(seed), self.second_m))
     }
 
     /// The state of a branch of a contact that is nearest to a control.
@@ -156,6 +156,6 @@ impl States {
     }
 }
 
-fn partner_of(seed: &Seed) -> Option<[f64; 3]> {
-    seed.coupling.map(|coupling| coupling.partner_m)
+fn second_of(seed: &Seed) -> Option<[f64; 3]> {
+    seed.coupling.map(|coupling| coupling.second_m)
 }

@@ -10,8 +10,8 @@ use super::branches::joins;
 use super::hand::Touch;
 use super::memory::parted_m;
 use super::solver::LiveSolver;
-use crate::fem::{DESCENT_STEPS, FollowOptions, Problem, Seed, SolveFailure, Solver};
-use crate::num::vector::{difference, distance};
+use crate::fem::{DESCENT_STEPS, FollowOptions, Problem, Second, Seed, SolveFailure, Solver};
+use crate::num::vector::{cross, difference, distance};
 use crate::spec::Tolerance;
 
 /// Longest step of a path, m.
@@ -40,8 +40,8 @@ pub struct Truth<'l> {
     /// Contact, state, and where its factor was made, of each contact of the present touch.
     paths: Vec<Path>,
     landings: u32,
-    /// Displacement of the partner, if it touches the body.
-    partner_m: Option<[f64; 3]>,
+    /// The half axis of a capsule, or the displacement of the partner if it touches the body.
+    second_m: Option<[f64; 3]>,
 }
 
 #[derive(Debug)]
@@ -54,7 +54,7 @@ struct Path {
 impl<'l> Truth<'l> {
     /// Of the body of a live session.
     pub fn new(live: &'l LiveSolver) -> Self {
-        Self { live, solver: None, paths: Vec::new(), landings: 0, partner_m: None }
+        Self { live, solver: None, paths: Vec::new(), landings: 0, second_m: None }
     }
 
     /// Number of times that the body landed with a jump that is felt.
@@ -67,10 +67,14 @@ impl<'l> Truth<'l> {
         self.paths.clear();
     }
 
-    /// A partner at this place touches the body too from now on, m; or none does.
-    pub fn face(&mut self, partner_m: Option<[f64; 3]>) {
-        let sphere = self.live.skin().sphere().zip(partner_m);
-        self.partner_m = sphere.map(|(sphere, at_m)| difference(at_m, sphere.start_m));
+    /// From now on a capsule has this half axis, m; or a partner of a sphere at this place touches the body too, m, or none
+    /// does.
+    pub fn face(&mut self, second_m: Option<[f64; 3]>) {
+        let sphere = self.live.skin().sphere().zip(second_m);
+        self.second_m = sphere.map(|(sphere, at_m)| match self.live.skin().second() {
+            Second::Partner => difference(at_m, sphere.start_m),
+            Second::Axis => at_m,
+        });
     }
 
     /// h at the next place of the path, N.
@@ -89,11 +93,22 @@ impl<'l> Truth<'l> {
         Ok(sum)
     }
 
+    /// The moment of the last force about the centre of a capsule, N m; zero of other tools.
+    pub fn moment_n_m(&self) -> [f64; 3] {
+        let of = |path: &Path| path.seed.coupling.filter(|coupling| coupling.of == Second::Axis);
+        let turned = self.paths.last().and_then(of);
+        turned.map_or([0.0; 3], |turned| cross(turned.second_m, turned.force_n))
+    }
+
     fn one(&mut self, contact: u16, control_m: [f64; 3]) -> Result<[f64; 3], SolveFailure> {
+        let of = self.live.skin().second();
+        let half_m = self.second_m.filter(|_| of == Second::Axis).unwrap_or_default();
+        let sphere = self.live.skin().sphere().map(|sphere| sphere.turned(half_m));
         let at = match self.paths.iter().position(|path| path.contact == contact) {
             Some(at) => at,
             None => {
-                let (problem, seed) = (self.live.problem_of(contact), self.live.untouched_at(control_m));
+                let seed = self.live.untouched_at(sphere.as_ref(), control_m);
+                let problem = self.live.problem_of(contact);
                 self.paths.push(Path { contact, problem, seed });
                 self.paths.len() - 1
             }
@@ -104,12 +119,11 @@ impl<'l> Truth<'l> {
             solver.touch(problem.clone());
         }
         let mut to = seed.clone();
-        if let Some(sphere) = self.live.skin().sphere() {
-            face_partner(solver, seed, self.partner_m, &mut to, |at_m| {
-                sphere.beside_m(self.live.body(), at_m)
-            })?;
+        if let Some(sphere) = &sphere {
+            let beside = |at_m| sphere.beside_m(self.live.body(), at_m);
+            face(solver, seed, (of, self.second_m), &mut to, beside)?;
         }
-        solver.set_partner(self.partner_m);
+        solver.set_second(of, self.second_m);
         // The factor may be that of another contact.
         let mut factor_at_m: Option<[f64; 3]> = None;
         // Where the branch was not found, if it ends on the way.
@@ -154,19 +168,21 @@ impl<'l> Truth<'l> {
     }
 }
 
-/// Moves the partner to its next place while the tool stays. It comes and goes on the shortest way, which `beside` ends.
-fn face_partner(
+/// Moves the second control to its next value while the first one stays. A partner comes and goes on the shortest way, which
+/// `beside` ends.
+fn face(
     solver: &mut Solver,
     seed: &mut Seed,
-    partner_m: Option<[f64; 3]>,
+    (of, second_m): (Second, Option<[f64; 3]>),
     to: &mut Seed,
     beside: impl Fn([f64; 3]) -> [f64; 3],
 ) -> Result<(), SolveFailure> {
-    let before_m = seed.coupling.map(|of| of.partner_m);
-    if parted_m(before_m, partner_m) == 0.0 {
+    let before_m = seed.coupling.map(|of| of.second_m);
+    // A capsule that touches nothing yet is turned by that.
+    if parted_m(before_m, second_m) == 0.0 || of == Second::Axis && before_m.is_none() {
         return Ok(());
     }
-    let ends = before_m.or(partner_m.map(&beside)).zip(partner_m.or(before_m.map(&beside)));
+    let ends = before_m.or(second_m.map(&beside)).zip(second_m.or(before_m.map(&beside)));
     let way = ends.into_iter().flat_map(|(from_m, to_m)| {
         let steps = (distance(from_m, to_m) / STEP_M).ceil().max(1.0);
         (1..=steps as u32).map(move |step| {
@@ -174,8 +190,8 @@ fn face_partner(
             Some(std::array::from_fn(|k| from_m[k] + share * (to_m[k] - from_m[k])))
         })
     });
-    for at_m in way.chain(partner_m.is_none().then_some(None)) {
-        solver.set_partner(at_m);
+    for at_m in way.chain(second_m.is_none().then_some(None)) {
+        solver.set_second(of, at_m);
         solver.follow(seed, seed.pose.displacement_m, true, &OPTIONS, to)?;
         std::mem::swap(seed, to);
     }

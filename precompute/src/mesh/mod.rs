@@ -35,7 +35,7 @@ pub use quality::{MeshReport, doubtful_for_pressure};
 use raw::RawMesh;
 pub(crate) use refine::Refined;
 pub use skin_point::SkinPoint;
-pub(crate) use skin_point::nearest_on_triangle;
+pub(crate) use skin_point::{nearest_of_segment, nearest_on_triangle};
 pub use surface::Surface;
 pub(crate) use tetrahedral::Edges;
 pub use tetrahedral::{MeshFault, TetMesh};

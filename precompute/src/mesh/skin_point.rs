@@ -81,10 +81,55 @@ pub(crate) fn nearest_on_triangle([a, b, c]: [[f64; 3]; 3], p: [f64; 3]) -> ([f6
     at([wa, wb, 1.0 - wa - wb])
 }
 
+/// The points of a triangle and of a segment that are nearest to each other; the same point if they meet.
+pub(crate) fn nearest_of_segment(triangle: [[f64; 3]; 3], ends: [[f64; 3]; 2]) -> ([f64; 3], [f64; 3]) {
+    if ends[0] == ends[1] {
+        return (nearest_on_triangle(triangle, ends[0]).0, ends[0]);
+    }
+    if let Some(at) = crossing(triangle, ends) {
+        return (at, at);
+    }
+    let of_ends = ends.map(|end| (nearest_on_triangle(triangle, end).0, end));
+    let [a, b, c] = triangle;
+    let of_edges = [[a, b], [b, c], [c, a]].map(|edge| nearest_of_segments(edge, ends));
+    let away = |(one, other): &([f64; 3], [f64; 3])| distance(*one, *other);
+    let all = of_ends.into_iter().chain(of_edges);
+    all.min_by(|one, other| away(one).total_cmp(&away(other))).expect("there are five")
+}
+
+/// Where a segment goes through a triangle.
+fn crossing([a, b, c]: [[f64; 3]; 3], [p, q]: [[f64; 3]; 2]) -> Option<[f64; 3]> {
+    let normal = cross(difference(b, a), difference(c, a));
+    let (from, to) = (dot(normal, difference(p, a)), dot(normal, difference(q, a)));
+    if from * to >= 0.0 {
+        return None;
+    }
+    let share = from / (from - to);
+    let at: [f64; 3] = std::array::from_fn(|k| p[k] + share * (q[k] - p[k]));
+    let is_left =
+        |from: [f64; 3], to: [f64; 3]| dot(normal, cross(difference(to, from), difference(at, from))) >= 0.0;
+    (is_left(a, b) && is_left(b, c) && is_left(c, a)).then_some(at)
+}
+
+/// The points of two segments that are nearest to each other (Ericson 2005, section 5.1.9).
+fn nearest_of_segments([a, b]: [[f64; 3]; 2], [p, q]: [[f64; 3]; 2]) -> ([f64; 3], [f64; 3]) {
+    let (one, other, gap) = (difference(b, a), difference(q, p), difference(a, p));
+    let (along, across, lengths) = (dot(one, gap), dot(one, other), (dot(one, one), dot(other, other)));
+    let beside = dot(other, gap);
+    let spread = lengths.0 * lengths.1 - across * across;
+    let first =
+        if spread > 0.0 { ((across * beside - along * lengths.1) / spread).clamp(0.0, 1.0) } else { 0.0 };
+    let second = ((across * first + beside) / lengths.1).clamp(0.0, 1.0);
+    let first = ((across * second - along) / lengths.0).clamp(0.0, 1.0);
+    let at = |from: [f64; 3], way: [f64; 3], share: f64| std::array::from_fn(|k| from[k] + share * way[k]);
+    (at(a, one, first), at(p, other, second))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::num::vector::norm;
+    use crate::num::{SPLIT_MIX_STEP, split_mix, unit_interval};
 
     const CORNERS: [[f64; 3]; 3] = [[0.1, 0.0, 0.2], [1.3, 0.1, 0.0], [0.2, 0.9, 0.1]];
 
@@ -120,5 +165,28 @@ mod tests {
             assert_eq!((found.triangle, found.nearest_node()), (*triangle, triangle[1]));
             assert!(norm(difference(found.weights, inside.weights)) < 1e-12);
         }
+    }
+
+    /// Against the nearest of many points of the segment.
+    #[test]
+    fn a_segment_is_as_near_as_the_nearest_of_its_points() {
+        let mut state = 5_u64;
+        let mut random = || {
+            state = state.wrapping_add(SPLIT_MIX_STEP);
+            2.0 * unit_interval(split_mix(state)) - 1.0
+        };
+        let mut met = 0;
+        for _ in 0..300 {
+            let ends = [0, 1].map(|_| [0, 1, 2].map(|_| 1.5 * random()));
+            let (foot, axis) = nearest_of_segment(CORNERS, ends);
+            let on = |share: f64| std::array::from_fn(|k| ends[0][k] + share * (ends[1][k] - ends[0][k]));
+            let many = (0..=2000).map(|step| on(f64::from(step) / 2000.0));
+            let least = many.map(|at| distance(nearest_on_triangle(CORNERS, at).0, at)).fold(9.0, f64::min);
+            let found = distance(foot, axis);
+            assert!(found <= least + 1e-12 && found >= least - 2e-3, "{ends:?}: {found}, not {least}");
+            assert!(distance(nearest_on_triangle(CORNERS, foot).0, foot) < 1e-12, "on the triangle");
+            met += u32::from(found == 0.0);
+        }
+        assert!(met > 5, "{met} go through it");
     }
 }

@@ -192,11 +192,18 @@ fn stated(tool: &Tool) -> format::Tool {
     match tool {
         Tool::Point => format::Tool::Point,
         Tool::Fingertip(tip) => format::Tool::Fingertip(fingertip(tip)),
-        Tool::Sphere(sphere) => format::Tool::Sphere(format::Sphere {
-            radius_m: sphere.radius_m as f32,
-            layer_m: (sphere.reach_m() - sphere.radius_m) as f32,
+        Tool::Sphere(it) => format::Tool::Sphere(sphere(it)),
+        Tool::Capsule(capsule) => format::Tool::Capsule(format::Capsule {
+            sphere: sphere(&capsule.sphere),
+            half_axis_m: capsule.half_axis_m.map(|x| x as f32),
         }),
     }
+}
+
+/// A sphere as the blob states it.
+fn sphere(sphere: &crate::fem::Sphere) -> format::Sphere {
+    let layer_m = (sphere.reach_m() - sphere.radius_m) as f32;
+    format::Sphere { radius_m: sphere.radius_m as f32, layer_m }
 }
 
 /// A fingertip as the blob states it.

@@ -101,6 +101,10 @@ pub(super) struct ToolTable {
     pub(super) profile: Option<PadProfile>,
     pub(super) layer_m: Option<Spanned<f64>>,
     pub(super) layer_pa: Option<Spanned<f64>>,
+    /// Distance between the centres of the two ends of a capsule, m.
+    pub(super) length_m: Option<Spanned<f64>>,
+    /// Direction of its axis in the frame of the grip.
+    pub(super) axis: Option<Spanned<[f64; 3]>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

@@ -214,7 +214,7 @@ impl Lookup<'_> {
     ) -> Result<(), InputError> {
         match (tool.sphere(), tables.is_empty()) {
             (Some(_), false) => {
-                let what = "a sphere touches the whole skin and has no active node";
+                let what = "a sphere or capsule touches the whole skin and has no active node";
                 Err(self.place.error(span, what, "remove [[active]]"))
             }
             (None, true) => {

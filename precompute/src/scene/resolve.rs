@@ -53,7 +53,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let Touchable { active, cover, unreachable } =
         lookup.all_active(scene, &tool, &fixed, workspace.as_ref()).map_err(doubt)?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
-    let charted = tool.sphere().filter(|_| file.grid.is_some());
+    let charted = tool.sphere().filter(|_| file.grid.is_some() && tool.half_axis_m().is_none());
     let found = charted.map(|it| charts(&mesh, &seen, &fixed, it, (place, file.tool.as_ref())));
     let (active, charts) = found.transpose()?.map_or((active, None), |(active, it)| (active, Some(it)));
     let only_push = file.needs.contact == Contact::Push;
@@ -160,8 +160,12 @@ fn solver(scene: &Scene, order: ElementOrder) -> Result<SolverOptions, InputErro
     Ok(*table.get_ref())
 }
 
-/// Refuses what does not go with a sphere, or with quadratic elements near the tool only.
+/// Refuses what does not go with a sphere or capsule, or with quadratic elements near the tool only.
 fn check_tool(scene: &Scene, order: ElementOrder, tool: &Tool) -> Result<(), InputError> {
+    if let (Some(table), Some(_)) = (&scene.file.grid, tool.half_axis_m()) {
+        let what = "a capsule has no precomputed field: its force depends on how it is turned";
+        return Err(scene.place.error(table.span(), what, "remove [grid], and touch it with `palpate live`"));
+    }
     if let (Some(table), Some(_)) = (&scene.file.grid, tool.sphere())
         && table.get_ref().adaptive_key().is_none()
     {

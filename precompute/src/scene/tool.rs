@@ -1,4 +1,4 @@
-//! The tool of a scene: a point, a fingertip with an elastic pad, or a rigid sphere.
+//! The tool of a scene: a point, a fingertip with an elastic pad, a rigid sphere or a rigid capsule.
 
 use std::ops::Range;
 
@@ -10,9 +10,9 @@ use super::lookup::Lookup;
 use super::place::{Place, finite, positive};
 use crate::error::{InputError, count};
 use crate::fem::pad::under;
-use crate::fem::{Fingertip, Layer, PadProfile, Sphere};
+use crate::fem::{Capsule, Fingertip, Layer, PadProfile, Sphere};
 use crate::mesh::{SkinPoint, Surface, TetMesh};
-use crate::num::vector::distance;
+use crate::num::vector::{distance, norm, unit};
 use crate::spec::{ActiveNode, Tool};
 
 /// A fingertip of the size of a human one: k pi a^2 / 3 = 524 N/m, where a pulp has some 300 to 1,000 N/m.
@@ -33,16 +33,22 @@ pub(super) fn tool(
     table: Option<&Spanned<ToolTable>>,
 ) -> Result<Tool, InputError> {
     let Some(table) = table else { return Ok(Tool::Point) };
-    let ToolTable { shape, radius_m, stiffness_pa_m, profile, layer_m, layer_pa } = table.get_ref();
+    let ToolTable { shape, radius_m, stiffness_pa_m, profile, layer_m, layer_pa, length_m, axis } =
+        table.get_ref();
     let is_sphere = match shape.get_ref().as_str() {
         "fingertip" => false,
         "sphere" => true,
+        "capsule" => return capsule(place, mesh, table).map(Tool::Capsule),
         other => {
             let what = format!("unknown shape \"{other}\"");
-            let fix = "use \"fingertip\" or \"sphere\", or leave [tool] out for a point";
+            let fix = "use \"fingertip\", \"sphere\" or \"capsule\", or leave [tool] out for a point";
             return Err(place.error(shape.span(), what, fix));
         }
     };
+    if let Some(span) = length_m.as_ref().map(Spanned::span).or(axis.as_ref().map(Spanned::span)) {
+        let what = "`length_m` and `axis` are keys of a capsule";
+        return Err(place.error(span, what, "remove them, or use shape = \"capsule\""));
+    }
     if is_sphere {
         return sphere(place, mesh, table).map(Tool::Sphere);
     }
@@ -73,19 +79,21 @@ fn number(place: &Place, key: &str, given: &Option<Spanned<f64>>, default: f64) 
 }
 
 fn sphere(place: &Place, mesh: &TetMesh, table: &Spanned<ToolTable>) -> Result<Sphere, InputError> {
-    let ToolTable { shape: _, radius_m, stiffness_pa_m, profile, layer_m, layer_pa } = table.get_ref();
+    let ToolTable { shape, radius_m, stiffness_pa_m, profile, layer_m, layer_pa, .. } = table.get_ref();
+    let shape = shape.get_ref();
     if stiffness_pa_m.is_some() || profile.is_some() {
-        let what = "a sphere is rigid: `stiffness_pa_m` and `profile` are keys of a fingertip";
+        let what = format!("a {shape} is rigid: `stiffness_pa_m` and `profile` are keys of a fingertip");
         return Err(place.error(table.span(), what, "remove them, or use shape = \"fingertip\""));
     }
     let Some(given) = radius_m else {
-        return Err(place.error(table.span(), "a sphere needs a `radius_m`", "add radius_m = 0.01 (metres)"));
+        let what = format!("a {shape} needs a `radius_m`");
+        return Err(place.error(table.span(), what, "add radius_m = 0.01 (metres)"));
     };
     let radius_m = positive(place, "radius_m", given)?;
     let size_m = mesh.diagonal_m();
     if radius_m < LEAST_SPHERE_M || 2.0 * radius_m > size_m {
         let what =
-            format!("a sphere of {radius_m} m radius does not fit a body that is {size_m:.3} m across");
+            format!("a {shape} of {radius_m} m radius does not fit a body that is {size_m:.3} m across");
         let fix = format!(
             "give a radius from {LEAST_SPHERE_M} to {:.3} m, or correct the unit of the mesh",
             0.5 * size_m
@@ -102,6 +110,40 @@ fn sphere(place: &Place, mesh: &TetMesh, table: &Spanned<ToolTable>) -> Result<S
         return Err(place.error(given.span(), what, "give a thinner `layer_m`, or leave it out"));
     }
     Ok(Sphere { radius_m, layer })
+}
+
+/// A capsule with its axis along z of the grip, unless another one is given.
+fn capsule(place: &Place, mesh: &TetMesh, table: &Spanned<ToolTable>) -> Result<Capsule, InputError> {
+    let sphere = sphere(place, mesh, table)?;
+    let ToolTable { length_m, axis, .. } = table.get_ref();
+    let Some(given) = length_m else {
+        let what = "a capsule needs a `length_m`: the distance between the centres of its ends";
+        return Err(place.error(table.span(), what, "add length_m = 0.02 (metres)"));
+    };
+    let (length_m, size_m) = (positive(place, "length_m", given)?, mesh.diagonal_m());
+    if length_m > size_m {
+        let what = format!("a capsule of {length_m} m does not fit a body that is {size_m:.3} m across");
+        return Err(place.error(
+            given.span(),
+            what,
+            "give a shorter `length_m`, or correct the unit of the mesh",
+        ));
+    }
+    let direction = match axis {
+        None => [0.0, 0.0, 1.0],
+        Some(axis) => {
+            let direction = finite(place, "axis", axis)?;
+            if norm(direction) == 0.0 {
+                return Err(place.error(
+                    axis.span(),
+                    "`axis` has no direction",
+                    "give one, as [0.0, 0.0, 1.0]",
+                ));
+            }
+            unit(direction)
+        }
+    };
+    Ok(Capsule { sphere, half_axis_m: direction.map(|x| 0.5 * length_m * x) })
 }
 
 impl Lookup<'_> {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::fem::{Body, CoatedSphere, Contact, Fingertip, Handle, Pad, Sphere};
+use crate::fem::{Body, Capsule, CoatedSphere, Contact, Fingertip, Handle, Pad, Sphere};
 use crate::mesh::{SkinPoint, Surface, TetMesh};
 use crate::num::vector::{dot, norm, unit};
 
@@ -16,6 +16,8 @@ pub enum Tool {
     Fingertip(Fingertip),
     /// It is a rigid sphere without friction, which touches the skin anywhere.
     Sphere(Sphere),
+    /// It is a rigid capsule without friction, which the grip turns.
+    Capsule(Capsule),
 }
 
 impl Tool {
@@ -23,15 +25,23 @@ impl Tool {
     pub fn fingertip(&self) -> Option<&Fingertip> {
         match self {
             Self::Fingertip(tip) => Some(tip),
-            Self::Point | Self::Sphere(_) => None,
+            Self::Point | Self::Sphere(_) | Self::Capsule(_) => None,
         }
     }
 
-    /// The sphere, if it is one.
+    /// The sphere, or that of which a capsule is made.
     pub fn sphere(&self) -> Option<&Sphere> {
         match self {
-            Self::Sphere(sphere) => Some(sphere),
+            Self::Sphere(sphere) | Self::Capsule(Capsule { sphere, .. }) => Some(sphere),
             Self::Point | Self::Fingertip(_) => None,
+        }
+    }
+
+    /// The way from the centre of a capsule to one of its ends in the frame of the grip, m.
+    pub fn half_axis_m(&self) -> Option<[f64; 3]> {
+        match self {
+            Self::Capsule(capsule) => Some(capsule.half_axis_m),
+            Self::Point | Self::Fingertip(_) | Self::Sphere(_) => None,
         }
     }
 }
@@ -160,7 +170,11 @@ impl ActiveNode {
                 let centre_m = at.interpolate(|node| body.nodes_m[node as usize]);
                 Pad::new(body, *tip, centre_m).expect("the scene was checked").into()
             }
-            (Tool::Sphere(Sphere { radius_m, layer }), _) => {
+            (
+                Tool::Sphere(Sphere { radius_m, layer })
+                | Tool::Capsule(Capsule { sphere: Sphere { radius_m, layer }, .. }),
+                _,
+            ) => {
                 let start_m = self.chart.expect("an active node of a sphere has a chart").centre_m;
                 CoatedSphere::new(body, *radius_m, *layer, start_m).into()
             }

@@ -69,7 +69,13 @@ fn the_derivatives_of_a_capsule_are_differences() {
             "{third} {known}"
         );
 
-        let [before, after] = [-by, by].map(|by| *press.solve(centre, half + by).jet());
+        let of_axis = [-by, by].map(|by| press.solve(centre, half + by));
+        let [before, after] = of_axis.each_ref().map(|found| *found.jet());
+        let [low, high] =
+            of_axis.map(|found| Vector3::from(found.seed.coupling.expect("of the axis").force_n));
+        let bent = (high - low) / (2.0 * step_m);
+        let error = (bent - coupling.own_n_m.column(axis)).norm();
+        assert!(error < 1e-3 * coupling.own_n_m.norm(), "{axis}: {bent} {}", coupling.own_n_m);
         let slope = (after.energy_j - before.energy_j) / (2.0 * step_m);
         assert!(
             (slope - coupling.force_n[axis]).abs() < 1e-5 * force.norm(),

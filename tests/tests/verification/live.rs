@@ -170,7 +170,8 @@ fn factors_are_made_beside_the_steps() {
         let displacement_m = touch(mm).control_m.map(|x| x as f32);
         // Long after the last change of the jet.
         let now_us = 1_000_000 * tick as u64;
-        let touch = palpate_core::Touch { now_us, weights, displacement_m, hip_m: displacement_m };
+        let touch =
+            palpate_core::Touch { now_us, weights, displacement_m, hip_m: displacement_m, half_axis_m: None };
         let felt_n = Vector3::from(memory.force(&touch).expect("it always answers").force_n.map(f64::from));
         let error_n = (felt_n - wanted_n).norm();
         assert!(error_n < Tolerance::IMPERCEPTIBLE.of_size(wanted_n.norm()), "{mm} mm: {error_n} N");
@@ -312,8 +313,13 @@ fn felt(solver: &mut LiveSolver, contact: u16, hand_m: &[Vector3<f64>]) -> Vec<V
         let mut weights = [NodeWeight::default(); 3];
         weights[0] = NodeWeight { space: contact, weight: 1.0 };
         let d32 = [d.x as f32, d.y as f32, d.z as f32];
-        let touch =
-            palpate_core::Touch { now_us: 1000 * ms as u64, weights, displacement_m: d32, hip_m: d32 };
+        let touch = palpate_core::Touch {
+            now_us: 1000 * ms as u64,
+            weights,
+            displacement_m: d32,
+            hip_m: d32,
+            half_axis_m: None,
+        };
         Vector3::from(memory.force(&touch).expect("it always answers").force_n.map(f64::from))
     };
     hand_m.iter().enumerate().map(tick).collect()
@@ -496,7 +502,13 @@ fn what_a_blob_holds_is_not_solved_again() {
         let wanted = Vector3::from(truth.force_n(&touch).expect("it converges"));
         let displacement_m = touch.control_m.map(|x| x as f32);
         let weights = [NodeWeight { space: 0, weight: 1.0 }, NodeWeight::default(), NodeWeight::default()];
-        let asked = palpate_core::Touch { now_us: 1_000_000, weights, displacement_m, hip_m: displacement_m };
+        let asked = palpate_core::Touch {
+            now_us: 1_000_000,
+            weights,
+            displacement_m,
+            hip_m: displacement_m,
+            half_axis_m: None,
+        };
         // After the fade of the hand-over.
         let felt = (0..200).filter_map(|_| memory.force(&asked)).last().expect("an answer");
         let felt = felt.force_n.map(f64::from);

@@ -2,9 +2,10 @@
 
 use nalgebra::Vector3;
 use palpate_core::{
-    AlignedBytes, Command, Config, Controller, JetMemory, Organ, Phase, Sample, State, TouchSurface,
+    AlignedBytes, Command, Config, Controller, JetMemory, Organ, Orientation, Phase, Sample, State,
+    TouchSurface,
 };
-use palpate_precompute::live::{Hand, LiveSolver, Partner, Published, Touch, Truth};
+use palpate_precompute::live::{Axis, Hand, LiveSolver, Partner, Published, Touch, Truth};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use palpate_precompute::spec::Tolerance;
 use palpate_tests::documents;
@@ -16,13 +17,19 @@ const TICKS_A_STEP: usize = 10;
 
 /// The small organ under a sphere of 10 mm.
 pub(super) fn scene() -> ResolvedScene {
+    scene_with("shape = \"sphere\"\nradius_m = 0.01\n")
+}
+
+/// The small organ under a tool with these keys.
+pub(super) fn scene_with(tool: &str) -> ResolvedScene {
     let folder = tempfile::tempdir().expect("a folder");
     let assets = documents::root().join("assets");
     let text = std::fs::read_to_string(assets.join("liver-small.toml")).expect("a bundled scene");
     let (before, after) = (text.find("[[active]]").expect("it has"), text.find("[device]").expect("it has"));
     let mesh = assets.join("liver-small.msh");
     let text = text[..before].replace("\"liver-small.msh\"", &format!("{:?}", mesh.to_str().expect("UTF-8")))
-        + "[tool]\nshape = \"sphere\"\nradius_m = 0.01\n"
+        + "[tool]\n"
+        + tool
         + &text[after..];
     let path = folder.path().join("sphere.toml");
     std::fs::write(&path, text).expect("a folder for it");
@@ -56,6 +63,16 @@ pub(super) type Felt = (LiveSolver, Vec<(Touch, Command)>);
 /// The ticks of the controllers of one or two tools, each on its way, with a solver for each that takes ten ticks for a step.
 /// Every tool is the partner of the other one.
 pub(super) fn feel(scene: &ResolvedScene, friction: f32, ways: &[Vec<Vector3<f64>>]) -> Vec<Felt> {
+    feel_turning(scene, friction, ways, |_| Orientation::IDENTITY)
+}
+
+/// The same with the orientation of the grip in each tick.
+pub(super) fn feel_turning(
+    scene: &ResolvedScene,
+    friction: f32,
+    ways: &[Vec<Vector3<f64>>],
+    grip: impl Fn(usize) -> Orientation,
+) -> Vec<Felt> {
     let new = |_| (LiveSolver::new(scene).expect("it can be touched"), Vec::new());
     let mut all: Vec<Felt> = ways.iter().map(new).collect();
     let bytes = AlignedBytes::from(&all[0].0.organ(scene).expect("an organ").0[..]);
@@ -92,6 +109,12 @@ pub(super) fn feel(scene: &ResolvedScene, friction: f32, ways: &[Vec<Vector3<f64
                         position_m: ways[other][tick].into(),
                         velocity_m_s: (1e3 * (ways[other][tick] - ways[other][tick.max(1) - 1])).into(),
                     }),
+                    axis: scene.tool.half_axis_m().map(|half_m| {
+                        let half_m = half_m.map(|x| x as f32);
+                        let [before, now] = [tick.max(1) - 1, tick]
+                            .map(|tick| Vector3::from(grip(tick).turn(half_m).map(f64::from)));
+                        Axis { half_m: now.into(), velocity_m_s: (1e3 * (now - before)).into() }
+                    }),
                 });
                 solver.took(1e-3 * TICKS_A_STEP as f64);
                 while let Some(published) = solver.published() {
@@ -101,7 +124,8 @@ pub(super) fn feel(scene: &ResolvedScene, friction: f32, ways: &[Vec<Vector3<f64
             let beside_m = other.filter(|other| pressing[*other]).map(|other| ways[other][tick] - start_m);
             memory.partner(beside_m.map(|at_m| at_m.map(|x| x as f32).into()));
             let t_us = 1_000 * tick as u64;
-            let sample = Sample { t_us, position_m: centre_m.map(|x| x as f32).into(), buttons: 0 };
+            let position_m = centre_m.map(|x| x as f32).into();
+            let sample = Sample { t_us, position_m, orientation: grip(tick), ..Sample::default() };
             let command = controller.tick_on(state, t_us, Some(&sample), &mut **memory);
             assert_eq!(command.phase, Phase::Active, "{command:?}");
             felt.push((touch, command));
@@ -154,7 +178,7 @@ fn a_sphere_comes_to_any_other_place() {
         let at = |clearance_m: f64| place_m + (0.01 + clearance_m) * normal;
         let velocity_m_s = (-0.06 * normal).into();
         for clearance_m in [15e-3, 10e-3, 5e-3] {
-            solver.step(&Hand { hip_m: at(clearance_m).into(), velocity_m_s, touch: None, partner: None });
+            solver.step(&Hand { hip_m: at(clearance_m).into(), velocity_m_s, ..Hand::default() });
         }
         let first_m = at(0.0) - start_m;
         let away_m = |jet: &Published| jet.distance_m(first_m.into());

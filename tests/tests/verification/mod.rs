@@ -5,6 +5,7 @@ mod condensed;
 mod cook;
 mod golden;
 mod live;
+mod live_capsule;
 mod live_sphere;
 mod sphere;
 mod sphere_contact;

@@ -117,7 +117,8 @@ fn feel(organ: &Organ<'_>, friction: f32, way: &[Vector3<f64>]) -> Vec<Vector3<f
     let mut state = State::new();
     state.arm();
     let tick = |(tick, centre_m): (u64, &Vector3<f64>)| {
-        let sample = Sample { t_us: 1_000 * tick, position_m: centre_m.map(|x| x as f32).into(), buttons: 0 };
+        let sample =
+            Sample { t_us: 1_000 * tick, position_m: centre_m.map(|x| x as f32).into(), ..Sample::default() };
         let command = controller.tick(&mut state, sample.t_us, Some(&sample));
         assert_eq!(command.phase, Phase::Active, "{command:?}");
         Vector3::from(command.reaction_n).map(f64::from)

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use clap::Args as ClapArgs;
 use palpate_host::live::{Counters, Hand, Heart, Service, Serving, SessionEnded, Work};
 use palpate_host::sys::{cpu_ns, lower_priority, monotonic_ns};
-use palpate_precompute::live::{Hand as Seen, LiveSolver, Partner, Step, Touch};
+use palpate_precompute::live::{Axis, Hand as Seen, LiveSolver, Partner, Step, Touch};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 
 use crate::blob;
@@ -113,6 +113,10 @@ fn seen(hand: &Hand) -> Seen {
         partner: hand.partner.map(|partner| Partner {
             position_m: partner.position_m.map(f64::from),
             velocity_m_s: partner.velocity_m_s.map(f64::from),
+        }),
+        axis: hand.axis.map(|axis| Axis {
+            half_m: axis.half_m.map(f64::from),
+            velocity_m_s: axis.velocity_m_s.map(f64::from),
         }),
     }
 }

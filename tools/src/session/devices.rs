@@ -7,7 +7,7 @@ use palpate_core::{Organ, vec3};
 use palpate_host::Device;
 use palpate_host::device::motors_off::MotorsOff;
 use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
-use palpate_host::device::palpation::{Palpation, RandomConfig, Way};
+use palpate_host::device::palpation::{Palpation, RandomConfig, Way, Waypoint};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::first_place::first_place;
@@ -15,7 +15,7 @@ use palpate_host::first_place::first_place;
 use super::SessionArgs;
 use crate::device_spec::{DeviceSpec, Motion};
 use crate::failure::Failure;
-use crate::points::table;
+use crate::points::table_with;
 use crate::{hardware, touch};
 
 /// Initial height of the mouse's tool above its first place, m.
@@ -45,12 +45,13 @@ pub(crate) fn profile(args: &SessionArgs) -> Result<Option<Profile>, Failure> {
     }))
 }
 
-/// The way of a table with the columns t_s, x_m, y_m and z_m.
+/// The way of a table with the columns t_s, x_m, y_m and z_m, and those of a grip that turns.
 fn way(path: &Path) -> Result<Way, Failure> {
-    let places: Vec<_> = table::<4>(path, "--device sim:", ["t_s", "x_m", "y_m", "z_m"])?
+    let (placed, turned) = (["t_s", "x_m", "y_m", "z_m"], ["rx_rad", "ry_rad", "rz_rad"]);
+    let places: Vec<_> = table_with(path, "--device sim:", placed, turned)?
         .into_iter()
-        .map(|row| row.map(|number| number as f32))
-        .map(|[t_s, x, y, z]| (t_s, [x, y, z]))
+        .map(|(row, turn)| (row.map(|number| number as f32), turn.map(|angle| angle as f32)))
+        .map(|([t_s, x, y, z], turn_rad)| Waypoint { t_s, place_m: [x, y, z], turn_rad })
         .collect();
     Way::new(places).ok_or_else(|| {
         let what = "a way needs rows in the order of time, at most 0.8 m/s apart";

@@ -277,7 +277,12 @@ impl<F: Ftdi + 'static> Falcon<F> {
             }
         }
         let position_m = self.config.workspace.to_model_m(device_m);
-        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.update(now_us, u32::from(reply.buttons)) }))
+        Ok(Some(Sample {
+            t_us,
+            position_m,
+            buttons: self.buttons.update(now_us, u32::from(reply.buttons)),
+            ..Sample::default()
+        }))
     }
 
     /// Writes a zero past the thread, which may hang or have panicked.

@@ -228,7 +228,7 @@ impl Link {
                 let counts = self.counter.update(encoders);
                 let device_m = self.config.capstan.position_m(counts, self.device.counts_per_turn);
                 let position_m = self.config.workspace.to_model_m(device_m);
-                Ok(Some(Sample { t_us, position_m, buttons: u32::from(buttons) }))
+                Ok(Some(Sample { t_us, position_m, buttons: u32::from(buttons), ..Sample::default() }))
             }
         }
     }

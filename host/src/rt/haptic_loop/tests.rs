@@ -28,7 +28,7 @@ impl<F: FnMut(u64) -> Result<bool, DeviceError> + Send> Device for Probe<'_, F> 
         let position_m = vec3::add(self.rest_m, vec3::scale(self.normal, depth_m.max(-0.012)));
         let answers = (self.each)(self.calls)?;
         let buttons = u32::from(self.calls > 100) << 3;
-        Ok(answers.then_some(Sample { t_us: now_us, position_m, buttons }))
+        Ok(answers.then_some(Sample { t_us: now_us, position_m, buttons, ..Sample::default() }))
     }
 
     fn stop(&mut self) {
@@ -299,7 +299,7 @@ struct Latching<'t> {
 impl Device for Latching<'_> {
     fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.calls += 1;
-        Ok(Some(Sample { t_us: now_us, position_m: [0.3, 0.0, 0.0], buttons: 0 }))
+        Ok(Some(Sample { t_us: now_us, position_m: [0.3, 0.0, 0.0], ..Sample::default() }))
     }
 
     fn stop(&mut self) {}

@@ -1,7 +1,7 @@
 //! How serde writes the fields of a record: names for states, `-1` for no node, and every bit of a vector.
 
 use crate::device::DeviceState;
-use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Vec3};
+use palpate_core::{Coverage, Fault, NodeWeight, Orientation, Phase, Sample, Vec3};
 use serde::de::{Error, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -18,6 +18,21 @@ pub(super) mod sample {
         #[serde(with = "vector")]
         position_m: Vec3,
         buttons: u32,
+        #[serde(default, skip_serializing_if = "is_identity", with = "Turn")]
+        orientation: Orientation,
+    }
+
+    /// The quaternion w + x i + y j + z k; absent without a rotation.
+    #[derive(Serialize, Deserialize)]
+    #[serde(remote = "Orientation", deny_unknown_fields)]
+    struct Turn {
+        w: f32,
+        #[serde(with = "vector")]
+        xyz: Vec3,
+    }
+
+    fn is_identity(orientation: &Orientation) -> bool {
+        *orientation == Orientation::IDENTITY
     }
 
     #[derive(Serialize, Deserialize)]

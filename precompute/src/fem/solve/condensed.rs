@@ -69,7 +69,8 @@ impl Solver {
         let stiffness = self.condensed_stiffness(&problem);
         let sensitivity = self.sensitivity_of_state();
         let third_n_m2 = self.third(&sensitivity);
-        let coupling = self.coupling(&sensitivity);
+        let mut coupling = self.coupling(&sensitivity);
+        self.complete(&mut coupling);
         let residual_n = self.final_correction(residual_n);
         let assembled = &self.assembled;
         if self.newton.reject_inverted && assembled.inverted > 0 {
@@ -159,14 +160,19 @@ impl Solver {
     /// the error of S is of the order of the square of the error of x, so one solve without refinement
     /// suffices. With multipliers K_AA is zero.
     pub(super) fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
-        let n = problem.unknowns();
-        let column = |axis: usize| axis * n..(axis + 1) * n;
-        let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());
         let own = match problem.dofs.multipliers.is_empty() {
             _ if problem.is_elastic() => self.elastic.own_n_m,
             true => self.coupling.own,
             false => Matrix3::zeros(),
         };
+        self.condensed(own)
+    }
+
+    /// The same from another own part, with the columns of another control.
+    pub(super) fn condensed(&self, own: Matrix3<f64>) -> Matrix3<f64> {
+        let n = self.problem.unknowns();
+        let column = |axis: usize| axis * n..(axis + 1) * n;
+        let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());
         own - Matrix3::from_fn(|i, j| {
             inner(&right[column(i)], &x[column(j)]) + inner(&x[column(i)], &residuals[column(j)])
         })

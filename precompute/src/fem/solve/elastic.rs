@@ -1,5 +1,7 @@
 //! The part of elastic tools in the equations, in the sensitivities and in the third derivatives.
 
+use nalgebra::Matrix3;
+
 use super::partner::Partner;
 use super::{Problem, Solver};
 use crate::fem::assembly::{Assembled, third_derivatives};
@@ -29,15 +31,12 @@ impl Solver {
 
     /// -Phi_ud at the last assembled tangent into the right-hand sides.
     pub(super) fn elastic_columns(&mut self) {
-        let n = self.problem.unknowns();
-        self.right.fill(0.0);
-        for (node, block) in &self.elastic.coupling_n_m {
-            for (row, equation) in self.problem.dofs.displacement(*node).into_iter().enumerate() {
-                for axis in (0..3).filter(|_| (equation as usize) < n) {
-                    self.right[axis * n + equation as usize] += block[(row, axis)];
-                }
-            }
-        }
+        fill(&mut self.right, &self.problem, &self.elastic.coupling_n_m, 1.0);
+    }
+
+    /// -Phi_ua of a capsule likewise.
+    pub(super) fn axis_columns(&mut self) {
+        fill(&mut self.right, &self.problem, &self.elastic.turned_n_m, -1.0);
     }
 
     /// W_ijk of the state with these sensitivities. The springs of a pad have no third derivative.
@@ -56,6 +55,19 @@ impl Solver {
             }
         }
         third
+    }
+}
+
+/// Blocks at nodes, times a sign, as right-hand sides: one column for each of their columns.
+fn fill(right: &mut [f64], problem: &Problem, blocks: &[(u32, Matrix3<f64>)], sign: f64) {
+    let n = problem.unknowns();
+    right.fill(0.0);
+    for (node, block) in blocks {
+        for (row, equation) in problem.dofs.displacement(*node).into_iter().enumerate() {
+            for axis in (0..3).filter(|_| (equation as usize) < n) {
+                right[axis * n + equation as usize] += sign * block[(row, axis)];
+            }
+        }
     }
 }
 

@@ -156,6 +156,9 @@ impl Solver {
             to.sensitivity.iter_mut().for_each(|column| column.fill(0.0));
         }
         to.coupling = self.coupling(&to.sensitivity);
+        if !is_free {
+            self.complete(&mut to.coupling);
+        }
         if !to.jet.is_finite() {
             return Err(fail(FailureReason::NotFinite));
         }

@@ -31,7 +31,7 @@ pub use follow::{FollowCount, FollowOptions, Followed};
 pub use free_body::FreeBody;
 pub(crate) use incremental_loading::LoadingOptions;
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
-pub use partner::Coupling;
+pub use partner::{Coupling, Second};
 pub use profile::IterationProfile;
 pub use relax::DESCENT_STEPS;
 pub use renewal::Renewal;

@@ -14,6 +14,10 @@ use crate::fem::elastic::ElasticState;
 use crate::fem::sphere::Posture;
 use crate::num::jet::EnergyJet;
 
+/// Relative residual of the columns by the axis and most sweeps, and the largest residual that serves.
+const AXIS_GOAL: (f64, usize) = (1e-2, 8);
+const WORST_AXIS: f64 = 0.3;
+
 /// The partner at the current state.
 #[derive(Debug, Clone)]
 pub(super) struct Partner {
@@ -28,35 +32,64 @@ impl Partner {
     }
 }
 
-/// How the force of a solved tool depends on its partner.
+/// The second control of a solved tool.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Second {
+    /// The displacement of the partner from the place where that of the tool is zero.
+    Partner,
+    /// The half axis of the tool, a capsule.
+    Axis,
+}
+
+/// How the force of a solved tool depends on its second control q.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coupling {
-    /// Displacement of the partner from the place where that of the tool is zero, m.
-    pub partner_m: [f64; 3],
-    /// dW/dp: the force of the partner on the body, N.
+    /// What q is.
+    pub of: Second,
+    /// q, m.
+    pub second_m: [f64; 3],
+    /// dW/dq, N.
     pub force_n: [f64; 3],
-    /// dh/dp: row i belongs to h_i, N/m.
+    /// dh/dq: row i belongs to h_i, N/m.
     pub mixed_n_m: Matrix3<f64>,
+    /// d2W/dq2 of an axis, N/m; zero of a partner.
+    pub own_n_m: Matrix3<f64>,
 }
 
 impl Coupling {
-    /// The changes of W and of h for another place of the partner, J and N, up to a distance.
-    pub fn change(&self, partner_m: [f64; 3], within_m: f64) -> (f64, [f64; 3]) {
-        let moved_m = (Vector3::from(partner_m) - Vector3::from(self.partner_m)).cap_magnitude(within_m);
-        (Vector3::from(self.force_n).dot(&moved_m), (self.mixed_n_m * moved_m).into())
+    /// The changes of W and of h for another q, J and N, up to a distance, at a displacement from the control, m.
+    pub fn change(&self, second_m: [f64; 3], within_m: f64, from_control_m: [f64; 3]) -> (f64, [f64; 3]) {
+        let moved_m = (Vector3::from(second_m) - Vector3::from(self.second_m)).cap_magnitude(within_m);
+        let change_n = self.mixed_n_m * moved_m;
+        let bent_n = Vector3::from(self.force_n) + 0.5 * self.own_n_m * moved_m;
+        let change_j = bent_n.dot(&moved_m) + change_n.dot(&Vector3::from(from_control_m));
+        (change_j, change_n.into())
+    }
+
+    /// That of the root s = sqrt(2 W):
+    ///
+    /// s_q = (dW/dq) / s,   s_cq = (dh/dq - s_c s_q^T) / s,   s_qq = (d2W/dq2 - s_q s_q^T) / s.
+    #[must_use]
+    pub(crate) fn of_exact_root(&self, root: &EnergyJet) -> Self {
+        let slope = Vector3::from(self.force_n) / root.energy_j;
+        let own_n_m = (self.own_n_m - slope * slope.transpose()) / root.energy_j;
+        Self { own_n_m, ..self.with_slope(root, slope) }
+    }
+
+    fn with_slope(&self, root: &EnergyJet, slope: Vector3<f64>) -> Self {
+        let mixed = (self.mixed_n_m - Vector3::from(root.force_n) * slope.transpose()) / root.energy_j;
+        Self { force_n: slope.into(), mixed_n_m: mixed, own_n_m: Matrix3::zeros(), ..*self }
     }
 
     /// That of the root s of h = s s_c where W depends on the depth along n = s_c / |s_c| alone, which the partner changes:
     ///
-    /// s_p = (dh/dp)^T s_c / (n.S n),   s_cp = (dh/dp - s_c s_p^T) / s,   n.S n = |s_c|^2 + s n.s_cc n.
+    /// s_q = (dh/dq)^T s_c / (n.S n),   n.S n = |s_c|^2 + s n.s_cc n,   and s_cq as of the exact one.
     #[must_use]
     pub(crate) fn of_root(&self, root: &EnergyJet) -> Self {
         let along = Vector3::from(root.force_n);
         let bent = (root.stiffness_n_m * along).dot(&along) / along.norm_squared();
         let stiffness_n_m = along.norm_squared() + root.energy_j * bent;
-        let slope = self.mixed_n_m.transpose() * along / stiffness_n_m;
-        let mixed = (self.mixed_n_m - along * slope.transpose()) / root.energy_j;
-        Self { force_n: slope.into(), mixed_n_m: mixed, ..*self }
+        self.with_slope(root, self.mixed_n_m.transpose() * along / stiffness_n_m)
     }
 }
 
@@ -79,6 +112,31 @@ impl Solver {
     /// Whether the skin is too deep inside the tool or its partner.
     pub(super) fn is_pierced(&self) -> bool {
         self.elastic.is_pierced || self.partner.as_ref().is_some_and(|partner| partner.elastic.is_pierced)
+    }
+
+    /// d2W/da2 of a capsule, by one more solve of three columns with the factor at hand; zero if they are not solved well.
+    ///
+    /// W_aa = Phi_aa + Phi_au Y,   Y = du/da = -K^-1 Phi_ua.
+    pub(super) fn complete(&mut self, coupling: &mut Option<Coupling>) {
+        let Some(coupling) = coupling.as_mut().filter(|coupling| coupling.of == Second::Axis) else { return };
+        self.axis_columns();
+        self.columns.fill(0.0);
+        let problem = self.problem.clone();
+        let matrix = problem.matrix(&self.assembled.tangent);
+        let (residual, _) =
+            self.residual_steps.refine(&mut self.factor, matrix, &self.right, &mut self.columns, AXIS_GOAL);
+        if residual <= WORST_AXIS {
+            let own_n_m = self.condensed(self.elastic.of_axis_n_m);
+            coupling.own_n_m = 0.5 * (own_n_m + own_n_m.transpose());
+        }
+    }
+
+    /// From now on the second control is this one, m.
+    pub(crate) fn set_second(&mut self, of: Second, second_m: Option<[f64; 3]>) {
+        match of {
+            Second::Partner => self.set_partner(second_m),
+            Second::Axis => self.set_half_axis(second_m),
+        }
     }
 
     /// From now on the tool is a capsule with this half axis, m; or a sphere.
@@ -104,12 +162,24 @@ impl Solver {
         if let Some(half_m) = self.half_m {
             let mixed_n_m = through_body(&self.elastic.turned_n_m) + self.elastic.axis_n_m;
             let force_n = self.elastic.of_axis_n.into();
-            return Some(Coupling { partner_m: half_m, force_n, mixed_n_m });
+            return Some(Coupling {
+                of: Second::Axis,
+                second_m: half_m,
+                force_n,
+                mixed_n_m,
+                own_n_m: Matrix3::zeros(),
+            });
         }
         let partner = self.partner.as_ref()?;
         // These blocks are -Phi_up.
         let mixed_n_m = -through_body(&partner.elastic.coupling_n_m);
         let force_n = partner.elastic.force_n.into();
-        Some(Coupling { partner_m: partner.displacement_m, force_n, mixed_n_m })
+        Some(Coupling {
+            of: Second::Partner,
+            second_m: partner.displacement_m,
+            force_n,
+            mixed_n_m,
+            own_n_m: Matrix3::zeros(),
+        })
     }
 }

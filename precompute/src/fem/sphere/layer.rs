@@ -39,7 +39,6 @@ use crate::fem::elastic::ElasticState;
 use crate::fem::pad::shape_values;
 use crate::fem::sphere::overlap::{Overlap, is_near};
 use crate::fem::sphere::{Posture, Sphere};
-use crate::mesh::nearest_on_triangle;
 use crate::num::jet::{SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{cross, difference, distance, norm};
 
@@ -61,14 +60,6 @@ impl Layer {
 
 /// Skin within this share of the radius from the centre is pierced: the pressure there would fill the sphere.
 const PIERCED: f64 = 0.5;
-
-/// A sphere slower than this has no way, m/s, and the steps on one.
-const SLOW_M_S: f64 = 1e-3;
-const STEPS_ON_WAY: u32 = 24;
-
-/// Steps out of a body, and the length of each as a multiple of the overlap.
-const STEPS_OUT: u32 = 20;
-const BESIDE: f64 = 1.05;
 
 /// A face of the skin.
 #[derive(Debug, Clone, PartialEq)]
@@ -105,6 +96,8 @@ pub struct CoatedSphere {
     pub layer: Layer,
     /// Place of the centre where the displacement is zero, m.
     pub start_m: [f64; 3],
+    /// Half axis where its way to the body is asked for, m; zero of a sphere.
+    pub(crate) half_m: [f64; 3],
     points: Arc<Points>,
 }
 
@@ -139,94 +132,17 @@ impl CoatedSphere {
             Face { nodes, is_quadratic, area_m2: face_m2 / f64::from(parts * parts), parts }
         };
         let faces = body.skin().map(face).collect();
-        Self { radius_m, layer, start_m, points: Arc::new(Points { faces, shapes: table }) }
-    }
-
-    /// Distance of the layer from the body at rest, m; zero or less where they overlap.
-    pub fn clearance_m(&self, body: &Body, displacement_m: [f64; 3]) -> f64 {
-        self.foot(body, displacement_m).1 - self.outer_m()
-    }
-
-    /// The displacement out of the body, if the layer overlaps the skin at rest at this one: step by step away from the
-    /// nearest point of the skin. The same displacement if it does not overlap.
-    pub(crate) fn beside_m(&self, body: &Body, mut displacement_m: [f64; 3]) -> [f64; 3] {
-        for _ in 0..STEPS_OUT {
-            let (foot_m, distance_m) = self.foot(body, displacement_m);
-            if distance_m >= self.outer_m() {
-                break;
-            }
-            let overlap = BESIDE * (self.outer_m() - distance_m) / distance_m.max(f64::MIN_POSITIVE);
-            let away = |k: usize| overlap * (self.start_m[k] + displacement_m[k] - foot_m[k]);
-            displacement_m = std::array::from_fn(|k| displacement_m[k] + away(k));
-        }
-        displacement_m
-    }
-
-    /// The place of the skin at rest that is nearest to the centre, and its distance from it, m.
-    pub(crate) fn foot(&self, body: &Body, displacement_m: [f64; 3]) -> ([f64; 3], f64) {
-        let centre_m: [f64; 3] = std::array::from_fn(|axis| self.start_m[axis] + displacement_m[axis]);
-        let of = |face: &Face| {
-            let corners = [0, 1, 2].map(|k| body.rest_position_m(face.nodes[k]));
-            let (place, _) = nearest_on_triangle(corners, centre_m);
-            (place, distance(place, centre_m))
-        };
-        let all = self.points.faces.iter().map(of);
-        all.min_by(|(_, a), (_, b)| a.total_cmp(b)).expect("a body has a skin")
-    }
-
-    /// The displacement at which the layer overlaps the skin at rest by `depth_m`, where a centre at `centre_m` comes to
-    /// it on the shortest way; `None` if it is farther than `within_m`.
-    pub(crate) fn first_touch_m(
-        &self,
-        body: &Body,
-        centre_m: [f64; 3],
-        within_m: f64,
-        depth_m: f64,
-    ) -> Option<[f64; 3]> {
-        let (foot_m, away_m) = self.foot(body, difference(centre_m, self.start_m));
-        let rest_m = self.outer_m() - depth_m;
-        let is_near = away_m > 0.0 && away_m < self.outer_m() + within_m;
-        is_near.then(|| {
-            let at = |k: usize| foot_m[k] + rest_m / away_m * (centre_m[k] - foot_m[k]) - self.start_m[k];
-            std::array::from_fn(at)
-        })
-    }
-
-    /// The displacement at which a centre that moves on from `centre_m` straight on overlaps the skin at rest by `depth_m`;
-    /// `None` if that is not within `within_m`, or if it does not move.
-    pub(crate) fn touched_on_way_m(
-        &self,
-        body: &Body,
-        centre_m: [f64; 3],
-        velocity_m_s: [f64; 3],
-        within_m: f64,
-        depth_m: f64,
-    ) -> Option<[f64; 3]> {
-        let speed_m_s = norm(velocity_m_s);
-        if speed_m_s < SLOW_M_S {
-            return None;
-        }
-        let at = |way_m: f64| -> [f64; 3] {
-            std::array::from_fn(|k| centre_m[k] - self.start_m[k] + way_m / speed_m_s * velocity_m_s[k])
-        };
-        let mut way_m = 0.0;
-        for _ in 0..STEPS_ON_WAY {
-            // The skin is no nearer than this.
-            let left_m = self.clearance_m(body, at(way_m)) + depth_m;
-            if left_m <= 0.1 * depth_m {
-                return Some(at(way_m));
-            }
-            way_m += left_m;
-            if way_m > within_m {
-                break;
-            }
-        }
-        None
+        Self { radius_m, layer, start_m, half_m: [0.0; 3], points: Arc::new(Points { faces, shapes: table }) }
     }
 
     /// Radius at which the layer begins, m.
-    fn outer_m(&self) -> f64 {
+    pub(super) fn outer_m(&self) -> f64 {
         Sphere { radius_m: self.radius_m, layer: self.layer }.reach_m()
+    }
+
+    /// The corners of the faces at rest, m.
+    pub(super) fn corners_m(&self, body: &Body) -> impl Iterator<Item = [[f64; 3]; 3]> {
+        self.points.faces.iter().map(|face| [0, 1, 2].map(|k| body.rest_position_m(face.nodes[k])))
     }
 
     /// The faces that can reach the layer, with the places of their nodes relative to the centre.
@@ -308,6 +224,7 @@ impl CoatedSphere {
                     if turns {
                         let block = face.area_m2 * overlap.turned(curvature, slope, half);
                         to.axis_n_m -= block;
+                        to.of_axis_n_m += face.area_m2 * overlap.of_axis(curvature, slope, half);
                         turned.iter_mut().zip(values).for_each(|(sum, value)| *sum += block * *value);
                     }
                 }

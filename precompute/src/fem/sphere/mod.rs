@@ -1,5 +1,6 @@
-//! A frictionless sphere against the deformed skin: rigid, or with a thin elastic layer.
+//! A frictionless sphere or capsule against the deformed skin: rigid, or with a thin elastic layer.
 
+mod beside;
 mod complementarity;
 mod gap;
 mod layer;
@@ -20,6 +21,15 @@ pub(crate) struct Posture {
     pub(crate) displacement_m: [f64; 3],
     /// Half axis of a capsule, m; zero of a sphere.
     pub(crate) half_m: [f64; 3],
+}
+
+/// A capsule without friction: what a sphere covers whose centre moves along a line.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Capsule {
+    /// The sphere.
+    pub sphere: Sphere,
+    /// The way from the middle of the line to one end in the frame of the grip, m.
+    pub half_axis_m: [f64; 3],
 }
 
 /// A sphere without friction.

@@ -44,6 +44,23 @@ impl<'a> Overlap<'a> {
         let follows = self.axis * lever.transpose() / half.norm();
         -self.share * curvature * along + slope / self.distance_m * (across - follows)
     }
+
+    /// D2 phi for changes of the half axis: phi'' s^2 n n^T + phi' times the second derivative of the distance,
+    ///
+    /// (s^2 / r) (1 - n n^T - e e^T) + (s / |a|) (n e^T + e n^T) - (r / |a|^2) n n^T between the ends, e = a / |a|,
+    ///
+    /// and s^2 D2 phi of the point at an end.
+    pub(super) fn of_axis(&self, curvature: f64, slope: f64, half: Vector3<f64>) -> Matrix3<f64> {
+        let of_end = self.share * self.share * self.second(curvature, slope);
+        if self.axis == Vector3::zeros() {
+            return of_end;
+        }
+        let length = half.norm();
+        let mixed = self.normal * self.axis.transpose();
+        let along = self.normal * self.normal.transpose();
+        let bent = self.share / length * (mixed + mixed.transpose());
+        of_end + slope * (bent - self.distance_m / (length * length) * along)
+    }
 }
 
 /// Whether the box round the control points of a face, relative to the centre, comes within `reach` of it.

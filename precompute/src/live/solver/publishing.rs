@@ -2,7 +2,7 @@
 
 use super::super::published::Published;
 use super::LiveSolver;
-use crate::fem::Coupling;
+use crate::fem::{Coupling, Second};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::norm;
 
@@ -33,7 +33,8 @@ impl LiveSolver {
             if jet.is_free() {
                 let clearance_m = sphere.clearance_m(&self.body, jet.control_m);
                 // The partner presses the skin away.
-                let least_m = if coupling.is_some() { BESIDE_PARTNER_M } else { 0.0 };
+                let is_beside = coupling.is_some_and(|coupling| coupling.of == Second::Partner);
+                let least_m = if is_beside { BESIDE_PARTNER_M } else { 0.0 };
                 trust.shrink_to(clearance_m.max(least_m));
             } else if trust.root.is_none() && norm(jet.force_n) < LIGHT_N {
                 trust.shrink_to(LIGHT_TRUST_M);

@@ -8,7 +8,7 @@ use super::super::states::Start;
 use super::super::task::{Aim, Task};
 use super::super::workers::Made;
 use super::LiveSolver;
-use crate::fem::{Coupling, DESCENT_STEPS, FollowOptions, Followed, FreeBody, Seed};
+use crate::fem::{Coupling, DESCENT_STEPS, FollowOptions, Followed, FreeBody, Second, Seed};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, norm};
 use crate::spec::Tolerance;
@@ -87,8 +87,8 @@ impl LiveSolver {
         let contact = task.contact;
         let is_first = self.known[usize::from(contact)].is_empty();
         let moves = self.go_to(contact, is_first);
-        let partner_m = self.partner_m.filter(|_| !is_first);
-        self.workers.present().solver.set_partner(partner_m);
+        let second_m = self.second_m.filter(|_| !is_first);
+        self.workers.present().solver.set_second(self.skin.second(), second_m);
         let from = self.start(&task, is_first);
         let branch = if is_first { REST } else { self.branches.of(contact) };
         let factorisations = self.totals.factorisations;
@@ -172,7 +172,8 @@ impl LiveSolver {
     /// The body at rest with a sphere beside it, if that is much nearer than a kept state: between two places of the skin
     /// lies the body, and no continuation leads through it.
     fn untouched(&mut self, task: &Task) -> Option<Start> {
-        let sphere = self.skin.sphere().filter(|_| self.partner_m.is_none())?;
+        let has_partner = self.skin.second() == Second::Partner && self.second_m.is_some();
+        let sphere = self.skin.sphere().filter(|_| !has_partner)?;
         let nearest = self.states.nearest(task.contact, self.branches.of(task.contact), task.control_m);
         let within_m =
             nearest.map_or(f64::INFINITY, |seed| NEARER * distance(seed.jet.control_m, task.control_m));

@@ -164,7 +164,7 @@ fn solve(
                 contacts: visit.weights.map(|node| (node.space, f64::from(node.weight))),
                 control_m: visit.control_m.map(f64::from),
             };
-            truth.face(visit.partner_m.map(|at_m| at_m.map(f64::from)));
+            truth.face(visit.second_m.map(|at_m| at_m.map(f64::from)));
             // A vertex that a change has fixed cannot be displaced.
             let is_free = |&(contact, weight): &(u16, f64)| weight <= 0.0 || live.skin().is_free(contact);
             let solved = touch.contacts.iter().all(is_free).then(|| truth.force_n(&touch).ok()).flatten();

@@ -218,7 +218,7 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
     };
     other.wait(&stop)?;
     let mut watcher = Watcher::new(&args.session, begun);
-    let mut visits = Visits::new(args.check > 0 || keep.is_some());
+    let mut visits = Visits::new(args.check > 0 || keep.is_some(), organ.tool.half_axis_m());
     let mut guard = None;
     let open = || {
         let (device, status) = device.open(&organ)?;

@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::Args as ClapArgs;
 use palpate_host::live::{LinkState, LoopEnd, PartnerLink, SecondError, SecondSession, link_of_stdin};
+use palpate_precompute::spec::Tool;
 use serde_json::{Value, json};
 
 use super::Args;
@@ -134,7 +135,7 @@ impl Args {
             let line = "--second has one model for both hands: give --set one value for a key";
             return Err(Failure::input(line));
         }
-        if scene(&self.scene, settings)?.resolve()?.tool.sphere().is_none() {
+        if !matches!(scene(&self.scene, settings)?.resolve()?.tool, Tool::Sphere(_)) {
             let line = "--second needs a scene with [tool] shape = \"sphere\": other tools hold their contacts alone";
             return Err(Failure::input(line));
         }

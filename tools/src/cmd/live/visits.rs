@@ -12,8 +12,8 @@ pub(crate) struct Visit {
     pub(crate) weights: [NodeWeight; 3],
     pub(crate) control_m: [f32; 3],
     pub(crate) felt_n: [f32; 3],
-    /// Place of another tool that presses the same body.
-    pub(super) partner_m: Option<[f32; 3]>,
+    /// Place of another tool that presses the same body, or the half axis of a capsule.
+    pub(super) second_m: Option<[f32; 3]>,
     /// Whether a new touch begins here.
     pub(super) begins: bool,
     /// Number of changes of the scene before it.
@@ -39,20 +39,27 @@ pub(super) struct Visits {
     /// Whether positions are kept.
     keeps: bool,
     touches: bool,
-    /// Whether another tool has pressed the body in the present touch: then it is no closed loop.
+    /// Half axis of a capsule in the frame of the grip, and turned with the grip.
+    half_axis_m: Option<Vec3>,
+    turned_m: Option<Vec3>,
+    /// Whether something else has done work on the body in the present touch, another tool or the turning of this one: then it
+    /// is no closed loop.
     is_open: bool,
     /// Work on the hand in the present touch: now, and its smallest and largest value, J.
     work_j: [f32; 3],
 }
 
 impl Visits {
-    /// `keeps` says whether positions are of use.
-    pub(super) fn new(keeps: bool) -> Self {
-        Self { keeps, ..Self::default() }
+    /// `keeps` says whether positions are of use; `half_axis_m` is that of a capsule.
+    pub(super) fn new(keeps: bool, half_axis_m: Option<Vec3>) -> Self {
+        Self { keeps, half_axis_m, ..Self::default() }
     }
 
     /// Takes the next record. `changes` is the number of changes of the scene before it; `None` during a change.
     pub(super) fn take(&mut self, record: &TickRecord, changes: Option<usize>) {
+        if let (Some(half_m), Some(sample)) = (self.half_axis_m, &record.sample) {
+            self.turned_m = Some(sample.orientation.turn(half_m));
+        }
         let touched = std::mem::replace(&mut self.touches, record.engaged.is_some());
         if !self.touches {
             if touched && !std::mem::take(&mut self.is_open) {
@@ -60,18 +67,17 @@ impl Visits {
             }
             return;
         }
-        // The other hand does work on this one through the body.
-        self.is_open |= pressing_m(record).is_some();
+        let second_m = pressing_m(record).or(self.turned_m);
+        self.is_open |= second_m.is_some();
         self.first_touch_us.get_or_insert(record.t_us);
         let [_, least_j, most_j] = if touched { self.work_j } else { [0.0; 3] };
         let work_j = record.hand_work_j;
         self.work_j = [work_j, least_j.min(work_j), most_j.max(work_j)];
         let Some(changes) = changes.filter(|_| self.keeps) else { return };
         let begins = !touched;
-        let partner_m = pressing_m(record);
         let is_far = |last: &Visit| {
             vec3::distance(last.control_m, record.displacement_m) > WAY_M
-                || match (last.partner_m, partner_m) {
+                || match (last.second_m, second_m) {
                     (Some(one), Some(other)) => vec3::distance(one, other) > WAY_M,
                     (one, other) => one.is_some() != other.is_some(),
                 }
@@ -80,7 +86,7 @@ impl Visits {
         };
         if begins || self.kept.last().is_none_or(is_far) {
             let (weights, control_m, felt_n) = (record.shares, record.displacement_m, record.reaction_n);
-            self.kept.push(Visit { weights, control_m, felt_n, partner_m, begins, changes });
+            self.kept.push(Visit { weights, control_m, felt_n, second_m, begins, changes });
         }
     }
 
@@ -117,7 +123,7 @@ mod tests {
 
     #[test]
     fn touches_are_loops_and_visits_lie_apart() {
-        let mut visits = Visits::new(true);
+        let mut visits = Visits::new(true, None);
         let touch = |visits: &mut Visits, end_j: f32| {
             for step in 0..=10 {
                 let way = (5 - (step - 5_i32).abs()) as f32;
@@ -140,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_touch_beside_another_tool_is_no_loop_and_is_visited_where_that_moves() {
-        let mut visits = Visits::new(true);
+        let mut visits = Visits::new(true, None);
         for step in 0..=9 {
             let partner = Partner {
                 position_m: [0.0, 1.25e-3 * step as f32, 0.0],
@@ -153,7 +159,7 @@ mod tests {
         visits.take(&record(false, 0.0, 0.0), Some(0));
         assert_eq!(visits.loops.count, 0);
         let partners: Vec<_> =
-            visits.kept.iter().map(|v| v.partner_m.map(|at_m| (1e3 * at_m[1]).round())).collect();
+            visits.kept.iter().map(|v| v.second_m.map(|at_m| (1e3 * at_m[1]).round())).collect();
         assert_eq!(partners, [None, Some(4.0), Some(6.0), Some(9.0), Some(11.0)]);
     }
 }

@@ -224,6 +224,7 @@ pub(super) fn run(
                 velocity_m_s: velocity.into(),
                 touch: Some(touch(contact, d)),
                 partner: None,
+                axis: None,
             };
             let start = Instant::now();
             let step = solver.step(&seen);
@@ -287,8 +288,13 @@ impl Ticks {
         let d32 = [d.x as f32, d.y as f32, d.z as f32];
         let mut weights = [NodeWeight::default(); 3];
         weights[0] = NodeWeight { space: contact, weight: 1.0 };
-        let touch =
-            palpate_core::Touch { now_us: 1000 * ms as u64, weights, displacement_m: d32, hip_m: d32 };
+        let touch = palpate_core::Touch {
+            now_us: 1000 * ms as u64,
+            weights,
+            displacement_m: d32,
+            hip_m: d32,
+            half_axis_m: None,
+        };
         let answer = memory.force(&touch).expect("a jet memory always answers");
         let felt = V::from(answer.force_n.map(f64::from));
         let is_covered = answer.coverage != Coverage::Extrapolated;
