@@ -78,8 +78,8 @@ impl Contact {
 /// Where a sphere presses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Patch {
-    /// Area of the deformed skin in the layer of the sphere, m^2. The layer begins outside the radius, so it is larger than
-    /// that under a rigid sphere.
+    /// Area of the deformed skin in the layer of the sphere, m^2. The layer is soft and begins outside the radius: under a
+    /// sphere of 10 mm, 2 to 3.5 mm deep, it is 1.9 to 1.5 times that of Hertz.
     pub area_m2: f32,
     /// Greatest pressure, Pa.
     pub largest_pa: f32,
