@@ -124,7 +124,8 @@ fn middles() -> impl Iterator<Item = [f64; 3]> {
     let thirds = 3 * PARTS;
     // In thirds of a part the middles are the places whose three weights leave the same rest, 1 or 2.
     let all = (0..thirds).flat_map(move |i| (0..thirds - i).map(move |j| [i, j, thirds - i - j]));
-    let is_middle = |at: &[u32; 3]| at[0] % 3 != 0 && at.iter().all(|weight| weight % 3 == at[0] % 3);
+    let is_middle =
+        |at: &[u32; 3]| !at[0].is_multiple_of(3) && at.iter().all(|weight| weight % 3 == at[0] % 3);
     all.filter(is_middle).map(move |at| at.map(|weight| f64::from(weight) / f64::from(thirds)))
 }
 
