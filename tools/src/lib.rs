@@ -24,6 +24,7 @@ mod interrupt;
 mod memory;
 mod motors_off;
 mod output;
+mod plot;
 mod points;
 mod progress;
 mod regions;
@@ -35,6 +36,7 @@ mod timing;
 mod touch;
 mod truth;
 mod usage;
+mod words;
 
 use std::process::ExitCode;
 

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, Command, Error, Parser};
 
-/// Replaces clap's help flags in `command` and in its subcommands.
+/// Replaces clap's help flags in `command` and in its subcommands, and lets every option have a negative number.
 fn with_help(command: Command) -> Command {
     let flag =
         |name: &'static str, action, help: &'static str| Arg::new(name).long(name).action(action).help(help);
@@ -16,6 +16,11 @@ fn with_help(command: Command) -> Command {
         .disable_help_subcommand(true)
         .arg(flag("help", ArgAction::HelpShort, "Print the common options").short('h'))
         .arg(flag("help-all", ArgAction::HelpLong, "Print all options, explained"))
+        // "--friction -0.1" gives a value out of range, not the unknown options -0 and -1.
+        .mut_args(|arg| {
+            let has_value = arg.get_action().takes_values() && !arg.is_positional();
+            if has_value { arg.allow_negative_numbers(true) } else { arg }
+        })
         .mut_subcommands(with_help)
 }
 

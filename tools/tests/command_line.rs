@@ -405,12 +405,15 @@ fn mistakes_are_refused_in_one_line() {
     let points = folder.path().join("in.csv");
     std::fs::write(&points, "x_m,y_m,z_m\n").expect("written");
     let points = text(&points);
-    let mistakes: [(&[&str], &[&str]); 20] = [
+    let mistakes: [(&[&str], &[&str]); 23] = [
         (&["dmeo"], &["demo", "palpate --help"]),
         (&["compare", scene], &["compare", "palpate --help"]),
         (&["run"], &["<BLOB>", "palpate run --help"]),
         (&["run", BLOB, "--sceonds", "1"], &["--seconds", "palpate run --help"]),
         (&["run", BLOB, "--uncertified", "--headless", "--seconds", "-1"], &["--seconds -1", "not negative"]),
+        (&["live", scene, "--friction", "-0.1"], &["-0.1", "--friction", "not within 0 and 1"]),
+        (&["run", BLOB, "--guard-ms", "-1"], &["-1", "--guard-ms", "3..=20"]),
+        (&["run", BLOB, "--frame-rate", "-1"], &["-1", "not within 0 and 1000"]),
         (&["run", BLOB, "--uncertified", "--device", "flacon"], &["no device `flacon`", "falcon"]),
         (&["run", BLOB, "--uncertified", "--profile", "delta"], &["delta.3"]),
         (&["run", dir], &["is a folder"]),

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+use palpate_core::{Coverage, Fault, Phase};
 use palpate_host::TickRecord;
 use palpate_record::{Recording, TickWriter};
 
@@ -114,6 +115,53 @@ fn a_session_is_recorded_inspected_and_replayed() {
         code == Some(0) && told.contains("bit-identical") && told.contains("is truncated here"),
         "{told}"
     );
+}
+
+/// A peak of one tick, a time without data and a fault are in the picture of the recording, and in that of their time.
+#[test]
+fn a_recording_is_drawn_over_time() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (recording, planted, picture) = (at("session.mcap"), at("planted.mcap"), at("session.svg"));
+    let run = ["run", BLOB, "--uncertified", "--headless", "--frame-rate", "0", "--seconds", "2", "--record"];
+    let (code, told) = said(&[&run[..], &[text(&recording)]].concat());
+    assert_eq!(code, Some(0), "{told}");
+    rewritten(&recording, &planted, |record| match record.t_us / 1000 {
+        // The peak that a picture of every second tick would miss, whether even or odd.
+        700 => record.hand_force_n = [0.0, 321.0, 0.0],
+        1000..1100 => record.coverage = Some(Coverage::Extrapolated),
+        1500.. => record.phase = Phase::SafeZero(Fault::Overspeed),
+        _ => {}
+    });
+    let drawing = |window: &[&str]| {
+        let (code, told) =
+            said(&[&["inspect", text(&planted), "--picture", text(&picture)], window].concat());
+        assert_eq!(code, Some(0), "{told}");
+        std::fs::read_to_string(&picture).expect("the picture")
+    };
+    let (all, before, peak) =
+        (drawing(&[]), drawing(&["--window", "0,0.6"]), drawing(&["--window", "0.65,0.75"]));
+    for (drawn, has_peak, has_fault) in [(&all, true, true), (&before, false, false), (&peak, true, false)] {
+        assert!(drawn.starts_with("<svg xmlns=") && drawn.ends_with("</svg>\n"), "{drawn}");
+        assert_eq!(drawn.contains(">300</text>"), has_peak, "the axis of a force of 321 N");
+        assert_eq!(drawn.contains(">overspeed</text>"), has_fault);
+    }
+    assert!(all.contains("speed of the tool") && all.matches(">magnitude<").count() == 2, "{all}");
+
+    let refusals: [(&[&str], &str); 5] = [
+        (&["--window", "9,10"], "give a --window before its end"),
+        (&["--window", "2,1"], "the earlier one first"),
+        (&["--window=-1,1"], "the earlier one first"),
+        (&["--window", "x"], "the earlier one first"),
+        (&["--from", "front"], "--from"),
+    ];
+    for (arguments, reason) in refusals {
+        let (code, told) =
+            said(&[&["inspect", text(&planted), "--picture", text(&picture)], arguments].concat());
+        assert!(code == Some(2) && told.contains(reason), "{arguments:?}: {told}");
+    }
+    let (code, told) = said(&["inspect", BLOB, "--picture", text(&picture)]);
+    assert!(code == Some(2) && told.contains("--picture for .space and .mcap"), "{told}");
 }
 
 /// Standard output is one JSON object for any other options, and the exit codes are the same.

@@ -177,16 +177,7 @@ impl fmt::Display for ReplaySummary {
             )?,
             _ => write!(f, ", all forces bit-identical")?,
         }
-        write!(
-            f,
-            "\ntouch        {} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; \
-             peak displacement {:.1} mm",
-            touch.contacts,
-            100.0 * touch.engaged_ticks as f64 / ticks.max(1) as f64,
-            touch.peak_reaction_n,
-            touch.peak_hand_force_n,
-            touch.peak_displacement_m * 1e3
-        )?;
+        write!(f, "\ntouch        {}", touch.in_words(ticks))?;
         if self.lost > 0 {
             write!(
                 f,

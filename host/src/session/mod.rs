@@ -13,7 +13,7 @@ mod statistics;
 mod summary;
 
 pub use observer::Observer;
-pub use statistics::TouchStatistics;
+pub use statistics::{TouchDisplacement, TouchStatistics};
 pub use summary::SessionSummary;
 
 use crate::device::{Device, DeviceInfo};

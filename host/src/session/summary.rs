@@ -100,16 +100,7 @@ impl fmt::Display for SessionSummary {
         writeln!(f, "{}", self.system)?;
         writeln!(f, "{}", self.latency)?;
         let touch = &self.touch;
-        write!(
-            f,
-            "touch        {} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; \
-             peak displacement {:.1} mm",
-            touch.contacts,
-            100.0 * touch.engaged_ticks as f64 / self.ticks.max(1) as f64,
-            touch.peak_reaction_n,
-            touch.peak_hand_force_n,
-            touch.peak_displacement_m * 1e3
-        )?;
+        write!(f, "touch        {}", touch.in_words(self.ticks))?;
         if touch.engaged_ticks > 0 {
             self.write_coverage(f)?;
             write!(

@@ -58,6 +58,7 @@ mod window_controller;
 #[path = "../../tests/common/synthetic.rs"]
 mod synthetic;
 
+pub use contact::Patch;
 pub use error::ViewerError;
 pub use frames::FrameWriter;
 pub use help::Help;

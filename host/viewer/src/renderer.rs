@@ -254,7 +254,8 @@ impl Renderer {
         self.captions.contact = None;
         if let Some(sphere) = organ.tool.sphere().filter(|_| !self.captions.force_only) {
             let skin = (&self.surface, organ.surface.triangles);
-            self.captions.contact = self.contact.update(skin, (sphere, half_m), record);
+            let patch = self.contact.update(skin, (sphere, half_m), record);
+            self.captions.contact = patch.map(|patch| patch.to_string());
             self.contact.draw(&projection, &mut self.image);
         }
         self.scene.visible_nodes(organ, view, &self.surface, record, &mut self.names_at);

@@ -2,6 +2,7 @@
 
 mod capsule;
 mod condensed;
+mod contact_patch;
 mod cook;
 mod golden;
 mod live;

@@ -25,7 +25,7 @@ use crate::{hardware, output};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds to measure; 0 does not measure
-    #[arg(long, value_name = "S", default_value_t = 2.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
     seconds: f64,
     /// Only measure, for this many seconds
     #[arg(long, value_name = "S", conflicts_with = "seconds")]

@@ -38,7 +38,7 @@ pub(crate) struct Args {
     #[arg(required_unless_present = "controls")]
     direction: Option<[f64; 3]>,
     /// Length of a step, mm
-    #[arg(long, value_name = "MM", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", default_value_t = 1.0)]
     step_mm: f64,
     /// Number of steps along the direction
     #[arg(long, value_name = "N")]

@@ -29,6 +29,8 @@ pub(crate) enum FileKind {
     Recording,
     /// A still picture.
     Png,
+    /// A drawing, as this program writes it.
+    Svg,
     /// An animated picture.
     Gif,
     /// Comma-separated values under a header of names, as this program writes them.
@@ -90,6 +92,8 @@ impl FileKind {
             Self::Mesh
         } else if begins("<!DOCTYPE html") || begins("<html") {
             Self::Html
+        } else if begins("<svg") {
+            Self::Svg
         } else if text.contains("<VTKFile") {
             if text.contains("type=\"Collection\"") { Self::Pvd } else { Self::Vtu }
         } else if text.lines().next().is_some_and(is_header) {
@@ -112,6 +116,7 @@ impl FileKind {
             Self::Database => "a database of another program",
             Self::Recording => "a recording (MCAP)",
             Self::Png => "a picture (PNG)",
+            Self::Svg => "a drawing (SVG)",
             Self::Gif => "a film (GIF)",
             Self::Table => "a table (CSV)",
             Self::Vtu => "a grid (VTU)",
@@ -162,7 +167,7 @@ mod tests {
         let golden =
             Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-like-core/golden/organ-514.blob");
         assert_eq!(FileKind::of(&golden).expect("a bundled file"), FileKind::Blob);
-        let expected: [(&[u8], FileKind); 14] = [
+        let expected: [(&[u8], FileKind); 15] = [
             (b"", FileKind::Empty),
             (b"x_m,y_m,z_m\n0,0,0\n", FileKind::Table),
             (b"active,rbf-linear_fx_n\n", FileKind::Table),
@@ -173,6 +178,7 @@ mod tests {
             (b"[mesh]\nfile = \"a.msh\"\n", FileKind::Toml),
             (b"# only a remark\n", FileKind::Text),
             (b"GIF89a\x00\x01", FileKind::Gif),
+            (b"<svg xmlns=\"http://www.w3.org/2000/svg\">", FileKind::Svg),
             (b"<!DOCTYPE html>\n<html>", FileKind::Html),
             (b"<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\">", FileKind::Pvd),
             (b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\">", FileKind::Vtu),

@@ -31,7 +31,7 @@ pub(crate) struct SessionArgs {
     #[arg(long, value_name = "NAME|FILE.toml")]
     pub(crate) profile: Option<String>,
     /// Seconds to run; until Ctrl-C if not given
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S")]
     pub(crate) seconds: Option<f64>,
     /// PNG frames instead of a window
     #[arg(long)]
@@ -52,7 +52,8 @@ pub(crate) struct SessionArgs {
     #[arg(long)]
     pub(crate) json: bool,
     /// Frames per second without a window; 0 for none; 2 if not given
-    #[arg(long, value_name = "HZ", value_parser = frame_rate, hide_short_help = true, help_heading = "Pictures")]
+    #[arg(long, value_name = "HZ", value_parser = frame_rate, hide_short_help = true,
+          help_heading = "Pictures")]
     pub(crate) frame_rate: Option<f32>,
     /// Folder for frames and screenshots; existing ones stay, and the numbers continue
     #[arg(
@@ -66,7 +67,8 @@ pub(crate) struct SessionArgs {
     /// Coulomb friction, 0 to 1, or stick; 0.3 by default, and 0 under a sphere
     ///
     /// A point or fingertip slides over triangles whose corners are all active, a sphere anywhere.
-    #[arg(long, value_name = "MU", value_parser = friction, hide_short_help = true, help_heading = "Contact")]
+    #[arg(long, value_name = "MU", value_parser = friction, hide_short_help = true,
+          help_heading = "Contact")]
     pub(crate) friction: Option<f32>,
     /// Create this socket, over which `palpate control` disarms, resets and ends the session
     ///

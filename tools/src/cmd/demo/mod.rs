@@ -20,7 +20,7 @@ use crate::files::{FileKind, Files, Output, Replace};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds of palpation
-    #[arg(long, value_name = "S", default_value_t = 10.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
     seconds: f64,
     /// PNG frames instead of a window, even with a display
     #[arg(long)]

@@ -9,6 +9,8 @@ mod recording;
 pub(crate) mod scattered;
 mod space;
 mod summarised;
+mod timeline;
+mod trace;
 
 use std::path::{Path, PathBuf};
 
@@ -26,6 +28,7 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 use crate::friction;
 use crate::output;
+use timeline::Window;
 
 /// Show what a mesh, scene, space, blob or recording holds.
 ///
@@ -62,12 +65,18 @@ pub(crate) struct Args {
     /// Of a .space: its held-out solutions, a row per position
     #[arg(long, value_name = "FILE.csv")]
     held_out: Option<PathBuf>,
-    /// Of a .space: a picture of stiffness and configurations
+    /// Of a .space or .mcap: a picture, a .png or a .svg
     ///
-    /// The organ coloured by its stiffness at rest and by the configurations of its nodes.
-    #[arg(long, value_name = "FILE.png")]
+    /// Of a .space: the organ coloured by its stiffness at rest and by the configurations of its nodes.
+    ///
+    /// Of a .mcap: force for the hand, displacement and speed of the tool over time, and when the force was
+    /// extrapolated, limited or zero. Where several ticks share a column, it shows their smallest and largest value.
+    #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    /// Sides of the --picture, a row each [default: front,back]
+    /// Of a .mcap: the seconds that the --picture shows, such as 0.5,2 [default: all]
+    #[arg(long, value_name = "FROM,UNTIL", requires = "picture", value_parser = Window::parse, allow_hyphen_values = true)]
+    window: Option<Window>,
+    /// Sides of the --picture of a .space, a row each [default: front,back]
     ///
     /// front, back, left, right, above or below; the long axis is across the front.
     #[arg(long, value_name = "SIDE,..", value_delimiter = ',', requires = "picture", value_parser = map::side)]
@@ -85,10 +94,14 @@ pub(crate) struct Args {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let kind = args.file.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    let of_spaces = args.vtu.is_some() || args.held_out.is_some() || args.picture.is_some() || args.all_tries;
-    if kind != "space" && (of_spaces || (args.csv.is_some() && kind != "mcap")) {
-        let what = "--vtu, --held-out, --picture and --all-tries are for .space files, --csv for .space and .mcap files";
+    let of_spaces = args.vtu.is_some() || args.held_out.is_some() || !args.from.is_empty() || args.all_tries;
+    let of_both = args.csv.is_some() || args.picture.is_some();
+    if kind != "space" && (of_spaces || (of_both && kind != "mcap")) {
+        let what = "--vtu, --held-out, --from and --all-tries are for .space files, --csv and --picture for .space and .mcap files";
         return Err(Failure::input(format!("{}: {what}", args.file.display())));
+    }
+    if kind != "mcap" && args.window.is_some() {
+        return Err(Failure::input(format!("{}: --window is for .mcap files", args.file.display())));
     }
     if args.unit.is_some() && matches!(kind.as_str(), "space" | "blob" | "toml" | "mcap") {
         return Err(Failure::input(format!("{}: --unit is for mesh files", args.file.display())));
@@ -101,7 +114,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             files.read(&args.file);
             let csv =
                 args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
-            recording::show(&args.file, csv.as_ref())?
+            let picture = args
+                .picture
+                .as_ref()
+                .map(|path| files.write("--picture", path, FileKind::Svg))
+                .transpose()?;
+            let window = args.window.unwrap_or(Window::ALL);
+            recording::show(&args.file, csv.as_ref(), picture.as_ref().map(|file| (file, window)))?
         }
         "toml" => scene(&args.file, args.verbose)?,
         _ => mesh(&args.file, args.unit, args.verbose)?,

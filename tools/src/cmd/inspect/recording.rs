@@ -13,17 +13,23 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::Shown;
+use super::timeline::{Timeline, Window};
 use crate::failure::Failure;
 use crate::files::{Output, Stream};
 
-/// Describes the recording, and writes its ticks if requested. It uses a single pass, because an
-/// hour of ticks may exceed the memory.
-pub(super) fn show(path: &Path, csv: Option<&Output>) -> Result<Shown, Failure> {
+/// Describes the recording, and writes its ticks and draws a part of them if requested. It uses a single pass,
+/// because an hour of ticks may exceed the memory.
+pub(super) fn show(
+    path: &Path,
+    csv: Option<&Output>,
+    picture: Option<(&Output, Window)>,
+) -> Result<Shown, Failure> {
     let damaged = |error| Failure::input(format!("{}: {error}", path.display()));
     let source = File::open(path).map_err(|error| Failure::file(path, &error))?;
     let mut recording = Recording::open(BufReader::new(source)).map_err(damaged)?;
     let header = recording.header().clone();
     let mut table = csv.map(Table::begin).transpose()?;
+    let mut timeline = picture.map(|(file, window)| (file, Timeline::new(&header, window)));
     let mut figures = Figures::default();
     for record in recording.by_ref() {
         let record = record.map_err(damaged)?;
@@ -31,9 +37,23 @@ pub(super) fn show(path: &Path, csv: Option<&Output>) -> Result<Shown, Failure> 
         if let Some(table) = &mut table {
             table.row(&record, &header)?;
         }
+        if let Some((_, timeline)) = &mut timeline {
+            timeline.take(&record);
+        }
     }
     if let Some(table) = table {
         table.finish()?;
+    }
+    if let Some((file, timeline)) = timeline {
+        let Some(drawing) = timeline.svg() else {
+            let last_s = figures.last_us as f64 * 1e-6;
+            let line = format!(
+                "{}: no tick to draw; give a --window before its end at {last_s:.3} s",
+                path.display()
+            );
+            return Err(Failure::input(line));
+        };
+        file.put(drawing.as_bytes())?;
     }
     Ok(figures.describe(&header, &recording))
 }
@@ -83,8 +103,7 @@ impl Figures {
         let text = format!(
             "{}: {} ticks in {seconds:.1} s, {} faults\n\ndevice       {}\nscene        {} (active nodes {})\nblob         {}\nmethod       {} ({}, {})\n\
              begun        {:.3} s after 1970\nticks        {}, {seconds:.3} s; {} deadlines skipped, {} without a sample\n\
-             touch        {} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; \
-             peak displacement {:.1} mm\ntiming       compute {mean_compute_us:.1} us mean, {:.1} us max; at most {:.1} us late\n\
+             touch        {}\ntiming       compute {mean_compute_us:.1} us mean, {:.1} us max; at most {:.1} us late\n\
              faults       {}\nlosses       {} records missing between ticks, {dropped} counted as dropped\nend          {}",
             if is_whole { "complete" } else { "INCOMPLETE" },
             self.ticks,
@@ -100,11 +119,7 @@ impl Figures {
             self.ticks,
             self.skipped_periods,
             self.without_sample,
-            touch.contacts,
-            100.0 * touch.engaged_ticks as f64 / self.ticks.max(1) as f64,
-            touch.peak_reaction_n,
-            touch.peak_hand_force_n,
-            touch.peak_displacement_m * 1e3,
+            touch.in_words(self.ticks),
             self.max_compute_ns as f64 * 1e-3,
             self.max_lateness_ns as f64 * 1e-3,
             if faults.is_empty() { "none".into() } else { faults.join(", ") },

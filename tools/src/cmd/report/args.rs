@@ -39,7 +39,7 @@ pub(crate) struct Args {
     /// Radius r_G of the spaces, mm; each scene's own if not given
     ///
     /// 20 for the bundled organ with --small.
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM")]
     pub(super) radius_mm: Option<f64>,
     /// Active node; each scene's first if not given
     #[arg(long, value_name = "NAME")]

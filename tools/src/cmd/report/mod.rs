@@ -2,7 +2,7 @@
 //!
 //! [`plan`] defines the cases. [`solve`] makes the spaces and held-out solutions, [`tables`] the blobs with
 //! their certificates, [`measure`] the rows of the main tables, [`curves`] the finite-element curves by law.
-//! [`files`] writes CSV and JSON, and [`page`] the page with the drawings of [`plot`]. The code contains no
+//! [`files`] writes CSV and JSON, and [`page`] the page with its drawings. The code contains no
 //! result that the page shows.
 
 mod args;
@@ -13,12 +13,10 @@ mod measure;
 mod outputs;
 mod page;
 mod plan;
-mod plot;
 mod results;
 mod solve;
 mod steps;
 mod tables;
-mod words;
 
 use std::path::PathBuf;
 use std::time::Instant;

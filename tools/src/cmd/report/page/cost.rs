@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use palpate_precompute::spec::Tolerance;
 
 use super::super::measure::{Measured, MethodRow};
-use super::super::plot::{Axis, Chart, Point, Series, Style};
 use super::super::results::Report;
-use super::super::words::{bytes, count, figure, list, milli, plain, seconds, times};
 use super::html::{figure as plots, files, paragraph, says, section};
 use super::{is_of_the_paper, least, method_keys, row, title};
+use crate::plot::{Axis, Chart, Point, Series, Style};
+use crate::words::{bytes, count, figure, list, milli, plain, seconds, times};
 
 /// A cost on the horizontal axis.
 struct Price {

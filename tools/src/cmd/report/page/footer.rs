@@ -1,8 +1,8 @@
 //! Machine, versions, date and commands.
 
-use super::super::plot::escaped;
 use super::super::results::Report;
-use super::super::words::{figure, percent, seconds};
+use crate::plot::escaped;
+use crate::words::{figure, percent, seconds};
 
 /// Returns the footer.
 pub(super) fn section(report: &Report) -> String {

@@ -1,6 +1,6 @@
 //! HTML elements of the page. Every element is closed, so that the page is also well-formed XML.
 
-use super::super::plot::{Style, escaped};
+use crate::plot::{Style, escaped};
 
 /// A section with its anchor.
 pub(super) fn section(id: &str, title: &str, body: &str) -> String {

@@ -9,11 +9,11 @@ mod paper;
 use palpate_core::Method;
 
 use super::measure::{Measured, MethodRow};
-use super::plot::{Style, escaped};
 use super::results::Report;
-use super::words;
 use crate::failure::Failure;
 use crate::files::Output;
+use crate::plot::{self, Style, escaped};
+use crate::words;
 use html::Key;
 
 const STYLE: &str = include_str!("style.css");
@@ -28,8 +28,9 @@ pub(super) fn write(report: &Report, file: &Output) -> Result<(), Failure> {
     let page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n\
-         <style>\n{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
-        escaped(&title)
+         <style>\n{}{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
+        escaped(&title),
+        plot::STYLE
     );
     file.put(page.as_bytes())
 }

@@ -6,12 +6,12 @@ use palpate_core::Method;
 
 use super::super::curves::CurveRow;
 use super::super::measure::{Along, Measured, PathRow};
-use super::super::plot::{Axis, Bars, Chart, Point, Series, Style, Value};
 use super::super::results::Report;
-use super::super::words::{count, figure, law, list, milli, percent, seconds};
 use super::cost::radius;
 use super::html::{Key, figure as plots, files, heading, paragraph, says, section as whole};
 use super::{method_keys, title};
+use crate::plot::{Axis, Bars, Chart, Point, Series, Style, Value};
+use crate::words::{count, figure, law, list, milli, percent, seconds};
 
 /// The just-noticeable difference of a force.
 const JND: f64 = 0.07;

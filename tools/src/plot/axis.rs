@@ -1,10 +1,10 @@
 //! An axis: its range, scale and ticks.
 
-use crate::cmd::report::words::plain;
+use crate::words::{multiple, plain};
 
 /// An axis of a plot.
 #[derive(Debug, Clone)]
-pub(in super::super) struct Axis {
+pub(crate) struct Axis {
     /// Name of the quantity, with its unit.
     pub label: String,
     low: f64,
@@ -21,7 +21,7 @@ pub(super) struct Tick {
 
 impl Axis {
     /// A linear axis that includes zero and all of `values`.
-    pub(in super::super) fn linear(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
+    pub(crate) fn linear(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = range(values, |x| x.is_finite()).unwrap_or((0.0, 1.0));
         let (low, high) = (low.min(0.0), high.max(0.0));
         let high = if high > low { high } else { low + 1.0 };
@@ -30,8 +30,13 @@ impl Axis {
         Self { label: label.into(), low, high: high + room, log: false }
     }
 
+    /// A linear axis from `low` to `high`, without a margin.
+    pub(crate) fn span(label: &str, low: f64, high: f64) -> Self {
+        Self { label: label.into(), low, high, log: false }
+    }
+
     /// A logarithmic axis that includes all positive `values`.
-    pub(in super::super) fn log(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
+    pub(crate) fn log(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = range(values, |x| x.is_finite() && x > 0.0).unwrap_or((1.0, 10.0));
         // A margin for the markers, and a range of at least a decade: small differences must not appear
         // large.
@@ -65,11 +70,12 @@ impl Axis {
         let power = 10f64.powf(rough.log10().floor());
         let step =
             [1.0, 2.0, 5.0, 10.0].map(|n| n * power).into_iter().find(|s| *s >= rough).unwrap_or(rough);
-        let first = (self.low / step).ceil() as i64;
+        // With a tolerance for the rounding of an end that is a tick.
+        let first = (self.low / step - 1e-6).ceil() as i64;
         (first..)
             .map(|n| n as f64 * step)
-            .take_while(|value| *value <= self.high)
-            .map(|value| Tick { value, text: Some(plain(value)) })
+            .take_while(|value| *value <= self.high + 1e-6 * step)
+            .map(|value| Tick { value, text: Some(multiple(value, step)) })
             .collect()
     }
 
@@ -109,6 +115,8 @@ mod tests {
         assert_eq!(texts(&Axis::linear("", [3.0, 41.0])), ["0", "10", "20", "30", "40"]);
         assert_eq!(texts(&Axis::log("", [0.5, 900.0])), ["1", "10", "100", "1,000"]);
         assert_eq!(texts(&Axis::log("", [20.0, 30.0])), ["10", "20", "30", "50"]);
+        assert_eq!(texts(&Axis::span("", 3600.15, 3600.45)), ["3,600.2", "3,600.3", "3,600.4"]);
+        assert_eq!(texts(&Axis::span("", 1.3, 1.7)), ["1.3", "1.4", "1.5", "1.6", "1.7"]);
         assert_eq!(texts(&Axis::linear("", [])), ["0", "0.2", "0.4", "0.6", "0.8", "1"]);
     }
 

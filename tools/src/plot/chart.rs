@@ -6,7 +6,7 @@ use super::svg::{END, MIDDLE, START, Svg};
 
 /// A plot.
 #[derive(Debug)]
-pub(in super::super) struct Chart {
+pub(crate) struct Chart {
     /// Title above the plot.
     pub title: String,
     /// The horizontal axis.
@@ -21,7 +21,7 @@ pub(in super::super) struct Chart {
 
 /// A series of points.
 #[derive(Debug)]
-pub(in super::super) struct Series {
+pub(crate) struct Series {
     /// Its style.
     pub style: Style,
     /// Whether its points are connected.
@@ -34,7 +34,7 @@ pub(in super::super) struct Series {
 
 /// One point.
 #[derive(Debug, Clone)]
-pub(in super::super) struct Point {
+pub(crate) struct Point {
     /// Horizontal value.
     pub x: f64,
     /// Vertical value.
@@ -125,7 +125,7 @@ impl Frame<'_> {
 
 impl Chart {
     /// Returns the drawing.
-    pub(in super::super) fn svg(&self) -> String {
+    pub(crate) fn svg(&self) -> String {
         let mut svg = Svg::default();
         let frame = Frame { x: Some(&self.x), y: &self.y };
         frame.draw(&mut svg, &self.title, &self.x.label);

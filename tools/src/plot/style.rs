@@ -7,7 +7,7 @@ use super::svg::Svg;
 
 /// Shape of a marker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in super::super) enum Shape {
+pub(crate) enum Shape {
     Circle,
     Square,
     Diamond,
@@ -19,7 +19,7 @@ pub(in super::super) enum Shape {
 
 /// Style of a series.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in super::super) struct Style {
+pub(crate) struct Style {
     /// Colour in CSS syntax.
     pub colour: &'static str,
     /// Shape of its markers.
@@ -31,7 +31,8 @@ pub(in super::super) struct Style {
 }
 
 /// Black, orange, sky, green, vermilion, blue, purple.
-const PALETTE: [&str; 7] = ["#000000", "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#0072b2", "#b0569a"];
+pub(crate) const PALETTE: [&str; 7] =
+    ["#000000", "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#0072b2", "#b0569a"];
 
 impl Style {
     const fn new(colour: usize, shape: Shape, dash: &'static str) -> Self {
@@ -39,7 +40,7 @@ impl Style {
     }
 
     /// The style of a method, which is the same in every plot.
-    pub(in super::super) fn of_method(method: Method) -> Self {
+    pub(crate) fn of_method(method: Method) -> Self {
         match method {
             Method::Trilinear => Self::new(1, Shape::Circle, ""),
             Method::Tricubic => Self::new(2, Shape::Square, ""),
@@ -53,7 +54,7 @@ impl Style {
     }
 
     /// One of several styles for series without a style of their own.
-    pub(in super::super) fn number(n: usize) -> Self {
+    pub(crate) fn number(n: usize) -> Self {
         const ALL: [Style; 7] = [
             Style::new(5, Shape::Circle, ""),
             Style::new(4, Shape::Square, "6 3"),
@@ -67,7 +68,7 @@ impl Style {
     }
 
     /// The same style with hollow markers.
-    pub(in super::super) fn hollow(self) -> Self {
+    pub(crate) fn hollow(self) -> Self {
         Self { hollow: true, ..self }
     }
 
@@ -77,14 +78,14 @@ impl Style {
     }
 
     /// A short line with a marker, for a legend.
-    pub(in super::super) fn swatch(&self) -> String {
+    pub(crate) fn swatch(&self) -> String {
         let mut svg = Svg::default();
         svg.polyline(&[[1.0, 8.0], [33.0, 8.0]], self.colour, self.dash);
         self.in_legend(svg, &self.shape.path([17.0, 8.0], 4.5))
     }
 
     /// A block, for a legend of bars.
-    pub(in super::super) fn block(&self) -> String {
+    pub(crate) fn block(&self) -> String {
         self.in_legend(Svg::default(), &rectangle([8.0, 2.0], [18.0, 12.0]))
     }
 

@@ -2,6 +2,9 @@
 
 use std::fmt::Write;
 
+/// The style sheet of the plots.
+pub(crate) const STYLE: &str = include_str!("style.css");
+
 /// Edge of a text at its position, in SVG's words.
 pub(super) const START: &str = "start";
 pub(super) const MIDDLE: &str = "middle";
@@ -21,6 +24,15 @@ impl Svg {
             escaped(title),
             self.body
         )
+    }
+
+    /// The same as the content of a file: with the style sheet of the plots, on white.
+    pub(super) fn finish_file(self, width: f64, height: f64, title: &str) -> String {
+        let own =
+            format!("<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" ");
+        let head =
+            format!("><style>\n{STYLE}</style><rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>");
+        self.finish(width, height, title).replacen("<svg ", &own, 1).replacen('>', &head, 1) + "\n"
     }
 
     /// A straight line with a class of the style sheet.
@@ -53,6 +65,15 @@ impl Svg {
         );
     }
 
+    /// A filled rectangle from its upper left corner.
+    pub(super) fn block(&mut self, [x, y]: [f64; 2], [width, height]: [f64; 2], colour: &str, opacity: f64) {
+        let _ = write!(
+            self.body,
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{colour}\" \
+             fill-opacity=\"{opacity}\"/>"
+        );
+    }
+
     /// Text with a class of the style sheet.
     pub(super) fn text(&mut self, [x, y]: [f64; 2], anchor: &str, class: &str, text: &str) {
         let _ = write!(
@@ -73,6 +94,6 @@ impl Svg {
 }
 
 /// Text escaped for element content and attributes.
-pub(in super::super) fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -7,7 +7,7 @@ use super::svg::{MIDDLE, Svg};
 
 /// A plot of groups.
 #[derive(Debug)]
-pub(in super::super) struct Bars {
+pub(crate) struct Bars {
     /// Title above the plot.
     pub title: String,
     /// Label of the groups.
@@ -22,7 +22,7 @@ pub(in super::super) struct Bars {
 
 /// One bar or stem.
 #[derive(Debug)]
-pub(in super::super) struct Value {
+pub(crate) struct Value {
     /// Its style.
     pub style: Style,
     /// Its height; a missing one leaves a gap.
@@ -33,7 +33,7 @@ pub(in super::super) struct Value {
 
 impl Bars {
     /// Returns the drawing.
-    pub(in super::super) fn svg(&self) -> String {
+    pub(crate) fn svg(&self) -> String {
         let mut svg = Svg::default();
         let frame = Frame { x: None, y: &self.y };
         frame.draw(&mut svg, &self.title, &self.x_label);

@@ -2,7 +2,7 @@
 
 /// A number with at most four significant digits and thousands separators, powers of ten if it is very large
 /// or small, and a dash for NaN.
-pub(super) fn plain(value: f64) -> String {
+pub(crate) fn plain(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 {
         return "0".into();
@@ -20,8 +20,17 @@ pub(super) fn plain(value: f64) -> String {
     apart(&trimmed(&format!("{value:.digits$}")))
 }
 
-/// The same with three significant digits, for a measured value.
-pub(super) fn figure(value: f64) -> String {
+/// A multiple of a step, with the digits that tell it from its neighbours.
+pub(crate) fn multiple(value: f64, step: f64) -> String {
+    if value == 0.0 || !(1e-3..1e6).contains(&value.abs()) {
+        return plain(value);
+    }
+    let digits = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
+    apart(&trimmed(&format!("{value:.digits$}")))
+}
+
+/// A number with three significant digits, for a measured value.
+pub(crate) fn figure(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return plain(value);
     }
@@ -31,23 +40,23 @@ pub(super) fn figure(value: f64) -> String {
 }
 
 /// A value in thousandths: N as mN, m as mm.
-pub(super) fn milli(value: f64) -> String {
+pub(crate) fn milli(value: f64) -> String {
     figure(1e3 * value)
 }
 
 /// A share as a percentage.
-pub(super) fn percent(share: f64) -> String {
+pub(crate) fn percent(share: f64) -> String {
     let text = figure(100.0 * share);
     if share.is_finite() { format!("{text} %") } else { text }
 }
 
 /// A count with thousands separators.
-pub(super) fn count(n: usize) -> String {
+pub(crate) fn count(n: usize) -> String {
     apart(&n.to_string())
 }
 
 /// Bytes with a suitable unit.
-pub(super) fn bytes(n: usize) -> String {
+pub(crate) fn bytes(n: usize) -> String {
     match n as f64 {
         n if n < 1e3 => format!("{n} B"),
         n if n < 1e6 => format!("{} kB", figure(n / 1e3)),
@@ -56,7 +65,7 @@ pub(super) fn bytes(n: usize) -> String {
 }
 
 /// Seconds with a suitable unit.
-pub(super) fn seconds(s: f64) -> String {
+pub(crate) fn seconds(s: f64) -> String {
     match s {
         s if s < 1.0 => format!("{} ms", figure(1e3 * s)),
         s if s < 300.0 => format!("{} s", figure(s)),
@@ -65,12 +74,12 @@ pub(super) fn seconds(s: f64) -> String {
 }
 
 /// A ratio as "n times".
-pub(super) fn times(ratio: f64) -> String {
+pub(crate) fn times(ratio: f64) -> String {
     format!("{} times", if ratio >= 10.0 { plain(ratio.round()) } else { format!("{ratio:.1}") })
 }
 
 /// "a, b and c".
-pub(super) fn list(items: &[String]) -> String {
+pub(crate) fn list(items: &[String]) -> String {
     match items {
         [] => String::new(),
         [one] => one.clone(),
@@ -79,7 +88,7 @@ pub(super) fn list(items: &[String]) -> String {
 }
 
 /// The usual name of a law in the literature.
-pub(super) fn law(name: &str) -> String {
+pub(crate) fn law(name: &str) -> String {
     match name {
         "mooney-rivlin" => "Mooney-Rivlin".into(),
         "st-venant-kirchhoff" => "St. Venant-Kirchhoff".into(),
@@ -141,6 +150,10 @@ mod tests {
         assert_eq!(
             [0.012345, 1.999, 123.456, 98765.0, 0.0].map(figure),
             ["0.0123", "2", "123", "98,800", "0"]
+        );
+        assert_eq!(
+            [multiple(3600.2, 0.1), multiple(-0.5, 0.5), multiple(40.0, 20.0)],
+            ["3,600.2", "\u{2212}0.5", "40"]
         );
         assert_eq!([bytes(512), bytes(51_234), bytes(3_210_000)], ["512 B", "51.2 kB", "3.21 MB"]);
         assert_eq!(list(&["a".into(), "b".into(), "c".into()]), "a, b and c");
