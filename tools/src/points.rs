@@ -21,13 +21,16 @@ pub(crate) fn table<const N: usize>(
     Ok(table_with(path, option, columns, [])?.into_iter().map(|(row, [])| row).collect())
 }
 
+/// The numbers of the required columns of a row, and of the others.
+type Row<const N: usize, const M: usize> = ([f64; N], [f64; M]);
+
 /// The same with columns that are zero where the table has none of them.
 pub(crate) fn table_with<const N: usize, const M: usize>(
     path: &Path,
     option: &str,
     columns: [&str; N],
     more: [&str; M],
-) -> Result<Vec<([f64; N], [f64; M])>, Failure> {
+) -> Result<Vec<Row<N, M>>, Failure> {
     if path == Path::new(STANDARD) {
         if stdin().is_terminal() {
             return Err(Failure::input(format!(
@@ -50,7 +53,7 @@ fn parse<const N: usize, const M: usize>(
     source: impl Read,
     columns: [&str; N],
     more: [&str; M],
-) -> Result<Vec<([f64; N], [f64; M])>, Failure> {
+) -> Result<Vec<Row<N, M>>, Failure> {
     let at = |line: u64, what: String| {
         let header = columns.join(",");
         Failure::input(format!("{name}:{line}: {what}; the header is {header}, one point a line"))

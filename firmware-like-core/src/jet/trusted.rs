@@ -54,7 +54,7 @@ impl Place {
     }
 
     /// The displacement from the control, no farther than where a root has faded.
-    fn from_control_within(&self, trust_m: f32) -> Vec3 {
+    fn way_within(&self, trust_m: f32) -> Vec3 {
         let beyond_m = self.beyond_m.min(3.0 * trust_m.max(MIN_LEVELLING_M));
         vec3::add(self.from_control_m, vec3::scale(self.outward, beyond_m))
     }
@@ -142,7 +142,7 @@ impl Jet {
         let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
         let (gradient, value, nearness, coverage, from_control_m) = match &at {
             Some(at) => {
-                let from_m = at.from_control_within(self.trust_m);
+                let from_m = at.way_within(self.trust_m);
                 (self.gradient(at), self.value(at), at.nearness(self.trust_m), at.coverage(), from_m)
             }
             None => (self.force_n, self.energy_j, 0.0, Coverage::Extrapolated, vec3::ZERO),

@@ -20,7 +20,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use palpate_core::{Coverage, Fault, NodeWeight, Phase, Sample, Solver, vec3};
+    use palpate_core::{Coverage, Fault, NodeWeight, Orientation, Phase, Sample, Solver, vec3};
     use palpate_host::device::DeviceState;
     use palpate_host::live::{LiveTick, Partner};
     use palpate_host::rt::Applied;
@@ -35,7 +35,7 @@ pub(super) mod tests {
                 t_us: 1_234_001,
                 position_m: [0.1, -0.2, 1.0e-9],
                 buttons: 5,
-                ..Sample::default()
+                orientation: Orientation { w: 0.8, xyz: [0.0, -0.6, 0.0] },
             }),
             device: DeviceState::Unhomed,
             applied: Applied { zeroed: true, reset: true, arm: false, disarm: true },
@@ -49,6 +49,7 @@ pub(super) mod tests {
                 NodeWeight { space: 0, weight: 0.0 },
             ],
             reaction_n: [1.0 / 3.0, 2.0, -7.0],
+            reaction_n_m: [0.0, 0.25, -0.5],
             hand_force_n: [-1.0 / 3.0, -2.0, 7.0],
             coverage: Some(Coverage::SuperCell),
             phase: Phase::SafeZero(Fault::Overspeed),
@@ -92,11 +93,11 @@ pub(super) mod tests {
 
     const FULL: &str = concat!(
         r#"{"tick":1234,"t_us":1234056,"sample":{"t_us":1234001,"position_m":{"x":0.1,"y":-0.2"#,
-        r#","z":1e-9},"buttons":5},"device":"unhomed","zeroed":true,"reset":true,"arm":false"#,
+        r#","z":1e-9},"buttons":5,"orientation":{"w":0.8,"xyz":{"x":0.0,"y":-0.6,"z":0.0}}},"device":"unhomed","zeroed":true,"reset":true,"arm":false"#,
         r#","disarm":true,"model":3,"hip_m":{"x":0.1,"y":-0.0,"z":0.3},"displacement_m":{"x":0.001"#,
         r#","y":0.002,"z":-0.003},"engaged":2,"shares":[{"space":2,"weight":0.7},{"space":9"#,
         r#","weight":0.3},{"space":0,"weight":0.0}],"reaction_n":{"x":0.33333334,"y":2.0,"z":-7.0}"#,
-        r#","hand_force_n":{"x":-0.33333334,"y":-2.0,"z":7.0},"coverage":"supercell""#,
+        r#","reaction_n_m":{"x":0.0,"y":0.25,"z":-0.5},"hand_force_n":{"x":-0.33333334,"y":-2.0,"z":7.0},"coverage":"supercell""#,
         r#","phase":"safe-zero","fault":"overspeed","ramp":0.3,"clamped":true"#,
         r#","hand_work_j":-0.33333334,"damped":true,"compute_ns":9001,"device_ns":8000"#,
         r#","lateness_ns":401,"skipped_periods":3,"live":{"jets":41,"sequence":40,"hand_overs":9,"fade_step_n":0.5"#,
@@ -115,8 +116,10 @@ pub(super) mod tests {
     /// Every bit, also of floats that are not finite.
     fn bits(record: &TickRecord) -> (Vec<u32>, String) {
         let vectors = [record.hip_m, record.displacement_m, record.reaction_n, record.hand_force_n];
-        let position_m = record.sample.map_or([0.0; 3], |sample| sample.position_m);
-        let all = vectors.into_iter().chain([position_m]).flatten().map(f32::to_bits).collect();
+        let sample = record.sample.unwrap_or_default();
+        let Orientation { w, xyz } = sample.orientation;
+        let all =
+            vectors.into_iter().chain([sample.position_m, xyz, [w; 3]]).flatten().map(f32::to_bits).collect();
         (all, format!("{record:?}"))
     }
 
@@ -156,7 +159,9 @@ pub(super) mod tests {
     #[test]
     fn a_value_that_is_not_finite_is_stored_as_bits() {
         let nan = f32::from_bits(0x7fc0_1234);
-        let sample = Sample { t_us: 7, position_m: [0.5, nan, f32::NEG_INFINITY], ..Sample::default() };
+        let orientation = Orientation { w: nan, xyz: [nan, 0.0, 0.0] };
+        let sample =
+            Sample { t_us: 7, position_m: [0.5, nan, f32::NEG_INFINITY], orientation, ..Sample::default() };
         let message = text(&TickRecord { sample: Some(sample), ..full() });
         assert!(
             message.contains(r#""position_m":{"x":0.5,"bits":[1056964608,2143294004,4286578688]}"#),

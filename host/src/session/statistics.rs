@@ -29,6 +29,8 @@ impl TouchDisplacement {
 pub struct TouchStatistics {
     /// Largest |h| of the model, N.
     pub peak_reaction_n: f32,
+    /// Largest moment of h about the HIP, N m.
+    pub peak_reaction_n_m: f32,
     /// Largest force for the hand, N.
     pub peak_hand_force_n: f32,
     /// Largest displacement of the tool in a touch, m.
@@ -62,6 +64,7 @@ impl TouchStatistics {
     /// Adds one record. Records come in order.
     pub fn add(&mut self, record: &TickRecord) {
         self.peak_reaction_n = self.peak_reaction_n.max(vec3::norm(record.reaction_n));
+        self.peak_reaction_n_m = self.peak_reaction_n_m.max(vec3::norm(record.reaction_n_m));
         self.peak_hand_force_n = self.peak_hand_force_n.max(vec3::norm(record.hand_force_n));
         let displacement_m = self.displacement.next_m(record).map_or(0.0, vec3::norm);
         self.peak_displacement_m = self.peak_displacement_m.max(displacement_m);
@@ -100,8 +103,12 @@ impl TouchStatistics {
         } else {
             format!("peak displacement {mm:.1} mm")
         };
+        let moment = match 1e3 * self.peak_reaction_n_m {
+            0.0 => String::new(),
+            mn_m => format!("; moment up to {mn_m:.1} mN m"),
+        };
         format!(
-            "{} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; {moved}",
+            "{} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; {moved}{moment}",
             self.contacts,
             100.0 * self.engaged_ticks as f64 / ticks.max(1) as f64,
             self.peak_reaction_n,

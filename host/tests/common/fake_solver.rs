@@ -54,7 +54,7 @@ pub(crate) fn jet(contact: u16, sequence: u32, d: Vec3) -> Jet {
         stiffness_n_m: PAIRS.map(|(i, j)| stiffness(i, j)),
         third_n_m2: TRIPLES.map(third),
         trust_m: TRUST_M,
-        partner: None,
+        coupling: None,
         model: 0,
     }
 }

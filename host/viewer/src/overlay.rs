@@ -196,8 +196,10 @@ impl Overlay {
             ("data", coverage, if coverage == "extrapolated" { WAITING } else { BRIGHT }),
             ("phase", phase.as_str(), colour),
         ];
+        let moment = format!("{:.1} mN m", 1e3 * palpate_core::vec3::norm(record.reaction_n_m));
+        let of_capsule = captions.tool.half_axis_m().map(|_| ("moment", moment.as_str(), BRIGHT));
         y += 14.0 * scale;
-        for (name, value, colour) in rows {
+        for (name, value, colour) in of_capsule.into_iter().chain(rows) {
             y += 21.0 * scale;
             let style = TextStyle::new(9.5 * scale, colour);
             self.text(image, value, right, y, Align::Right, style);

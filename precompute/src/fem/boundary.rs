@@ -119,7 +119,7 @@ impl Contact {
 pub struct Pose {
     /// Displacement of the centre, m.
     pub displacement_m: [f64; 3],
-    /// Rotation vector of a patch about the centre, rad; ignored for a single node.
+    /// Rotation vector of a patch or capsule about the centre, rad; ignored for a single node.
     pub rotation_rad: [f64; 3],
 }
 
@@ -140,8 +140,16 @@ impl Pose {
 
     /// Displacement from rest of a point at `arm_m` from the centre, m: t + (R - I) arm.
     pub(crate) fn displacement_of(&self, arm_m: &Vector3<f64>) -> Vector3<f64> {
-        let turn = Rotation3::from_scaled_axis(Vector3::from(self.rotation_rad));
-        Vector3::from(self.displacement_m) + (turn.matrix() - Matrix3::identity()) * arm_m
+        Vector3::from(self.displacement_m) + (self.rotation().matrix() - Matrix3::identity()) * arm_m
+    }
+
+    /// A vector after the rotation.
+    pub fn turned(&self, vector: [f64; 3]) -> [f64; 3] {
+        (self.rotation() * Vector3::from(vector)).into()
+    }
+
+    fn rotation(&self) -> Rotation3<f64> {
+        Rotation3::from_scaled_axis(Vector3::from(self.rotation_rad))
     }
 }
 

@@ -67,8 +67,8 @@ pub(crate) struct Args {
     /// patch.
     #[arg(long)]
     details: bool,
-    /// Also turn the patch of the active node about it: rotation vector x,y,z in rad, reached at the last
-    /// step
+    /// Also turn the patch of the active node about it, or a capsule about its centre: rotation vector x,y,z in
+    /// rad, reached at the last step
     #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true, hide_short_help = true)]
     turn: Option<[f64; 3]>,
     #[command(flatten)]
@@ -136,16 +136,16 @@ fn check_tool(args: &Args, bench: &Analysis) -> Result<(), Failure> {
             _ => Ok(()),
         };
     }
-    let given = [(args.active.is_some(), "--active"), (args.turn.is_some(), "--turn")];
-    if let Some((_, option)) = given.into_iter().find(|(is_given, _)| *is_given) {
-        return Err(Failure::input(format!(
-            "{option}: a sphere has no active node and does not turn; leave it out"
-        )));
+    if args.active.is_some() {
+        return Err(Failure::input("--active: a sphere or capsule has no active node; leave it out"));
+    }
+    if args.turn.is_some() && bench.scene.tool.half_axis_m().is_none() {
+        return Err(Failure::input("--turn: a sphere is the same however it is turned; leave it out"));
     }
     match args.controls {
         Some(_) => Ok(()),
         None => Err(Failure::input(
-            "a sphere has no place of rest: give the places of its centre with --controls FILE.csv (x_m,y_m,z_m)",
+            "a sphere or capsule has no place of rest: give the places of its centre with --controls FILE.csv (x_m,y_m,z_m)",
         )),
     }
 }

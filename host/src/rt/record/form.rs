@@ -26,6 +26,7 @@ pub(super) mod sample {
     #[derive(Serialize, Deserialize)]
     #[serde(remote = "Orientation", deny_unknown_fields)]
     struct Turn {
+        #[serde(with = "component")]
         w: f32,
         #[serde(with = "vector")]
         xyz: Vec3,
@@ -49,6 +50,31 @@ pub(super) mod sample {
         from: D,
     ) -> Result<Option<Sample>, D::Error> {
         Ok(Option::<Given>::deserialize(from)?.map(|given| given.0))
+    }
+}
+
+/// A number. JSON has no NaN and no infinity: such a number is its bits in a string.
+mod component {
+    use super::*;
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(untagged)]
+    enum Form {
+        Finite(f32),
+        Bits(String),
+    }
+
+    pub(super) fn serialize<S: Serializer>(number: &f32, to: S) -> Result<S::Ok, S::Error> {
+        let is_finite = number.is_finite();
+        let form = if is_finite { Form::Finite(*number) } else { Form::Bits(number.to_bits().to_string()) };
+        form.serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f32, D::Error> {
+        match Form::deserialize(from)? {
+            Form::Finite(number) => Ok(number),
+            Form::Bits(bits) => bits.parse().map(f32::from_bits).map_err(D::Error::custom),
+        }
     }
 }
 

@@ -135,7 +135,7 @@ impl Figures {
             "ticks": self.ticks, "seconds": seconds, "skipped_periods": self.skipped_periods,
             "without_sample": self.without_sample, "contacts": touch.contacts,
             "engaged_ticks": touch.engaged_ticks, "clamped_ticks": touch.clamped_ticks,
-            "peak_reaction_n": touch.peak_reaction_n, "peak_hand_force_n": touch.peak_hand_force_n,
+            "peak_reaction_n": touch.peak_reaction_n, "peak_reaction_n_m": touch.peak_reaction_n_m, "peak_hand_force_n": touch.peak_hand_force_n,
             "peak_displacement_m": touch.peak_displacement_m,
             "mean_compute_us": mean_compute_us, "max_compute_us": self.max_compute_ns as f64 * 1e-3,
             "max_lateness_us": self.max_lateness_ns as f64 * 1e-3, "faults": self.faults,
@@ -170,7 +170,7 @@ enum Cell<'r> {
 /// active node and `fx_n` the force of the tool on the body.
 type Column = (&'static str, for<'r> fn(&'r TickRecord, &'r Header) -> Cell<'r>);
 
-const COLUMNS: [Column; 37] = [
+const COLUMNS: [Column; 44] = [
     ("tick", |r, _| Cell::Count(r.tick)),
     ("t_us", |r, _| Cell::Count(r.t_us)),
     ("active", |r, header| Cell::Text(r.engaged.map_or("", |space| node(header, space)))),
@@ -208,6 +208,13 @@ const COLUMNS: [Column; 37] = [
     ("device_ns", |r, _| r.device_ns.map_or(Cell::Empty(()), Cell::Count)),
     ("lateness_ns", |r, _| Cell::Count(r.lateness_ns)),
     ("skipped_periods", |r, _| Cell::Count(r.skipped_periods)),
+    ("tx_n_m", |r, _| Cell::Number(r.reaction_n_m[0])),
+    ("ty_n_m", |r, _| Cell::Number(r.reaction_n_m[1])),
+    ("tz_n_m", |r, _| Cell::Number(r.reaction_n_m[2])),
+    ("grip_w", |r, _| sampled(r, |sample| Cell::Number(sample.orientation.w))),
+    ("grip_x", |r, _| sampled(r, |sample| Cell::Number(sample.orientation.xyz[0]))),
+    ("grip_y", |r, _| sampled(r, |sample| Cell::Number(sample.orientation.xyz[1]))),
+    ("grip_z", |r, _| sampled(r, |sample| Cell::Number(sample.orientation.xyz[2]))),
 ];
 
 /// The name of an active node.

@@ -1,4 +1,4 @@
-//! The way of a tool: at an active node or contact point, or as a sphere.
+//! The way of a tool: at an active node or contact point, or as a sphere or capsule.
 
 use std::path::Path;
 
@@ -16,6 +16,8 @@ pub(super) enum Loading {
     Held(Box<Solver>, Box<Configuration>),
     /// The pose is the place of the centre.
     Sphere(Box<SphereSolver>, Box<Pressed>),
+    /// The same of a capsule with its layer, and how its half axis in the frame of the grip, m, is turned.
+    Capsule(Box<Solver>, Box<Configuration>, [f64; 3]),
 }
 
 impl Loading {
@@ -43,12 +45,17 @@ impl Loading {
                 "--controls: the sphere begins at {first_m:?}, inside the body; begin outside (centres in metres)"
             )));
         }
-        if with_layer {
+        let half_axis_m = analysis.scene.tool.half_axis_m();
+        if with_layer || half_axis_m.is_some() {
             let coated = CoatedSphere::new(&analysis.body, sphere.radius_m, sphere.layer, [0.0; 3]);
             let mut solver = Solver::new(Arc::new(problem.at(coated)));
+            solver.set_half_axis(half_axis_m);
             let first = Pose::translation(first_m);
             let rest = solver.solve_at(&first, &analysis.body.rest_state).map_err(no_rest)?;
-            return Ok(Self::Held(Box::new(solver), Box::new(rest)));
+            return Ok(match half_axis_m {
+                Some(half_axis_m) => Self::Capsule(Box::new(solver), Box::new(rest), half_axis_m),
+                None => Self::Held(Box::new(solver), Box::new(rest)),
+            });
         }
         let rest = solver.rest(first_m).map_err(no_rest)?;
         Ok(Self::Sphere(Box::new(solver), Box::new(rest)))
@@ -57,7 +64,7 @@ impl Loading {
     /// The last equilibrium.
     pub(super) fn here(&self) -> &Configuration {
         match self {
-            Self::Held(_, here) => here,
+            Self::Held(_, here) | Self::Capsule(_, here, _) => here,
             Self::Sphere(_, here) => &here.configuration,
         }
     }
@@ -67,6 +74,10 @@ impl Loading {
         match self {
             Self::Held(solver, here) => **here = solver.advance_to(&here.seed, pose)?,
             Self::Sphere(solver, here) => **here = solver.advance(here, pose.displacement_m)?,
+            Self::Capsule(solver, here, half_axis_m) => {
+                solver.set_half_axis(Some(pose.turned(*half_axis_m)));
+                **here = solver.advance_to(&here.seed, &Pose::translation(pose.displacement_m))?;
+            }
         }
         Ok(())
     }
