@@ -257,6 +257,27 @@ fn a_contact_surface_names_existing_spaces() {
     }
 }
 
+#[test]
+fn a_capsule_is_a_sphere_with_an_axis() {
+    use format::{Capsule, Sphere, Tool};
+    let sphere = Sphere { radius_m: 0.01, layer_m: 0.001 };
+    let capsule = Capsule { sphere, half_axis_m: [0.0, -0.003, 0.004] };
+    let known = small().blob_with(|draft| draft.preamble.tool = Tool::Capsule(capsule));
+    let tool = Small::read(&known).expect("good").tool;
+    assert_eq!((tool, tool.sphere()), (Tool::Capsule(capsule), Some(sphere)));
+    assert_eq!(tool.half_axis_m(), Some(capsule.half_axis_m));
+    assert!((tool.reach_m() - 0.016).abs() < 1e-8 && !tool.grasps());
+    for bad in [
+        Capsule { half_axis_m: [0.0; 3], ..capsule },
+        Capsule { half_axis_m: [f32::NAN, 0.0, 0.0], ..capsule },
+        Capsule { sphere: Sphere { radius_m: f32::NAN, ..sphere }, ..capsule },
+        Capsule { sphere: Sphere { layer_m: 0.0, ..sphere }, ..capsule },
+    ] {
+        let refused = spoiled(|draft| draft.preamble.tool = Tool::Capsule(bad));
+        assert_eq!(refused, BlobError::Value { what: "capsule", space: None }, "{bad:?}");
+    }
+}
+
 /// A message is one line with the fix.
 #[test]
 fn messages_name_the_fix() {

@@ -1,7 +1,10 @@
 //! The tick: force for the hand, limits, faults that latch at zero. Stale samples are in `stale.rs`.
 
 use crate::common::bench::{assert_faults, assert_latched, config, organ_blob, sample};
-use palpate_core::{Command, Config, Controller, ControllerError, Fault, Method, Organ, Phase, State, vec3};
+use palpate_core::{
+    Command, Config, Controller, ControllerError, Fault, Method, Organ, Orientation, Phase, Sample, State,
+    vec3,
+};
 
 #[test]
 fn the_hand_gets_minus_h() {
@@ -84,6 +87,20 @@ fn a_position_that_is_not_finite() {
             assert_eq!(command.hip_m, [0.0, 0.0, -5e-3], "the last valid one");
             assert_latched(bench, Fault::NotFinite);
         }
+    }
+}
+
+#[test]
+fn an_orientation_that_is_no_rotation() {
+    for bad in [[f32::NAN, 0.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [0.0; 4]] {
+        bench!(bench, config());
+        bench.press();
+        let [w, xyz @ ..] = bad;
+        let sample =
+            Sample { orientation: Orientation { w, xyz }, ..sample(bench.now_us + 1_000, [0.0, 0.0, -5e-3]) };
+        bench.now_us += 1_000;
+        let command = bench.controller.tick(&mut bench.state, bench.now_us, Some(&sample));
+        assert_faults(command, Fault::NotFinite);
     }
 }
 

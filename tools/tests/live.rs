@@ -12,12 +12,71 @@ use crate::{palpate, quiet, refused, text};
 
 /// The bundled organ, held at its nodes.
 const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");
+/// A capsule over a lump, and its way.
+const PROBE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/scenes/probe.toml");
+const PROBE_WAY: &str = concat!("sim:", env!("CARGO_MANIFEST_DIR"), "/../assets/scenes/probe.csv");
 /// No pictures.
 const UNSEEN: [&str; 3] = ["--headless", "--frame-rate", "0"];
 
 fn figures(output: &Output) -> serde_json::Value {
     let said = String::from_utf8_lossy(&output.stderr);
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {said}"))
+}
+
+/// A probe presses, turns by a quarter and rocks; its replay has the same bits, which need the orientation.
+#[test]
+fn a_probe_is_turned_on_a_lump() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recording = folder.path().join("probe.mcap");
+    let session = ["live", PROBE, "--device", PROBE_WAY, "--seconds", "6.5", "--check", "60", "--json"];
+    let output = {
+        let _alone = quiet();
+        let record = ["--record", text(&recording)];
+        Command::new(env!("CARGO_BIN_EXE_palpate"))
+            .args(session)
+            .args(record)
+            .args(UNSEEN)
+            .output()
+            .expect("it runs")
+    };
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let figures = figures(&output);
+    println!("{:#}", figures["live"]);
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or_else(|| panic!("{figures:#}"));
+    assert!(number(&figures["live"]["checked"]) >= 20.0, "{figures:#}");
+    assert!(number(&figures["live"]["not_felt_share"]) > 0.95, "{figures:#}");
+    let touch = &figures["session"]["touch"];
+    assert!((3e-3..2e-2).contains(&number(&touch["peak_reaction_n_m"])), "{touch:#}");
+    assert!(number(&touch["largest_step_n"]) < 0.05, "{touch:#}");
+
+    let replay = format!("replay:{}", text(&recording));
+    let output = palpate(&[&["live", PROBE, "--device", &replay][..], &UNSEEN].concat());
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("all forces bit-identical"), "{said}");
+    refused(&[&["live", PROBE, "--second", "sim"][..], &UNSEEN].concat(), &["--second", "\"sphere\""]);
+    let way = folder.path().join("way.csv");
+    std::fs::write(&way, "t_s,x_m,y_m,z_m,rx_rad\n0,0,0,0,0\n").expect("writable");
+    let device = format!("sim:{}", text(&way));
+    refused(&[&["live", PROBE, "--device", &device][..], &UNSEEN].concat(), &["ry_rad"]);
+}
+
+/// The path of a probe has the moment of its contact, and the turn changes it.
+#[test]
+fn a_path_turns_a_probe() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let centres = folder.path().join("centres.csv");
+    std::fs::write(&centres, "x_m,y_m,z_m\n0.022,0,0.056\n0.022,0,0.05\n0.022,0,0.046\n").expect("writable");
+    let moments = |more: &[&str]| -> Vec<f64> {
+        let path = ["path", PROBE, "--controls", text(&centres), "--details"];
+        let output = palpate(&[&path[..], more].concat());
+        let table = String::from_utf8_lossy(&output.stdout).into_owned();
+        let last = table.lines().last().unwrap_or_else(|| panic!("{output:?}")).to_owned();
+        last.split(',').rev().take(3).map(|cell| cell.parse().expect("a number")).collect()
+    };
+    let [straight, turned] = [moments(&[]), moments(&["--turn", "0,0,1.5708"])];
+    // Along x the skin falls away, and the probe is turned about y; across, nearly not.
+    assert!(straight[1] < -4e-3 && turned[1].abs() < 1e-3, "z y x: {straight:?} {turned:?} N m");
+    refused(&["path", PROBE, "--controls", text(&centres), "--active", "A1"], &["--active", "capsule"]);
 }
 
 /// A session of which every visited position is compared with a full solution, then its replay.

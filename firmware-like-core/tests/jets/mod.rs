@@ -1,5 +1,6 @@
 //! Jets of a live solver: frame, force, hand-over, memory, ladder and tick.
 
+mod capsule;
 mod force;
 mod frame;
 mod hand_over;

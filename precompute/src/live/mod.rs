@@ -14,6 +14,7 @@
 //! [`LiveSolver::step`] does one piece of work and returns. It reads no clock: the caller measures the time and
 //! says how long the step took ([`LiveSolver::took`]), which the prediction of the hand needs.
 
+mod beyond;
 mod branches;
 mod choice;
 mod error;

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::fem::{Layer, PadProfile, Sphere};
+use crate::num::vector::distance;
 
 /// The scene with a `[tool]` table, and its first active node replaced.
 fn scene(tool: &str, active: &str) -> String {
@@ -153,6 +154,37 @@ fn a_sphere_has_a_radius_and_a_layer() {
     let charts = found.charts.expect("charts");
     assert!(charts.charts.len() == found.active.len() && charts.charts.len() > 20);
     assert!(found.active.iter().zip(&charts.charts).all(|(active, chart)| active.chart == Some(*chart)));
+}
+
+#[test]
+fn a_capsule_has_a_length_and_an_axis() {
+    let bench = Bench::new();
+    let capsule = |keys: &str| sphere(keys).replace("shape = \"sphere\"", "shape = \"capsule\"");
+    let found = |keys: &str| bench.resolve(&capsule(keys)).expect("sound").tool;
+    let tool = found("radius_m = 0.01\nlength_m = 0.02");
+    assert_eq!(
+        (tool.half_axis_m(), tool.sphere().map(|of| of.radius_m)),
+        (Some([0.0, 0.0, 0.01]), Some(0.01))
+    );
+    let turned = found("radius_m = 0.01\nlength_m = 0.02\naxis = [3.0, -4.0, 0.0]").half_axis_m();
+    assert!(distance(turned.expect("a capsule"), [0.006, -0.008, 0.0]) < 1e-15);
+    let hash = |keys: &str| bench.resolve(&capsule(keys)).expect("sound").content_hash();
+    let first = hash("radius_m = 0.01\nlength_m = 0.02");
+    let sphere_hash = bench.resolve(&sphere("radius_m = 0.01")).expect("sound").content_hash();
+    assert!(first != hash("radius_m = 0.01\nlength_m = 0.03") && first != sphere_hash);
+    let refuses = |text: String, what: &str, fix: &str| {
+        let error = bench.resolve(&text).expect_err("refused").to_string();
+        assert!(error.contains(what) && error.contains(fix) && !error.contains('\n'), "{error}");
+    };
+    refuses(capsule("length_m = 0.02"), "a capsule needs a `radius_m`", "add radius_m");
+    refuses(capsule("radius_m = 0.01"), "a capsule needs a `length_m`", "add length_m");
+    refuses(capsule("radius_m = 0.01\nlength_m = 0.0"), "is not a positive number", "correct the value");
+    refuses(capsule("radius_m = 0.01\nlength_m = 2.0"), "does not fit a body", "shorter `length_m`");
+    refuses(capsule("radius_m = 0.01\nlength_m = 0.02\naxis = [0.0, 0.0, 0.0]"), "no direction", "give one");
+    refuses(sphere("radius_m = 0.01\nlength_m = 0.02"), "keys of a capsule", "remove them");
+    let table = "[grid]\nradius_m = 0.05\ncannot_be_felt = true\n[device]";
+    let gridded = capsule("radius_m = 0.05\nlength_m = 0.02").replace("[device]", table);
+    refuses(gridded, "a capsule has no precomputed field", "palpate live");
 }
 
 #[test]
