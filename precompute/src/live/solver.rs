@@ -1,5 +1,6 @@
 //! The live solver: in every step it chooses a position, solves there and publishes the jet.
 
+mod beside;
 mod publishing;
 mod renewing;
 mod solving;
@@ -27,6 +28,7 @@ use crate::num::jet::EnergyJet;
 use crate::num::vector::difference;
 use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
+use beside::Alone;
 
 /// Number of contacts whose problem is kept.
 const PROBLEMS: usize = 256;
@@ -74,6 +76,7 @@ pub struct LiveSolver {
     held_solves: u32,
     /// Displacement of the partner, while it feels a force.
     partner_m: Option<[f64; 3]>,
+    alone: Alone,
 }
 
 impl LiveSolver {
@@ -117,6 +120,7 @@ impl LiveSolver {
             holds_back: false,
             held_solves: 0,
             partner_m: None,
+            alone: Alone::default(),
         })
     }
 
@@ -240,6 +244,7 @@ impl LiveSolver {
         skin.free_only(&body);
         let first = skin.first_free().ok_or(LiveError::NothingToTouch)?;
         self.skin = skin;
+        self.forget_partner();
         self.free = Arc::new(Problem::with(body.clone(), None, Constraints::Elimination));
         self.states.become_those_of(&self.body, &body);
         self.body = body;
@@ -335,6 +340,12 @@ impl LiveSolver {
     }
 
     fn solve_next(&mut self, hand: &Hand) -> Step {
+        // The next touch of a free tool starts from there.
+        if hand.touch.is_none()
+            && let Some(step) = self.follow_partner()
+        {
+            return step;
+        }
         let Self { skin, body, known, growth, lost, branches, workers, states, times, near, .. } = self;
         let renewals = self.renewals.as_ref().filter(|_| times.factor_is_long());
         let doubted = self.doubted;
@@ -343,7 +354,7 @@ impl LiveSolver {
         match choice.next(hand, near) {
             Some(task) if task.aim == Aim::Renewal && self.begin_renewal(&task) => Step::Renewing,
             Some(task) => self.solve(task),
-            None => Step::Idle,
+            None => self.follow_partner().unwrap_or(Step::Idle),
         }
     }
 

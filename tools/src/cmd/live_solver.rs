@@ -197,7 +197,7 @@ impl Solving {
             match step {
                 Step::Solved => self.counters.solves += 1,
                 Step::Lost { .. } => self.counters.lost += 1,
-                Step::Renewing | Step::Idle => {}
+                Step::Renewing | Step::Followed | Step::Idle => {}
             }
             if self.send().is_err() {
                 return;
