@@ -100,7 +100,7 @@ impl Skin {
             .expect("a body has nodes");
         let away_m = sphere.reach_m() + CLEARANCE_M;
         let rest_m = [0.5 * (low.x + high.x), 0.5 * (low.y + high.y), high.z + away_m];
-        let sphere = CoatedSphere::new(body, sphere.radius_m, sphere.layer, rest_m);
+        let sphere = CoatedSphere::new(body, sphere.radius_m, sphere.layer, rest_m).with_wall();
         Self {
             contacts: vec![Place { node: 0, rest_m, normal: [0.0, 0.0, 1.0] }],
             triangles: Vec::new(),

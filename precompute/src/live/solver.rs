@@ -37,6 +37,8 @@ const OUTBOX: usize = 16;
 /// The partner is taken where it will be after this time, s: about when the loop has the jet, and half of the way to the next
 /// one.
 const PARTNER_AHEAD_S: f64 = 0.01;
+/// Share of the fixed part in the force of a sphere from which on that is what it presses on.
+const MOSTLY: f64 = 0.5;
 /// Solves after a change of the model for which its jets may wait: a hand that moves fast is never known.
 const MAX_HELD: u32 = 12;
 
@@ -381,6 +383,13 @@ impl LiveSolver {
                     self.growth.knows(known, at, weight, Limit::Unknown)
                 })
         })
+    }
+
+    /// Whether most of the force of a sphere is that of the fixed part, in the state nearest to the hand.
+    pub fn presses_fixed_part(&self, hand: &Hand) -> bool {
+        let Some((sphere, touch)) = self.skin.sphere().zip(hand.touch.as_ref()) else { return false };
+        let nearest = self.states.nearest(0, self.branches.of(0), touch.control_m);
+        nearest.is_some_and(|seed| sphere.wall_share(&self.body, &seed.state, seed.jet.control_m) > MOSTLY)
     }
 
     /// The problem of a contact.

@@ -8,7 +8,7 @@
 //!
 //! whose third derivatives are continuous. The layer is compliance of the tool and not of the body: where the pressure
 //! is p, t is (p / k)^(1/3). The pressure grows with the overlap, but only up to the centre: a state in which the skin is
-//! within half the radius from it counts as not solved.
+//! within half the radius from it counts as not solved. For a live hand the fixed part is a spring ([`super::wall`]).
 //!
 //! The points are the centres of k^2 equal parts of each face. With n = (y - c) / |y - c|, r = |y - c|, P = I - n n^T,
 //! phi = Phi / A as a function of r, and changes z of y - c:
@@ -37,9 +37,9 @@ use serde::{Deserialize, Serialize};
 use crate::fem::body::Body;
 use crate::fem::elastic::ElasticState;
 use crate::fem::pad::shape_values;
+use crate::fem::sphere::foot::Foot;
 use crate::fem::sphere::overlap::{Overlap, is_near};
-use crate::fem::sphere::{Posture, Sphere};
-use crate::mesh::nearest_on_triangle;
+use crate::fem::sphere::{Posture, Sphere, wall};
 use crate::num::jet::{SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{cross, difference, distance, norm};
 
@@ -61,6 +61,8 @@ impl Layer {
 
 /// Skin within this share of the radius from the centre is pierced: the pressure there would fill the sphere.
 const PIERCED: f64 = 0.5;
+/// The same of a wall, whose points do not come nearer than they lie apart.
+const PIERCED_WALL: f64 = 0.25;
 
 /// A sphere slower than this has no way, m/s, and the steps on one.
 const SLOW_M_S: f64 = 1e-3;
@@ -86,6 +88,13 @@ impl Face {
     fn nodes(&self) -> &[u32] {
         &self.nodes[..if self.is_quadratic { 6 } else { 3 }]
     }
+
+    /// Whether a point follows fixed nodes more than others.
+    fn is_fixed(&self, values: &[f64; 6], body: &Body) -> bool {
+        let of =
+            |(node, value): (&u32, &f64)| if body.fixed[*node as usize] == [true; 3] { *value } else { 0.0 };
+        self.nodes().iter().zip(values).map(of).sum::<f64>() > 0.5
+    }
 }
 
 /// The skin of a body as a sphere with a layer touches it.
@@ -106,6 +115,8 @@ pub struct CoatedSphere {
     /// Place of the centre where the displacement is zero, m.
     pub start_m: [f64; 3],
     points: Arc<Points>,
+    /// Whether the fixed part is a spring.
+    has_wall: bool,
 }
 
 /// Values of the shape functions of a face at the centres of `parts`^2 parts.
@@ -139,43 +150,49 @@ impl CoatedSphere {
             Face { nodes, is_quadratic, area_m2: face_m2 / f64::from(parts * parts), parts }
         };
         let faces = body.skin().map(face).collect();
-        Self { radius_m, layer, start_m, points: Arc::new(Points { faces, shapes: table }) }
+        Self { radius_m, layer, start_m, points: Arc::new(Points { faces, shapes: table }), has_wall: false }
+    }
+
+    /// The same with the fixed part as a spring, which a hand can feel whole.
+    #[must_use]
+    pub(crate) fn with_wall(self) -> Self {
+        Self { has_wall: true, ..self }
+    }
+
+    /// Whether a point is one of the spring.
+    fn is_wall(&self, face: &Face, values: &[f64; 6], body: &Body) -> bool {
+        self.has_wall && face.is_fixed(values, body)
     }
 
     /// Distance of the layer from the body at rest, m; zero or less where they overlap.
     pub fn clearance_m(&self, body: &Body, displacement_m: [f64; 3]) -> f64 {
-        self.foot(body, displacement_m).1 - self.outer_m()
+        self.foot(body, displacement_m).distance_m - self.outer_m()
     }
 
     /// The displacement out of the body, if the layer overlaps the skin at rest at this one: step by step away from the
     /// nearest point of the skin. The same displacement if it does not overlap.
     pub(crate) fn beside_m(&self, body: &Body, mut displacement_m: [f64; 3]) -> [f64; 3] {
         for _ in 0..STEPS_OUT {
-            let (foot_m, distance_m) = self.foot(body, displacement_m);
-            if distance_m >= self.outer_m() {
+            let foot = self.foot(body, displacement_m);
+            if foot.distance_m >= self.outer_m() {
                 break;
             }
-            let overlap = BESIDE * (self.outer_m() - distance_m) / distance_m.max(f64::MIN_POSITIVE);
-            let away = |k: usize| overlap * (self.start_m[k] + displacement_m[k] - foot_m[k]);
-            displacement_m = std::array::from_fn(|k| displacement_m[k] + away(k));
+            let overlap_m = BESIDE * (self.outer_m() - foot.distance_m);
+            displacement_m = std::array::from_fn(|k| displacement_m[k] + overlap_m * foot.outward[k]);
         }
         displacement_m
     }
 
-    /// The place of the skin at rest that is nearest to the centre, and its distance from it, m.
-    pub(crate) fn foot(&self, body: &Body, displacement_m: [f64; 3]) -> ([f64; 3], f64) {
+    /// The place of the skin at rest that is nearest to the centre.
+    fn foot(&self, body: &Body, displacement_m: [f64; 3]) -> Foot {
         let centre_m: [f64; 3] = std::array::from_fn(|axis| self.start_m[axis] + displacement_m[axis]);
-        let of = |face: &Face| {
-            let corners = [0, 1, 2].map(|k| body.rest_position_m(face.nodes[k]));
-            let (place, _) = nearest_on_triangle(corners, centre_m);
-            (place, distance(place, centre_m))
-        };
+        let of = |face: &Face| Foot::on([0, 1, 2].map(|k| body.rest_position_m(face.nodes[k])), centre_m);
         let all = self.points.faces.iter().map(of);
-        all.min_by(|(_, a), (_, b)| a.total_cmp(b)).expect("a body has a skin")
+        all.reduce(Foot::nearer).expect("a body has a skin")
     }
 
     /// The displacement at which the layer overlaps the skin at rest by `depth_m`, where a centre at `centre_m` comes to
-    /// it on the shortest way; `None` if it is farther than `within_m`.
+    /// it on the shortest way; `None` if it is farther than `within_m`, or inside the body.
     pub(crate) fn first_touch_m(
         &self,
         body: &Body,
@@ -183,17 +200,17 @@ impl CoatedSphere {
         within_m: f64,
         depth_m: f64,
     ) -> Option<[f64; 3]> {
-        let (foot_m, away_m) = self.foot(body, difference(centre_m, self.start_m));
+        let foot = self.foot(body, difference(centre_m, self.start_m));
         let rest_m = self.outer_m() - depth_m;
-        let is_near = away_m > 0.0 && away_m < self.outer_m() + within_m;
+        let is_near = foot.distance_m > 0.0 && foot.distance_m < self.outer_m() + within_m;
         is_near.then(|| {
-            let at = |k: usize| foot_m[k] + rest_m / away_m * (centre_m[k] - foot_m[k]) - self.start_m[k];
+            let at = |k: usize| foot.place_m[k] + rest_m * foot.outward[k] - self.start_m[k];
             std::array::from_fn(at)
         })
     }
 
     /// The displacement at which a centre that moves on from `centre_m` straight on overlaps the skin at rest by `depth_m`;
-    /// `None` if that is not within `within_m`, or if it does not move.
+    /// `None` if that is not within `within_m`, if it does not move, or if it is inside the body.
     pub(crate) fn touched_on_way_m(
         &self,
         body: &Body,
@@ -203,7 +220,8 @@ impl CoatedSphere {
         depth_m: f64,
     ) -> Option<[f64; 3]> {
         let speed_m_s = norm(velocity_m_s);
-        if speed_m_s < SLOW_M_S {
+        let is_inside = || self.foot(body, difference(centre_m, self.start_m)).distance_m < 0.0;
+        if speed_m_s < SLOW_M_S || is_inside() {
             return None;
         }
         let at = |way_m: f64| -> [f64; 3] {
@@ -265,8 +283,12 @@ impl CoatedSphere {
         })
     }
 
-    /// phi and its first three derivatives by r, per area, at the distance r.
-    fn potential(&self, r: f64) -> [f64; 4] {
+    /// phi and its first three derivatives by r, per area, at the distance r; against the fixed part if it `is_wall`.
+    fn potential(&self, r: f64, is_wall: bool) -> [f64; 4] {
+        if is_wall {
+            let Layer { thickness_m, pressure_pa } = self.layer;
+            return wall::potential((thickness_m, pressure_pa), self.outer_m(), r);
+        }
         let (d, k) = (self.layer.thickness_m, self.layer.pressure_pa);
         let t = (self.outer_m() - r) / d;
         [0.25 * k * d * t.powi(4), -k * t.powi(3), 3.0 * k * t * t / d, -6.0 * k * t / (d * d)]
@@ -284,17 +306,22 @@ impl CoatedSphere {
         to.clear();
         let half = Vector3::from(posture.half_m);
         let turns = posture.half_m != [0.0; 3];
+        let mut from_outside_n = 0.0;
         for (face, places) in self.near(body, state, posture) {
             let mut nodal = [Vector3::zeros(); 6];
             let (mut coupling, mut pairs) = ([Matrix3::zeros(); 6], [[Matrix3::zeros(); 6]; 6]);
             let mut turned = [Matrix3::zeros(); 6];
+            let outward = (places[1] - places[0]).cross(&(places[2] - places[0])).normalize();
             for overlap in self.touched(face, &places, half) {
                 let Overlap { values, distance_m, normal, share, .. } = overlap;
-                let [energy, slope, curvature, _] = self.potential(distance_m);
+                let is_wall = self.is_wall(face, values, body);
+                let [energy, slope, curvature, _] = self.potential(distance_m, is_wall);
                 to.energy_j += face.area_m2 * energy;
-                to.is_pierced |= distance_m < PIERCED * self.radius_m;
+                let least = if is_wall { PIERCED_WALL } else { PIERCED };
+                to.is_pierced |= distance_m < least * self.radius_m;
                 let push = face.area_m2 * slope * normal;
                 to.force_n -= push;
+                from_outside_n += if is_wall { push.dot(&outward) } else { 0.0 };
                 to.of_axis_n -= share * push;
                 nodal.iter_mut().zip(values).for_each(|(sum, value)| *sum += push * *value);
                 if with_tangent {
@@ -324,7 +351,24 @@ impl CoatedSphere {
                 }
             }
         }
+        // The centre is behind the wall.
+        to.is_pierced |= from_outside_n < 0.0;
         to.torque_n_m = half.cross(&to.of_axis_n);
+    }
+
+    /// The share of the fixed part in the forces of the layer at a state of a body; zero without a force.
+    pub(crate) fn wall_share(&self, body: &Body, state: &[f64], displacement_m: [f64; 3]) -> f64 {
+        let posture = Posture { displacement_m, half_m: [0.0; 3] };
+        let (mut all_n, mut wall_n) = (0.0, 0.0);
+        for (face, places) in self.near(body, state, &posture) {
+            for Overlap { values, distance_m, .. } in self.touched(face, &places, Vector3::zeros()) {
+                let is_wall = self.is_wall(face, values, body);
+                let push_n = -face.area_m2 * self.potential(distance_m, is_wall)[1];
+                all_n += push_n;
+                wall_n += if is_wall { push_n } else { 0.0 };
+            }
+        }
+        if all_n > 0.0 { wall_n / all_n } else { 0.0 }
     }
 
     /// The third derivatives of the potential along the changes of the state for each axis of the displacement of a tool:
@@ -344,7 +388,8 @@ impl CoatedSphere {
                 Vector3::from_column_slice(&sensitivity[axis][3 * node as usize..][..3])
             };
             for Overlap { values, distance_m, normal, axis, .. } in self.touched(face, &places, half) {
-                let [_, slope, curvature, third] = self.potential(distance_m);
+                let is_wall = self.is_wall(face, values, body);
+                let [_, slope, curvature, third] = self.potential(distance_m, is_wall);
                 let changes: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
                     let nodes = face.nodes().iter().zip(values);
                     let moved: Vector3<f64> = nodes.map(|(&node, value)| of(axis, node) * *value).sum();

@@ -1,10 +1,12 @@
 //! A frictionless sphere against the deformed skin: rigid, or with a thin elastic layer.
 
 mod complementarity;
+mod foot;
 mod gap;
 mod layer;
 mod overlap;
 mod skin;
+mod wall;
 
 pub(crate) use complementarity::complementary;
 pub(crate) use gap::{Feature, Gap, Variation};
