@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 60] = [
+const PRECOMPUTE: [&str; 61] = [
     "error",
     "files",
     "num",
@@ -131,6 +131,7 @@ const PRECOMPUTE: [&str; 60] = [
     "live::renewals",
     "live::branches",
     "live::skin",
+    "live::beyond",
     "live::memory",
     "live::published",
     "live::tabled",

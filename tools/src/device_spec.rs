@@ -139,6 +139,27 @@ impl FromStr for DeviceSpec {
     }
 }
 
+impl Hardware {
+    /// Whether both are one device: a serial port by any of its names, or the Falcon with any firmware.
+    pub(crate) fn is_same_device(&self, other: &Self) -> bool {
+        match (self.port(), other.port()) {
+            (None, None) => true,
+            (Some(one), Some(other)) => one == other,
+            _ => false,
+        }
+    }
+
+    /// The serial port behind all links to it, or its name if it is not there.
+    fn port(&self) -> Option<PathBuf> {
+        match self {
+            Self::Polhem { port } | Self::Link { port, .. } => {
+                Some(std::fs::canonicalize(port).unwrap_or_else(|_| port.into()))
+            }
+            Self::Falcon { .. } => None,
+        }
+    }
+}
+
 impl fmt::Display for Hardware {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -195,5 +216,23 @@ mod tests {
             let refused = text.parse::<DeviceSpec>().expect_err(text).to_string();
             assert!(refused.starts_with(&format!("no device `{text}`")) && refused.contains("link:PORT"));
         }
+    }
+    #[test]
+    fn a_serial_port_is_one_device_under_all_its_names() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [port, alias] = ["ttyACM0", "by-id"].map(|name| folder.path().join(name));
+        std::fs::write(&port, "").expect("written");
+        std::os::unix::fs::symlink(&port, &alias).expect("a link");
+        let hardware = |text: String| match text.parse::<DeviceSpec>() {
+            Ok(DeviceSpec::Hardware(hardware)) => hardware,
+            other => panic!("{other:?}"),
+        };
+        let one = hardware(format!("polhem:{}", port.display()));
+        for same in ["polhem:", "link:"].map(|kind| hardware(format!("{kind}{}", alias.display()))) {
+            assert!(one.is_same_device(&same) && same.is_same_device(&one), "{same}");
+        }
+        let falcon = hardware("falcon".into());
+        assert!(!one.is_same_device(&falcon) && !one.is_same_device(&hardware("polhem:/dev/ttyACM7".into())));
+        assert!(falcon.is_same_device(&hardware("falcon:a.bin".into())));
     }
 }

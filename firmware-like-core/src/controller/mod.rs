@@ -184,7 +184,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let model = self.reaction(&mut state.contact, (now_us, fresh), field)?;
         let ramp = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
         let elapsed_s = elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6;
-        let scale = self.scale(field.stiffest_n_m(), state, model.engaged.is_some(), elapsed_s);
+        let scale = self.scale(field.stiffest_n_m(), state, &model, elapsed_s);
         let capped_n = vec3::scale(model.reaction_n, -scale);
         let (clamped_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
         let wanted_n = vec3::add(vec3::scale(clamped_n, ramp), damping_n);
@@ -206,18 +206,32 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
 
     /// The factor of the force that keeps the stiffness within the limit. A field that learns of a greater stiffness
     /// lowers it in time while the tool touches.
-    fn scale(&self, stiffest_n_m: f32, state: &mut State, is_engaged: bool, elapsed_s: f32) -> f32 {
+    fn scale(&self, stiffest_n_m: f32, state: &mut State, now: &Command, elapsed_s: f32) -> f32 {
         let limit_n_m = self.config.limits.max_stiffness_n_m;
         let wanted = (limit_n_m / stiffest_n_m.max(f32::MIN_POSITIVE)).min(1.0);
         let step = elapsed_s / SCALE_S;
-        let scale = match state.scale.filter(|_| is_engaged) {
+        let scale = match state.scale.filter(|_| now.engaged.is_some()) {
             // The controller has found the stiffness of tables at the start.
             _ if stiffest_n_m <= 0.0 => self.hand_scale,
-            Some(before) => before + (wanted - before).clamp(-step, step),
+            Some(before) if wanted < before => (before - step).max(wanted).max(self.least_scale(
+                before,
+                state.last.reaction_n,
+                now.reaction_n,
+            )),
+            Some(before) => before + (wanted - before).min(step),
             None => wanted,
         };
         state.scale = Some(scale);
         scale
+    }
+
+    /// The factor below which the hand would feel a force of the body that rises as one that falls: a hand that presses
+    /// deeper would fall into the body. At most the present factor.
+    #[inline(never)]
+    fn least_scale(&self, scale: f32, before_n: Vec3, now_n: Vec3) -> f32 {
+        let (before_n, now_n) = (vec3::norm(before_n), vec3::norm(now_n));
+        let felt_n = (scale * before_n).min(self.config.limits.max_force_n);
+        if now_n > before_n { felt_n / now_n } else { 0.0 }
     }
 
     /// The compensation of the handle's weight in this tick.

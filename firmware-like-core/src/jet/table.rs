@@ -212,8 +212,11 @@ impl<const JETS: usize> Table<JETS> {
     /// Removes a jet; the last one takes its place.
     fn remove(&mut self, slot: usize) {
         let Some(last) = self.len.checked_sub(1) else { return };
-        if let (Some(jet), Some(stamp)) = (self.jets.get(last).copied(), self.stamps.get(last).copied()) {
-            self.put(slot, Some((&jet, stamp)));
+        move_within(&mut self.jets, last, slot);
+        move_within(&mut self.stamps, last, slot);
+        let Search { x, y, z, per_trust2 } = &mut self.search;
+        for row in [x, y, z, per_trust2] {
+            move_within(row, last, slot);
         }
         self.put(last, None);
         self.len = last;
@@ -381,6 +384,15 @@ impl<const JETS: usize> Table<JETS> {
             }
         }
         best
+    }
+}
+
+/// Copies an element to an earlier place.
+fn move_within<T: Copy>(all: &mut [T], from: usize, to: usize) {
+    if let Some((before, after)) = all.split_at_mut_checked(from)
+        && let (Some(place), Some(moved)) = (before.get_mut(to), after.first())
+    {
+        *place = *moved;
     }
 }
 

@@ -107,7 +107,10 @@ impl Jet {
     fn force_of_root(&self, displacement_m: Vec3) -> ForceSample {
         let at = limited(displacement_m).map(|displacement_m| self.place(displacement_m));
         let (gradient, value, coverage) = match &at {
-            Some(at) => (self.gradient(at), self.value(at) * at.nearness(self.trust_m), at.coverage()),
+            Some(at) => {
+                let slope = self.polynomial_n(at.from_control_m);
+                (slope, self.value(at) * at.nearness(self.trust_m), at.coverage())
+            }
             None => (self.force_n, 0.0, Coverage::Extrapolated),
         };
         ForceSample { force_n: vec3::scale(gradient, value.max(0.0)), coverage }
@@ -143,7 +146,9 @@ impl Jet {
         let (gradient, value, nearness, coverage, from_control_m) = match &at {
             Some(at) => {
                 let from_m = at.way_within(self.trust_m);
-                (self.gradient(at), self.value(at), at.nearness(self.trust_m), at.coverage(), from_m)
+                let slope =
+                    if self.flags.root { self.polynomial_n(at.from_control_m) } else { self.gradient(at) };
+                (slope, self.value(at), at.nearness(self.trust_m), at.coverage(), from_m)
             }
             None => (self.force_n, self.energy_j, 0.0, Coverage::Extrapolated, vec3::ZERO),
         };
@@ -186,14 +191,11 @@ impl Jet {
         if self.flags.root { 0.5 * nearness * root * root } else { value }
     }
 
-    /// The gradient of the expansion.
+    /// The gradient of the expansion of W.
     #[inline(always)]
     fn gradient(&self, at: &Place) -> Vec3 {
         let inside = self.polynomial_n(at.from_control_m);
         if at.beyond_m <= 0.0 {
-            return inside;
-        }
-        if self.flags.root {
             return inside;
         }
         let slope = self.stiffness_times(at.from_control_m, at.outward);
@@ -241,6 +243,8 @@ impl Jet {
     }
 
     /// h_k + S_k x + (T_k x) x / 2
+    // The search for contradictions calls it for every jet.
+    #[inline(always)]
     fn polynomial_n(&self, x: Vec3) -> Vec3 {
         let bent_n_m = self.third_times(x);
         let mut mean_n_m = self.stiffness_n_m;

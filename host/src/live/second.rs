@@ -73,18 +73,20 @@ impl SecondSession {
     ) -> Result<(PartnerLink, Self), SecondError> {
         let (link, theirs) = PartnerLink::create()?;
         command.stdin(theirs).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn()?;
+        // From here on an error drops the session, which ends the child.
+        let child = command.spawn()?;
+        let mut session = Self { child, state: link.state(), report: None, lines: None };
         let no_pipe = || io::Error::from(io::ErrorKind::BrokenPipe);
-        let mut printed = child.stdout.take().ok_or_else(no_pipe)?;
-        let written = BufReader::new(child.stderr.take().ok_or_else(no_pipe)?);
+        let mut printed = session.child.stdout.take().ok_or_else(no_pipe)?;
+        let written = BufReader::new(session.child.stderr.take().ok_or_else(no_pipe)?);
         let report = std::thread::Builder::new().name("palpate-second".into()).spawn(move || {
             let mut text = String::new();
             // What was read before an error counts.
             let _ = printed.read_to_string(&mut text);
             text
         })?;
-        let state = link.state();
-        let started = state.clone();
+        session.report = Some(report);
+        let started = session.state.clone();
         let lines = std::thread::Builder::new().name("palpate-second-lines".into()).spawn(move || {
             // The last line before the first tick may be why there is none.
             let mut last = String::new();
@@ -100,7 +102,8 @@ impl SecondSession {
             }
             last
         })?;
-        Ok((link, Self { child, state, report: Some(report), lines: Some(lines) }))
+        session.lines = Some(lines);
+        Ok((link, session))
     }
 
     /// Waits until its device is open.

@@ -156,15 +156,12 @@ impl Overlay {
         let moved = match captions.tool {
             Tool::Point => "displacement of the node",
             Tool::Fingertip(_) => "displacement of the finger",
-            Tool::Sphere(_) | Tool::Capsule(_) => {
-                displacement_m = captions.depth_m;
-                if captions.tool.half_axis_m().is_some() {
-                    "depth of the capsule"
-                } else {
-                    "depth of the sphere"
-                }
-            }
+            Tool::Sphere(_) => "depth of the sphere",
+            Tool::Capsule(_) => "depth of the capsule",
         };
+        if captions.tool.sphere().is_some() {
+            displacement_m = captions.depth_m;
+        }
         self.text(image, moved, right, y, Align::Right, label);
         y += 34.0 * scale;
         self.figure(image, &format!("{:.1}", displacement_m * 1e3), "mm", (right, y), 22.0 * scale, BRIGHT);

@@ -74,6 +74,8 @@ pub enum Step {
     Solved,
     /// A new factor is being made beside the steps from now on.
     Renewing,
+    /// The body under the partner alone was solved: the next touch starts from it.
+    Followed,
     /// No equilibrium was found where the hand is.
     Lost {
         /// The contact.

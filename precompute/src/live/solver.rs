@@ -1,5 +1,7 @@
 //! The live solver: in every step it chooses a position, solves there and publishes the jet.
 
+mod beside;
+mod facing;
 mod publishing;
 mod renewing;
 mod solving;
@@ -12,7 +14,7 @@ use palpate_core::{Method, Organ, Space};
 use super::branches::{Branches, REST};
 use super::choice::{Choice, HEADING_M, LostPositions};
 use super::error::LiveError;
-use super::hand::{Axis, Hand, Touch};
+use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
 use super::renewals::Renewals;
@@ -22,19 +24,18 @@ use super::tabled;
 use super::task::{Aim, Task};
 use super::times::SolveTimes;
 use super::workers::Workers;
-use crate::fem::{Body, CoatedSphere, Constraints, FreeBody, Problem, Second, Seed};
+use crate::fem::{Body, CoatedSphere, Constraints, FreeBody, Problem, Seed};
 use crate::num::jet::EnergyJet;
-use crate::num::vector::difference;
 use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
+use beside::Alone;
 
 /// Number of contacts whose problem is kept.
 const PROBLEMS: usize = 256;
 /// Jets that wait for the loop during a change of the model, usually.
 const OUTBOX: usize = 16;
-/// The second control is taken as it will be after this time, s: about when the loop has the jet, and half of the way to the
-/// next one.
-const SECOND_AHEAD_S: f64 = 0.01;
+/// Share of the fixed part in the force of a sphere from which on that is what it presses on.
+const MOSTLY: f64 = 0.5;
 /// Solves after a change of the model for which its jets may wait: a hand that moves fast is never known.
 const MAX_HELD: u32 = 12;
 
@@ -74,6 +75,7 @@ pub struct LiveSolver {
     held_solves: u32,
     /// The half axis of a capsule, or the displacement of the partner while it feels a force.
     second_m: Option<[f64; 3]>,
+    alone: Alone,
 }
 
 impl LiveSolver {
@@ -117,6 +119,7 @@ impl LiveSolver {
             holds_back: false,
             held_solves: 0,
             second_m: None,
+            alone: Alone::default(),
         })
     }
 
@@ -240,6 +243,7 @@ impl LiveSolver {
         skin.free_only(&body);
         let first = skin.first_free().ok_or(LiveError::NothingToTouch)?;
         self.skin = skin;
+        self.forget_partner();
         self.free = Arc::new(Problem::with(body.clone(), None, Constraints::Elimination));
         self.states.become_those_of(&self.body, &body);
         self.body = body;
@@ -321,29 +325,13 @@ impl LiveSolver {
         step
     }
 
-    /// Solves with the second control as it will be soon.
-    fn face(&mut self, hand: &Hand) {
-        let soon_m = |from_m: [f64; 3], velocity_m_s: [f64; 3]| -> [f64; 3] {
-            std::array::from_fn(|k| from_m[k] + SECOND_AHEAD_S * velocity_m_s[k])
-        };
-        self.second_m = match (self.skin.second(), &hand.axis) {
-            (Second::Axis, Some(Axis { half_m, velocity_m_s })) => Some(soon_m(*half_m, *velocity_m_s)),
-            (Second::Axis, None) => self.second_m.or_else(|| Some(self.skin.sphere()?.half_m)),
-            (Second::Partner, _) => self.skin.sphere().zip(hand.partner.as_ref()).map(|(sphere, partner)| {
-                soon_m(difference(partner.position_m, sphere.start_m), partner.velocity_m_s)
-            }),
-        };
-        if let (Second::Axis, Some(half_m)) = (self.skin.second(), self.second_m) {
-            self.skin.turn(half_m);
-        }
-        if let Some(known) = self.known.first_mut() {
-            known.face(self.second_m);
-        }
-        self.states.face(self.second_m);
-        self.lost.face(self.second_m);
-    }
-
     fn solve_next(&mut self, hand: &Hand) -> Step {
+        // The next touch of a free tool starts from there.
+        if hand.touch.is_none()
+            && let Some(step) = self.follow_partner()
+        {
+            return step;
+        }
         let Self { skin, body, known, growth, lost, branches, workers, states, times, near, .. } = self;
         let renewals = self.renewals.as_ref().filter(|_| times.factor_is_long());
         let doubted = self.doubted;
@@ -352,7 +340,7 @@ impl LiveSolver {
         match choice.next(hand, near) {
             Some(task) if task.aim == Aim::Renewal && self.begin_renewal(&task) => Step::Renewing,
             Some(task) => self.solve(task),
-            None => Step::Idle,
+            None => self.follow_partner().unwrap_or(Step::Idle),
         }
     }
 
@@ -379,6 +367,13 @@ impl LiveSolver {
                     self.growth.knows(known, at, weight, Limit::Unknown)
                 })
         })
+    }
+
+    /// Whether most of the force of a sphere is that of the fixed part, in the state nearest to the hand.
+    pub fn presses_fixed_part(&self, hand: &Hand) -> bool {
+        let Some((sphere, touch)) = self.skin.sphere().zip(hand.touch.as_ref()) else { return false };
+        let nearest = self.states.nearest(0, self.branches.of(0), touch.control_m);
+        nearest.is_some_and(|seed| sphere.wall_share(&self.body, &seed.state, seed.jet.control_m) > MOSTLY)
     }
 
     /// The problem of a contact.

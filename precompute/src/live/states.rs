@@ -7,6 +7,8 @@ use crate::num::vector::distance;
 
 /// Number of kept states. Each has four state vectors: 0.3 MB at 10,000 equations.
 const KEPT: usize = 32;
+/// Further ones that are in use: the result of a step, and the body under a partner.
+const SPARE: usize = 2;
 
 /// A state of one contact.
 #[derive(Debug)]
@@ -41,7 +43,12 @@ pub(super) struct States {
 impl States {
     /// Room for states like this one.
     pub(super) fn like(seed: &Seed) -> Self {
-        Self { kept: Vec::with_capacity(KEPT), free: vec![seed.clone(); KEPT + 1], uses: 0, second_m: None }
+        Self {
+            kept: Vec::with_capacity(KEPT),
+            free: vec![seed.clone(); KEPT + SPARE],
+            uses: 0,
+            second_m: None,
+        }
     }
 
     /// Takes out the state of a branch of a contact that is nearest to a control, if there is one.
@@ -61,7 +68,7 @@ impl States {
     }
 
     /// Distance of a state from a control with the present second one, m.
-    fn away_m(&self, seed: &Seed, control_m: [f64; 3]) -> f64 {
+    pub(super) fn away_m(&self, seed: &Seed, control_m: [f64; 3]) -> f64 {
         libm::hypot(distance(seed.jet.control_m, control_m), parted_m(second_of(seed), self.second_m))
     }
 
@@ -89,7 +96,7 @@ impl States {
             self.kept.iter().filter(|kept| kept.contact == of).count()
         };
         let least = (0..self.kept.len()).min_by_key(|&at| (usize::MAX - many(at), self.kept[at].used));
-        self.kept.swap_remove(least.expect("every state is either free or kept")).seed
+        self.kept.swap_remove(least.expect("all but two states are free or kept")).seed
     }
 
     /// Keeps a state of a branch.

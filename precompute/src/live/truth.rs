@@ -16,6 +16,8 @@ use crate::spec::Tolerance;
 
 /// Longest step of a path, m.
 const STEP_M: f64 = 2e-3;
+/// Steps of a partner are halved down to this, m.
+const LEAST_STEP_M: f64 = 2e-4;
 /// A new factor is made if the last one is farther than this, m.
 const FACTOR_REACH_M: f64 = 4e-3;
 /// Width to which a fold is enclosed, m.
@@ -183,15 +185,27 @@ fn face(
         return Ok(());
     }
     let ends = before_m.or(second_m.map(&beside)).zip(second_m.or(before_m.map(&beside)));
-    let way = ends.into_iter().flat_map(|(from_m, to_m)| {
-        let steps = (distance(from_m, to_m) / STEP_M).ceil().max(1.0);
-        (1..=steps as u32).map(move |step| {
-            let share = f64::from(step) / steps;
-            Some(std::array::from_fn(|k| from_m[k] + share * (to_m[k] - from_m[k])))
-        })
-    });
-    for at_m in way.chain(second_m.is_none().then_some(None)) {
-        solver.set_second(of, at_m);
+    if let Some((from_m, to_m)) = ends {
+        let way_m = distance(from_m, to_m);
+        let (mut done_m, mut step_m, mut is_there) = (0.0, STEP_M, false);
+        while !is_there {
+            let next_m = f64::min(done_m + step_m, way_m);
+            let share = next_m / way_m.max(f64::MIN_POSITIVE);
+            let at_m = std::array::from_fn(|k| from_m[k] + share * (to_m[k] - from_m[k]));
+            solver.set_second(of, Some(at_m));
+            match solver.follow(seed, seed.pose.displacement_m, true, &OPTIONS, to) {
+                Ok(_) => {
+                    std::mem::swap(seed, to);
+                    (done_m, is_there) = (next_m, next_m == way_m);
+                }
+                // The guess does not follow the partner, so the steps are short where it presses hard.
+                Err(_) if step_m > LEAST_STEP_M => step_m *= 0.5,
+                Err(failure) => return Err(failure),
+            }
+        }
+    }
+    if second_m.is_none() {
+        solver.set_second(of, None);
         solver.follow(seed, seed.pose.displacement_m, true, &OPTIONS, to)?;
         std::mem::swap(seed, to);
     }

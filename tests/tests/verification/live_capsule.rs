@@ -1,11 +1,11 @@
 //! A capsule that touches the organ live while the grip turns it: force and moment against full solutions.
 
 use nalgebra::Vector3;
-use palpate_core::{Orientation, vec3};
+use palpate_core::{Config, Orientation, vec3};
 use palpate_precompute::live::Truth;
 use palpate_precompute::spec::Tolerance;
 
-use super::live_sphere::{feel_turning, reaction_n, scene_with, way};
+use super::live_sphere::{feel_with, reaction_n, scene_with, way};
 
 /// Largest angle of the grip, rad, and the ticks of one turn to and fro.
 const TILT_RAD: f32 = 0.35;
@@ -23,7 +23,9 @@ fn a_capsule_that_is_turned_is_not_felt_to_lag() {
         let angle_rad = TILT_RAD * (core::f32::consts::TAU * tick as f32 / PERIOD).sin();
         Orientation::of_vector([0.0, angle_rad, 0.5 * angle_rad])
     };
-    let felt = feel_turning(&scene, 0.0, &[way], grip);
+    let mut config = Config::live();
+    config.contact.friction = 0.0;
+    let felt = feel_with(&scene, config, &[way], grip);
     let (solver, ticks) = &felt[0];
     println!("{:?}", solver.totals());
     let half_m = scene.tool.half_axis_m().expect("a capsule").map(|x| x as f32);

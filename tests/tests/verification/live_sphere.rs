@@ -63,13 +63,15 @@ pub(super) type Felt = (LiveSolver, Vec<(Touch, Command)>);
 /// The ticks of the controllers of one or two tools, each on its way, with a solver for each that takes ten ticks for a step.
 /// Every tool is the partner of the other one.
 pub(super) fn feel(scene: &ResolvedScene, friction: f32, ways: &[Vec<Vector3<f64>>]) -> Vec<Felt> {
-    feel_turning(scene, friction, ways, |_| Orientation::IDENTITY)
+    let mut config = Config::live();
+    config.contact.friction = friction;
+    feel_with(scene, config, ways, |_| Orientation::IDENTITY)
 }
 
-/// The same with the orientation of the grip in each tick.
-pub(super) fn feel_turning(
+/// The same with other settings of the controllers and the orientation of the grip in each tick.
+pub(super) fn feel_with(
     scene: &ResolvedScene,
-    friction: f32,
+    config: Config,
     ways: &[Vec<Vector3<f64>>],
     grip: impl Fn(usize) -> Orientation,
 ) -> Vec<Felt> {
@@ -79,8 +81,6 @@ pub(super) fn feel_turning(
     let organ: Box<Organ<'_>> = Organ::read_boxed(&bytes).expect("good");
     let start_m = Vector3::from(all[0].0.skin().contacts[0].rest_m);
     let mut words = vec![0; TouchSurface::words(&organ)];
-    let mut config = Config::live();
-    config.contact.friction = friction;
     let controller = Controller::new(&organ, config).expect("an organ to be touched");
     let controller = controller.on_surface(TouchSurface::new(&organ, &mut words));
     let loops = ways.iter().map(|_| (Box::<JetMemory<1, 256>>::default(), State::new()));
@@ -229,4 +229,47 @@ fn a_sphere_feels_the_friction_of_coulomb() {
     let greatest_n = smooth.iter().map(|(_, command)| reaction_n(command).norm()).fold(0.0, f64::max);
     println!("{smooth_j:.2e} J without friction, {rough_j:.2e} J with it, up to {greatest_n:.2} N");
     assert!(rough_j - smooth_j > 0.4 * mu * greatest_n * 0.025, "{smooth_j} {rough_j} J");
+}
+
+/// The node of the skin at this distance from the fixed end, and its normal.
+fn of_fixed_end(scene: &ResolvedScene, from_end_m: f64) -> (Vector3<f64>, Vector3<f64>) {
+    let surface = palpate_precompute::mesh::Surface::of(&scene.mesh);
+    let end_m = scene.mesh.nodes_m.iter().map(|node| node[0]).fold(f64::INFINITY, f64::min);
+    let off_m = |node: &u32| (scene.mesh.nodes_m[*node as usize][0] - end_m - from_end_m).abs();
+    let nodes = scene.fixed.iter().copied().filter_map(|node| Some((node, surface.normal(node)?)));
+    let (node, normal) = nodes.min_by(|(a, _), (b, _)| off_m(a).total_cmp(&off_m(b))).expect("it is held");
+    (scene.mesh.nodes_m[node as usize].into(), normal.into())
+}
+
+/// The deeper a hand presses on the fixed part, the more it feels, up to the largest force and as far as it goes; and it feels
+/// the same afterwards.
+#[test]
+fn the_fixed_part_is_a_wall_for_the_hand() {
+    let scene = scene();
+    for (from_end_m, max_stiffness_n_m) in [(0.0, 3_000.0), (0.01, 3_000.0), (0.016, 3_000.0), (0.0, 700.0)] {
+        let mut config = Config::live();
+        config.limits.max_stiffness_n_m = max_stiffness_n_m;
+        let (place_m, normal) = of_fixed_end(&scene, from_end_m);
+        let at = |depth_m: f64| place_m + (0.01 - depth_m) * normal;
+        // At 50 mm/s, to 18 mm and back, then to 4 mm.
+        let depths = (0..760).chain((0..760).rev()).chain(0..480);
+        let way: Vec<_> = depths.map(|n| at(5e-5 * f64::from(n) - 0.02)).collect();
+        let felt = feel_with(&scene, config, &[way], |_| Orientation::IDENTITY).remove(0).1;
+        let hand = |(_, command): &(Touch, Command)| Vector3::from(command.hand_force_n.map(f64::from));
+        let hand_n: Vec<f64> = felt.iter().map(|tick| hand(tick).norm()).collect();
+        let is_outward = felt[480..760].iter().all(|tick| hand(tick).dot(&normal) > 0.5 * hand(tick).norm());
+        // Where the force of the body does not fall: a new jet may correct it.
+        let body_n: Vec<f64> = felt.iter().map(|(_, command)| reaction_n(command).norm()).collect();
+        let pressing = (1..760).filter(|n| body_n[*n] >= body_n[n - 1]);
+        let falls_n = pressing.map(|n| hand_n[n - 1] - hand_n[n]).fold(0.0, f64::max);
+        let most_n = body_n.iter().copied().fold(0.0, f64::max);
+        let [first_n, again_n] = [hand_n[479], hand_n[1_999]];
+        println!(
+            "{from_end_m} m: falls by {falls_n:.3} N a tick, body {most_n:.1} N, {first_n:.2} N then {again_n:.2} N"
+        );
+        assert!(falls_n < 5e-3 && is_outward && hand_n[759] > 7.9 && most_n < 100.0);
+        if max_stiffness_n_m > 2_500.0 {
+            assert!((first_n - again_n).abs() < 0.15 * first_n && first_n > 5.0, "{first_n} {again_n}");
+        }
+    }
 }

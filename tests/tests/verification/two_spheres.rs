@@ -51,6 +51,41 @@ fn ways(scene: &ResolvedScene, speed: f64) -> [Vec<Vector3<f64>>; 2] {
     [one, other]
 }
 
+/// The ways of a hand that waits beside the skin, comes at 50 mm/s, presses 8 mm deep and leaves, and of the partner: it presses
+/// `deep_m` beside it while the hand waits, and holds.
+fn beside_a_held_partner(scene: &ResolvedScene, deep_m: f64) -> [Vec<Vector3<f64>>; 2] {
+    // Where the ways go down, 30 mm straight to 8 mm below the skin.
+    let [one, other] = ways(scene, 1.0);
+    let at = |[out_m, deep_m]: [Vector3<f64>; 2], above_m: f64| {
+        deep_m + (above_m + 8e-3) * (out_m - deep_m).normalize()
+    };
+    let [hand, partner] = [[one[0], one[280]], [other[200], other[480]]];
+    let line = |from: Vector3<f64>, to: Vector3<f64>, ticks: usize| {
+        (0..ticks).map(move |n| from + n as f64 / ticks as f64 * (to - from))
+    };
+    let still = |at: Vector3<f64>, ticks: usize| std::iter::repeat_n(at, ticks);
+    let [above_m, below_m, held_m] = [at(hand, 12e-3), at(hand, -8e-3), at(partner, -deep_m)];
+    let hand = still(above_m, 500)
+        .chain(line(above_m, below_m, 400))
+        .chain(still(below_m, 100))
+        .chain(line(below_m, above_m, 400));
+    let partner = line(at(partner, 4e-3), held_m, 120).chain(still(held_m, 1_280));
+    [hand.collect(), partner.collect()]
+}
+
+/// The first touch beside a partner that holds is felt at once. Newton's method does not find it from the body at rest: that
+/// under the partner alone is solved first.
+#[test]
+fn a_hand_comes_to_a_body_that_a_partner_holds_pressed() {
+    let scene = scene();
+    for (deep_m, least) in [(8e-3, 50), (12e-3, 25)] {
+        let ways = beside_a_held_partner(&scene, deep_m);
+        let felt = feel(&scene, 0.0, &ways);
+        let (count, good, _) = compare(&felt[0], Some((&felt[1], &ways[1])));
+        assert!(count >= least && f64::from(good) >= 0.95 * f64::from(count), "{good} of {count}");
+    }
+}
+
 /// Each sphere feels the body that the other one deforms, where both press.
 #[test]
 fn two_spheres_feel_each_other_through_the_body() {

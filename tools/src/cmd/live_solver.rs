@@ -17,6 +17,10 @@ use crate::setting::split;
 
 /// Pause while everything near the hand is known.
 const IDLE_PAUSE: Duration = Duration::from_micros(300);
+/// The line for the user while the sphere presses on the fixed part, again after a time.
+pub(super) const FIXED_PART: &str =
+    "the sphere presses on the fixed part, which is felt as a wall, not as tissue";
+const WARNING: Duration = Duration::from_secs(10);
 /// Time between two pictures of the surface.
 const PICTURE: Duration = Duration::from_millis(33);
 /// Time between two heartbeats.
@@ -136,6 +140,8 @@ struct Solving {
     counters: Counters,
     /// CPU time of the process when the session began, ns.
     begun_ns: u64,
+    /// When the user was last told that the sphere presses on the fixed part.
+    warned: Option<Instant>,
     /// A change of the scene whose touch is not known yet, and when it began.
     changing: Option<(String, Instant)>,
     /// When the present solve began, CLOCK_MONOTONIC, ns; 0 between two.
@@ -159,6 +165,7 @@ impl Solving {
             resent: None,
             counters: Counters::default(),
             begun_ns: cpu_ns(),
+            warned: None,
             changing: None,
             solving_ns,
         }
@@ -201,7 +208,7 @@ impl Solving {
             match step {
                 Step::Solved => self.counters.solves += 1,
                 Step::Lost { .. } => self.counters.lost += 1,
-                Step::Renewing | Step::Idle => {}
+                Step::Renewing | Step::Followed | Step::Idle => {}
             }
             if self.send().is_err() {
                 return;
@@ -277,11 +284,17 @@ impl Solving {
         Ok(())
     }
 
-    /// Shows the surface, if a picture is due.
+    /// Shows the surface, if a picture is due, and tells the user if the sphere presses on the fixed part.
     fn show(&mut self, hand: &Seen) {
         let at_rest = hand.touch.is_none();
         if self.shown.elapsed() < PICTURE || at_rest && self.at_rest {
             return;
+        }
+        let is_due = self.warned.is_none_or(|at| at.elapsed() > WARNING);
+        if is_due && self.solver.presses_fixed_part(hand) {
+            // The session may have ended.
+            let _ = self.serving.report(FIXED_PART);
+            self.warned = Some(Instant::now());
         }
         self.solver.displacements_into(hand, &self.nodes, &mut self.displacements_m);
         self.serving.end.show(&self.displacements_m);

@@ -2,8 +2,8 @@
 
 use crate::fem::body::Body;
 use crate::fem::sphere::CoatedSphere;
-use crate::mesh::nearest_of_segment;
-use crate::num::vector::{cross, difference, distance, norm, unit};
+use crate::fem::sphere::foot::Foot;
+use crate::num::vector::{difference, norm};
 
 /// A sphere slower than this has no way, m/s, and the steps on one.
 const SLOW_M_S: f64 = 1e-3;
@@ -12,14 +12,6 @@ const STEPS_ON_WAY: u32 = 24;
 /// Steps out of a body, and the length of each as a multiple of the overlap.
 const STEPS_OUT: u32 = 20;
 const BESIDE: f64 = 1.05;
-
-/// Where the skin at rest is nearest to the axis.
-#[derive(Debug, Clone, Copy)]
-struct Nearest {
-    /// Unit direction from the skin to the axis; outward where the axis goes through the skin.
-    away: [f64; 3],
-    distance_m: f64,
-}
 
 impl CoatedSphere {
     /// As a capsule with this half axis, m; zero for a sphere.
@@ -31,25 +23,35 @@ impl CoatedSphere {
 
     /// Distance of the layer from the body at rest, m; zero or less where they overlap.
     pub fn clearance_m(&self, body: &Body, displacement_m: [f64; 3]) -> f64 {
-        self.nearest(body, displacement_m).distance_m - self.outer_m()
+        self.foot(body, displacement_m).distance_m - self.outer_m()
     }
 
     /// The displacement out of the body, if the layer overlaps the skin at rest at this one: step by step away from the
     /// nearest point of the skin. The same displacement if it does not overlap.
     pub(crate) fn beside_m(&self, body: &Body, mut displacement_m: [f64; 3]) -> [f64; 3] {
         for _ in 0..STEPS_OUT {
-            let Nearest { away, distance_m } = self.nearest(body, displacement_m);
-            if distance_m >= self.outer_m() {
+            let foot = self.foot(body, displacement_m);
+            if foot.distance_m >= self.outer_m() {
                 break;
             }
-            let overlap_m = BESIDE * (self.outer_m() - distance_m);
-            displacement_m = std::array::from_fn(|k| displacement_m[k] + overlap_m * away[k]);
+            let overlap_m = BESIDE * (self.outer_m() - foot.distance_m);
+            displacement_m = std::array::from_fn(|k| displacement_m[k] + overlap_m * foot.outward[k]);
         }
         displacement_m
     }
 
+    /// The place of the skin at rest that is nearest to the axis.
+    fn foot(&self, body: &Body, displacement_m: [f64; 3]) -> Foot {
+        let end = |sign: f64| -> [f64; 3] {
+            std::array::from_fn(|k| self.start_m[k] + displacement_m[k] + sign * self.half_m[k])
+        };
+        let ends_m = [end(-1.0), end(1.0)];
+        let all = self.corners_m(body).map(|corners| Foot::on(corners, ends_m));
+        all.reduce(Foot::nearer).expect("a body has a skin")
+    }
+
     /// The displacement at which the layer overlaps the skin at rest by `depth_m`, where a centre at `centre_m` comes to
-    /// it on the shortest way; `None` if it is farther than `within_m`.
+    /// it on the shortest way; `None` if it is farther than `within_m`, or inside the body.
     pub(crate) fn first_touch_m(
         &self,
         body: &Body,
@@ -58,14 +60,14 @@ impl CoatedSphere {
         depth_m: f64,
     ) -> Option<[f64; 3]> {
         let displacement_m = difference(centre_m, self.start_m);
-        let Nearest { away, distance_m } = self.nearest(body, displacement_m);
-        let is_near = distance_m > 0.0 && distance_m < self.outer_m() + within_m;
-        let way_m = self.outer_m() - depth_m - distance_m;
-        is_near.then(|| std::array::from_fn(|k| displacement_m[k] + way_m * away[k]))
+        let foot = self.foot(body, displacement_m);
+        let is_near = foot.distance_m > 0.0 && foot.distance_m < self.outer_m() + within_m;
+        let way_m = self.outer_m() - depth_m - foot.distance_m;
+        is_near.then(|| std::array::from_fn(|k| displacement_m[k] + way_m * foot.outward[k]))
     }
 
     /// The displacement at which a centre that moves on from `centre_m` straight on overlaps the skin at rest by `depth_m`;
-    /// `None` if that is not within `within_m`, or if it does not move.
+    /// `None` if that is not within `within_m`, if it does not move, or if it is inside the body.
     pub(crate) fn touched_on_way_m(
         &self,
         body: &Body,
@@ -75,7 +77,8 @@ impl CoatedSphere {
         depth_m: f64,
     ) -> Option<[f64; 3]> {
         let speed_m_s = norm(velocity_m_s);
-        if speed_m_s < SLOW_M_S {
+        let is_inside = || self.foot(body, difference(centre_m, self.start_m)).distance_m < 0.0;
+        if speed_m_s < SLOW_M_S || is_inside() {
             return None;
         }
         let at = |way_m: f64| -> [f64; 3] {
@@ -94,25 +97,5 @@ impl CoatedSphere {
             }
         }
         None
-    }
-
-    fn nearest(&self, body: &Body, displacement_m: [f64; 3]) -> Nearest {
-        let end = |sign: f64| -> [f64; 3] {
-            std::array::from_fn(|k| self.start_m[k] + displacement_m[k] + sign * self.half_m[k])
-        };
-        let ends = [end(-1.0), end(1.0)];
-        let of = |corners: [[f64; 3]; 3]| {
-            let (foot_m, axis_m) = nearest_of_segment(corners, ends);
-            (distance(foot_m, axis_m), foot_m, axis_m, corners)
-        };
-        let all = self.corners_m(body).map(of);
-        let nearest = all.min_by(|(a, ..), (b, ..)| a.total_cmp(b));
-        let (distance_m, foot_m, axis_m, [a, b, c]) = nearest.expect("a body has a skin");
-        let way = if distance_m > 0.0 {
-            difference(axis_m, foot_m)
-        } else {
-            cross(difference(b, a), difference(c, a))
-        };
-        Nearest { away: unit(way), distance_m }
     }
 }

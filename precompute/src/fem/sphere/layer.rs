@@ -8,7 +8,7 @@
 //!
 //! whose third derivatives are continuous. The layer is compliance of the tool and not of the body: where the pressure
 //! is p, t is (p / k)^(1/3). The pressure grows with the overlap, but only up to the centre: a state in which the skin is
-//! within half the radius from it counts as not solved.
+//! within half the radius from it counts as not solved. For a live hand the fixed part is a spring ([`super::wall`]).
 //!
 //! The points are the centres of k^2 equal parts of each face. With n = (y - c) / |y - c|, r = |y - c|, P = I - n n^T,
 //! phi = Phi / A as a function of r, and changes z of y - c:
@@ -38,7 +38,7 @@ use crate::fem::body::Body;
 use crate::fem::elastic::ElasticState;
 use crate::fem::pad::shape_values;
 use crate::fem::sphere::overlap::{Overlap, is_near};
-use crate::fem::sphere::{Posture, Sphere};
+use crate::fem::sphere::{Posture, Sphere, wall};
 use crate::num::jet::{SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{cross, difference, distance, norm};
 
@@ -60,6 +60,8 @@ impl Layer {
 
 /// Skin within this share of the radius from the centre is pierced: the pressure there would fill the sphere.
 const PIERCED: f64 = 0.5;
+/// The same of a wall, whose points do not come nearer than they lie apart.
+const PIERCED_WALL: f64 = 0.25;
 
 /// A face of the skin.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,6 +78,13 @@ struct Face {
 impl Face {
     fn nodes(&self) -> &[u32] {
         &self.nodes[..if self.is_quadratic { 6 } else { 3 }]
+    }
+
+    /// Whether a point follows fixed nodes more than others.
+    fn is_fixed(&self, values: &[f64; 6], body: &Body) -> bool {
+        let of =
+            |(node, value): (&u32, &f64)| if body.fixed[*node as usize] == [true; 3] { *value } else { 0.0 };
+        self.nodes().iter().zip(values).map(of).sum::<f64>() > 0.5
     }
 }
 
@@ -99,6 +108,8 @@ pub struct CoatedSphere {
     /// Half axis where its way to the body is asked for, m; zero of a sphere.
     pub(crate) half_m: [f64; 3],
     points: Arc<Points>,
+    /// Whether the fixed part is a spring.
+    has_wall: bool,
 }
 
 /// Values of the shape functions of a face at the centres of `parts`^2 parts.
@@ -132,7 +143,19 @@ impl CoatedSphere {
             Face { nodes, is_quadratic, area_m2: face_m2 / f64::from(parts * parts), parts }
         };
         let faces = body.skin().map(face).collect();
-        Self { radius_m, layer, start_m, half_m: [0.0; 3], points: Arc::new(Points { faces, shapes: table }) }
+        let points = Arc::new(Points { faces, shapes: table });
+        Self { radius_m, layer, start_m, half_m: [0.0; 3], points, has_wall: false }
+    }
+
+    /// The same with the fixed part as a spring, which a hand can feel whole.
+    #[must_use]
+    pub(crate) fn with_wall(self) -> Self {
+        Self { has_wall: true, ..self }
+    }
+
+    /// Whether a point is one of the spring.
+    fn is_wall(&self, face: &Face, values: &[f64; 6], body: &Body) -> bool {
+        self.has_wall && face.is_fixed(values, body)
     }
 
     /// Radius at which the layer begins, m.
@@ -181,8 +204,12 @@ impl CoatedSphere {
         })
     }
 
-    /// phi and its first three derivatives by r, per area, at the distance r.
-    fn potential(&self, r: f64) -> [f64; 4] {
+    /// phi and its first three derivatives by r, per area, at the distance r; against the fixed part if it `is_wall`.
+    fn potential(&self, r: f64, is_wall: bool) -> [f64; 4] {
+        if is_wall {
+            let Layer { thickness_m, pressure_pa } = self.layer;
+            return wall::potential((thickness_m, pressure_pa), self.outer_m(), r);
+        }
         let (d, k) = (self.layer.thickness_m, self.layer.pressure_pa);
         let t = (self.outer_m() - r) / d;
         [0.25 * k * d * t.powi(4), -k * t.powi(3), 3.0 * k * t * t / d, -6.0 * k * t / (d * d)]
@@ -200,17 +227,22 @@ impl CoatedSphere {
         to.clear();
         let half = Vector3::from(posture.half_m);
         let turns = posture.half_m != [0.0; 3];
+        let mut from_outside_n = 0.0;
         for (face, places) in self.near(body, state, posture) {
             let mut nodal = [Vector3::zeros(); 6];
             let (mut coupling, mut pairs) = ([Matrix3::zeros(); 6], [[Matrix3::zeros(); 6]; 6]);
             let mut turned = [Matrix3::zeros(); 6];
+            let outward = (places[1] - places[0]).cross(&(places[2] - places[0])).normalize();
             for overlap in self.touched(face, &places, half) {
                 let Overlap { values, distance_m, normal, share, .. } = overlap;
-                let [energy, slope, curvature, _] = self.potential(distance_m);
+                let is_wall = self.is_wall(face, values, body);
+                let [energy, slope, curvature, _] = self.potential(distance_m, is_wall);
                 to.energy_j += face.area_m2 * energy;
-                to.is_pierced |= distance_m < PIERCED * self.radius_m;
+                let least = if is_wall { PIERCED_WALL } else { PIERCED };
+                to.is_pierced |= distance_m < least * self.radius_m;
                 let push = face.area_m2 * slope * normal;
                 to.force_n -= push;
+                from_outside_n += if is_wall { push.dot(&outward) } else { 0.0 };
                 to.of_axis_n -= share * push;
                 nodal.iter_mut().zip(values).for_each(|(sum, value)| *sum += push * *value);
                 if with_tangent {
@@ -241,7 +273,24 @@ impl CoatedSphere {
                 }
             }
         }
+        // The centre is behind the wall.
+        to.is_pierced |= from_outside_n < 0.0;
         to.torque_n_m = half.cross(&to.of_axis_n);
+    }
+
+    /// The share of the fixed part in the forces of the layer at a state of a body; zero without a force.
+    pub(crate) fn wall_share(&self, body: &Body, state: &[f64], displacement_m: [f64; 3]) -> f64 {
+        let posture = Posture { displacement_m, half_m: [0.0; 3] };
+        let (mut all_n, mut wall_n) = (0.0, 0.0);
+        for (face, places) in self.near(body, state, &posture) {
+            for Overlap { values, distance_m, .. } in self.touched(face, &places, Vector3::zeros()) {
+                let is_wall = self.is_wall(face, values, body);
+                let push_n = -face.area_m2 * self.potential(distance_m, is_wall)[1];
+                all_n += push_n;
+                wall_n += if is_wall { push_n } else { 0.0 };
+            }
+        }
+        if all_n > 0.0 { wall_n / all_n } else { 0.0 }
     }
 
     /// The third derivatives of the potential along the changes of the state for each axis of the displacement of a tool:
@@ -261,7 +310,8 @@ impl CoatedSphere {
                 Vector3::from_column_slice(&sensitivity[axis][3 * node as usize..][..3])
             };
             for Overlap { values, distance_m, normal, axis, .. } in self.touched(face, &places, half) {
-                let [_, slope, curvature, third] = self.potential(distance_m);
+                let is_wall = self.is_wall(face, values, body);
+                let [_, slope, curvature, third] = self.potential(distance_m, is_wall);
                 let changes: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
                     let nodes = face.nodes().iter().zip(values);
                     let moved: Vector3<f64> = nodes.map(|(&node, value)| of(axis, node) * *value).sum();

@@ -2,10 +2,12 @@
 
 mod beside;
 mod complementarity;
+mod foot;
 mod gap;
 mod layer;
 mod overlap;
 mod skin;
+mod wall;
 
 pub(crate) use complementarity::complementary;
 pub(crate) use gap::{Feature, Gap, Variation};

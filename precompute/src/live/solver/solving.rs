@@ -8,7 +8,7 @@ use super::super::states::Start;
 use super::super::task::{Aim, Task};
 use super::super::workers::Made;
 use super::LiveSolver;
-use crate::fem::{Coupling, DESCENT_STEPS, FollowOptions, Followed, FreeBody, Second, Seed};
+use crate::fem::{Coupling, DESCENT_STEPS, FollowOptions, Followed, FreeBody, Seed};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{distance, norm};
 use crate::spec::Tolerance;
@@ -32,10 +32,8 @@ const MAX_SWEEPS_FROZEN: u32 = 12;
 const MAX_STEPS_AHEAD: u32 = 6;
 /// A branch that is not found at the hand within this distance from its last state has ended, m.
 const NEAR_M: f64 = 1e-3;
-/// A sphere starts beside the body at rest if that is nearer by this factor than the nearest state.
-const NEARER: f64 = 0.5;
 /// Times that a continuation that fails is tried over half of the way.
-const HALVINGS: u32 = 2;
+pub(super) const HALVINGS: u32 = 2;
 /// A branch that was met before is known again from its states within this distance, m.
 const SAME_BRANCH_M: f64 = 5e-3;
 /// A descent ends after this time, s,
@@ -169,26 +167,6 @@ impl LiveSolver {
         Start { seed: rest, is_guess: false }
     }
 
-    /// The body at rest with a sphere beside it, if that is much nearer than a kept state: between two places of the skin
-    /// lies the body, and no continuation leads through it.
-    fn untouched(&mut self, task: &Task) -> Option<Start> {
-        let has_partner = self.skin.second() == Second::Partner && self.second_m.is_some();
-        let sphere = self.skin.sphere().filter(|_| !has_partner)?;
-        let nearest = self.states.nearest(task.contact, self.branches.of(task.contact), task.control_m);
-        let within_m =
-            nearest.map_or(f64::INFINITY, |seed| NEARER * distance(seed.jet.control_m, task.control_m));
-        if -sphere.clearance_m(&self.body, task.control_m) >= within_m {
-            return None;
-        }
-        let beside_m = sphere.beside_m(&self.body, task.control_m);
-        if distance(beside_m, task.control_m) >= within_m {
-            return None;
-        }
-        let mut seed = self.states.room();
-        seed.become_rest(&self.body, beside_m);
-        Some(Start { seed, is_guess: false })
-    }
-
     /// Moves the solver to a contact; whether it needs a new factor.
     fn go_to(&mut self, contact: u16, is_first: bool) -> bool {
         let problem = self.problem(contact);
@@ -198,7 +176,6 @@ impl LiveSolver {
         }
         self.workers.go_to(contact, problem);
         let radius_m = self.skin.tip().map_or(0.0, |tip| tip.radius_m);
-        let waits = self.waits_for_factors();
         let worker = self.workers.present();
         let serves = match worker.factor {
             Made::Unknown => false,
@@ -209,6 +186,13 @@ impl LiveSolver {
             return false;
         }
         worker.factor = Made::Unknown;
+        !self.borrows_factor(contact)
+    }
+
+    /// Gives the present solver, at a contact, the factor of the free body where new ones take too long; whether it has it.
+    pub(super) fn borrows_factor(&mut self, contact: u16) -> bool {
+        let waits = self.waits_for_factors();
+        let worker = self.workers.present();
         if waits
             && let Some(Some(free_body)) = &mut self.free_body
             && worker.solver.borrow_factor(free_body)
@@ -216,7 +200,7 @@ impl LiveSolver {
             let is_held = worker.solver.problem().contact.as_ref().is_some_and(|by| by.handle().is_some());
             worker.factor = if is_held { Made::At(contact, [0.0; 3]) } else { Made::Free };
         }
-        worker.factor == Made::Unknown
+        worker.factor != Made::Unknown
     }
 
     /// The contact at rest, by the factor of the free body; `None` if that does not serve.
@@ -264,7 +248,7 @@ impl LiveSolver {
     }
 
     /// The state at a control of a contact, if the branch of `from` leads to one that is not known to be unstable.
-    fn continued(
+    pub(super) fn continued(
         &mut self,
         from: &Start,
         task: &Task,

@@ -18,6 +18,7 @@ pub(crate) struct Certificate {
     /// Whether the user ended the check before all positions were solved.
     is_cut: bool,
     error_mn: Option<Errors>,
+    /// Share of both kinds whose error cannot be felt; none of the second kind.
     not_felt_share: Option<f64>,
     /// From the command to the loop, and the wait of the first touch for its force.
     first_force_s: Option<f64>,
@@ -75,11 +76,12 @@ impl Certificate {
     pub(crate) fn verdict(&self) -> String {
         match (&self.error_mn, self.not_felt_share) {
             (Some(error), Some(share)) => format!(
-                "the felt force is within {:.1} mN of {} full finite-element solutions; {:.1} % of the errors are below what can \
-                 be felt",
+                "the felt force is within {:.1} mN of {} full finite-element solutions; at {:.1} % of {} positions the error is \
+                 below what can be felt",
                 error.max,
                 self.checked,
-                100.0 * share
+                100.0 * share,
+                self.checked + self.unsolved
             ),
             _ => "the felt force was compared with no full solution".into(),
         }
@@ -93,22 +95,15 @@ impl Certificate {
             100.0 * self.solver_busy_share,
             self.lost
         )];
-        if let (Some(error), Some(share)) = (&self.error_mn, self.not_felt_share) {
-            lines.push(format!(
-                "check        {} positions: error of the felt force {:.1} mN mean, {:.1} mN p99, {:.1} mN at most; {:.1} % \
-                 below what can be felt",
-                self.checked,
-                error.mean,
-                error.p99,
-                error.max,
-                100.0 * share
-            ));
-        }
+        lines.extend(self.of_check());
         if self.is_cut {
             lines.push("             ended by Ctrl-C before all positions were solved".into());
         }
         if self.unsolved > 0 {
-            lines.push(format!("             {} positions could not be solved", self.unsolved));
+            lines.push(format!(
+                "             {} positions without a full solution count as felt",
+                self.unsolved
+            ));
         }
         if self.loops > 0 {
             let (pumped_mj, exchanged_mj) = (self.loop_pumped_mj, self.loop_exchanged_mj);
@@ -122,5 +117,17 @@ impl Certificate {
             lines.push(format!("first force  {first_s:.2} s after the command, without the way of the hand"));
         }
         lines
+    }
+    /// The line of the check.
+    fn of_check(&self) -> Option<String> {
+        let errors = match &self.error_mn {
+            Some(Errors { mean, p99, max }) => {
+                format!("error of the felt force {mean:.1} mN mean, {p99:.1} mN p99, {max:.1} mN at most")
+            }
+            None => "none with a full solution".into(),
+        };
+        let share = self.not_felt_share?;
+        let all = self.checked + self.unsolved;
+        Some(format!("check        {all} positions: {errors}; {:.1} % below what can be felt", 100.0 * share))
     }
 }

@@ -123,12 +123,13 @@ impl Checked {
         Some([errors.iter().sum::<f64>() / errors.len() as f64, p99, largest])
     }
 
-    /// Share of the positions whose error cannot be felt.
+    /// Share of the positions whose error cannot be felt. One without a full solution does not count as such.
     pub(super) fn not_felt_share(&self) -> Option<f64> {
         let cannot_be_felt =
             |at: &&Compared| at.error_n() <= Tolerance::IMPERCEPTIBLE.of_size(norm(at.true_n));
         let unfelt = self.compared.iter().filter(cannot_be_felt).count();
-        (!self.compared.is_empty()).then(|| unfelt as f64 / self.compared.len() as f64)
+        let all = self.compared.len() + self.unsolved;
+        (all > 0).then(|| unfelt as f64 / all as f64)
     }
 }
 
@@ -177,4 +178,28 @@ fn solve(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::NodeWeight;
+
+    use super::*;
+
+    #[test]
+    fn positions_without_a_full_solution_do_not_improve_the_share() {
+        let visit = Visit {
+            weights: [NodeWeight::default(); 3],
+            control_m: [0.0; 3],
+            felt_n: [0.0, 0.0, 1.0],
+            second_m: None,
+            begins: false,
+            changes: 0,
+        };
+        let compared = [1.0, 1.001, 2.0].map(|n| Compared { visit, true_n: [0.0, 0.0, n] });
+        let checked = Checked { compared: compared.into(), unsolved: 1, is_cut: false };
+        assert_eq!(checked.not_felt_share(), Some(0.5));
+        assert_eq!(Checked { compared: Vec::new(), ..checked }.not_felt_share(), Some(0.0));
+        assert_eq!(Checked::default().not_felt_share(), None);
+    }
 }

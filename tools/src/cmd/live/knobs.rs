@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use palpate_host::live::SolverProcess;
 use palpate_host::rt::Controls;
 
+use super::super::live_solver::FIXED_PART;
 use crate::control::Control;
 use crate::failure::Failure;
 use crate::setting::split;
@@ -81,7 +82,10 @@ impl Knobs {
         }
         let line = self.process.as_mut()?.next_line(Duration::ZERO).ok().flatten()?;
         eprintln!("palpate: {line}");
-        self.note(&line);
+        // This line is no answer.
+        if line != FIXED_PART {
+            self.note(&line);
+        }
         Some(line)
     }
 

@@ -139,8 +139,9 @@ impl Args {
             let line = "--second needs a scene with [tool] shape = \"sphere\": other tools hold their contacts alone";
             return Err(Failure::input(line));
         }
-        let hardware = self.session.device.hardware();
-        if hardware.is_some_and(|hardware| hardware.to_string() == *device) {
+        let second = device.parse::<DeviceSpec>().map_err(Failure::input)?;
+        let both = self.session.device.hardware().zip(second.hardware());
+        if both.is_some_and(|(one, other)| one.is_same_device(other)) {
             return Err(Failure::input(format!("--device and --second are both {device}: give two devices")));
         }
         let (link, second) = SecondSession::start(self.second_command(device, settings)?, |line| {
