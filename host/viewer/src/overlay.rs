@@ -159,9 +159,7 @@ impl Overlay {
             Tool::Sphere(_) => "depth of the sphere",
             Tool::Capsule(_) => "depth of the capsule",
         };
-        if captions.tool.sphere().is_some() {
-            displacement_m = captions.depth_m;
-        }
+        displacement_m = captions.tool.sphere().map_or(displacement_m, |_| captions.depth_m);
         self.text(image, moved, right, y, Align::Right, label);
         y += 34.0 * scale;
         self.figure(image, &format!("{:.1}", displacement_m * 1e3), "mm", (right, y), 22.0 * scale, BRIGHT);
