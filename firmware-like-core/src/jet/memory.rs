@@ -131,11 +131,10 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         };
         self.uses += 1;
         self.stamp = self.stamp.wrapping_add(1);
-        let touched_m = self.whole.map(|whole| whole.displacement_m);
-        let (tick, used, stamp) = (self.tick, self.uses, self.stamp);
+        let (used, stamp) = (self.uses, self.stamp);
         let Some(place) = self.places.get_mut(index) else { return false };
         place.used = used;
-        place.table.insert(jet, touched_m.filter(|_| place.tick == tick), stamp);
+        place.table.insert(jet, stamp);
         true
     }
 

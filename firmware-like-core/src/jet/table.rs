@@ -161,12 +161,11 @@ impl<const JETS: usize> Table<JETS> {
         self.jets.get(..self.len).unwrap_or_default()
     }
 
-    /// Adds a checked jet. `present_m` is the displacement of the tool if it touches the point. `stamp` is
-    /// different for each insertion.
+    /// Adds a checked jet. `stamp` is different for each insertion.
     ///
-    /// A jet with the same control is replaced. In a full table the one farthest from the tool, or else from
-    /// the new jet, is.
-    pub(super) fn insert(&mut self, jet: &Jet, present_m: Option<Vec3>, stamp: u32) {
+    /// A jet with the same controls is replaced. In a full table the one farthest from the new jet is: the solver, which
+    /// does the same, knows what is left.
+    pub(super) fn insert(&mut self, jet: &Jet, stamp: u32) {
         self.is_coupled |= jet.coupling.is_some();
         if jet.model != self.model {
             self.change(jet.model);
@@ -184,7 +183,7 @@ impl<const JETS: usize> Table<JETS> {
                 self.len += 1;
                 self.len - 1
             }
-            None => self.farthest(present_m.unwrap_or(jet.control_m)),
+            None => self.farthest(jet),
         };
         self.put(slot, Some((jet, stamp)));
     }
@@ -245,10 +244,13 @@ impl<const JETS: usize> Table<JETS> {
         }
     }
 
-    fn farthest(&self, from_m: Vec3) -> usize {
+    fn farthest(&self, new: &Jet) -> usize {
         let (mut slot, mut most) = (0, -1.0);
         for (at, jet) in self.known().iter().enumerate() {
-            let squared = vec3::norm_squared(vec3::sub(jet.control_m, from_m));
+            let parted_m =
+                if self.is_coupled { vec3::sub(second_of(jet), second_of(new)) } else { vec3::ZERO };
+            let squared =
+                vec3::norm_squared(vec3::sub(jet.control_m, new.control_m)) + vec3::norm_squared(parted_m);
             if squared > most {
                 (slot, most) = (at, squared);
             }

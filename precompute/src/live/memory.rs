@@ -342,7 +342,7 @@ impl Growth {
 
 #[cfg(test)]
 mod tests {
-    use palpate_core::JetMemory;
+    use palpate_core::{Field, JetMemory, NodeWeight, Touch};
 
     use super::*;
     use crate::live::Published;
@@ -401,6 +401,27 @@ mod tests {
             );
         }
         assert!(known.jets().len() <= 256 && removed > 500, "{removed} removed");
+        // A full table: what the solver keeps is there, and gives its own force at its own control.
+        for number in 3_000..3_400 {
+            let control_m: [f64; 3] = std::array::from_fn(|_| 0.02 * (2.0 * random() - 1.0));
+            let mut numbers = [0.0; 20];
+            numbers[1] = f64::from(number);
+            let trust = known.trust(jet(&numbers, control_m), None);
+            known.add(trust, 0, false);
+            let published =
+                Published { contact: 0, trust, joins: true, is_fresh: false, is_unstable: false, model: 0 };
+            assert!(memory.insert(&published.jet(number)), "{number}");
+        }
+        assert_eq!((known.jets().len(), memory.jets(0)), (256, 256));
+        for trust in known.jets().filter(|trust| trust.root.is_none()) {
+            memory.released(0);
+            let at_m = trust.jet.control_m.map(|x| x as f32);
+            let (of, none) = (NodeWeight { space: 0, weight: 1.0 }, NodeWeight::default());
+            let (weights, half_axis_m) = ([of, none, none], None);
+            let touch = Touch { now_us: 0, weights, displacement_m: at_m, hip_m: at_m, half_axis_m };
+            let found_n = memory.force(&touch).expect("jets").force_n.map(f64::from);
+            assert!(distance(found_n, trust.jet.force_n) < 1e-3 * norm(trust.jet.force_n), "{:?}", trust.jet);
+        }
     }
 
     #[test]
