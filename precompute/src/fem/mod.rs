@@ -28,4 +28,5 @@ pub use solve::{
     IterationProfile, NewtonOptions, Pressed, Problem, Renewal, Second, Seed, SolveFailure, Solver,
     SphereSolver, solve_body_force,
 };
+pub(crate) use sphere::Posture;
 pub use sphere::{Capsule, CoatedSphere, Layer, Sphere};

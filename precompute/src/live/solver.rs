@@ -24,7 +24,7 @@ use super::tabled;
 use super::task::{Aim, Task};
 use super::times::SolveTimes;
 use super::workers::Workers;
-use crate::fem::{Body, CoatedSphere, Constraints, FreeBody, Problem, Seed};
+use crate::fem::{Body, CoatedSphere, Constraints, FreeBody, Posture, Problem, Second, Seed};
 use crate::num::jet::EnergyJet;
 use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
@@ -340,7 +340,7 @@ impl LiveSolver {
         match choice.next(hand, near) {
             Some(task) if task.aim == Aim::Renewal && self.begin_renewal(&task) => Step::Renewing,
             Some(task) => self.solve(task),
-            None => self.follow_partner().unwrap_or(Step::Idle),
+            None => Step::Idle,
         }
     }
 
@@ -373,7 +373,12 @@ impl LiveSolver {
     pub fn presses_fixed_part(&self, hand: &Hand) -> bool {
         let Some((sphere, touch)) = self.skin.sphere().zip(hand.touch.as_ref()) else { return false };
         let nearest = self.states.nearest(0, self.branches.of(0), touch.control_m);
-        nearest.is_some_and(|seed| sphere.wall_share(&self.body, &seed.state, seed.jet.control_m) > MOSTLY)
+        nearest.is_some_and(|seed| {
+            let axis = seed.coupling.filter(|coupling| coupling.of == Second::Axis);
+            let half_m = axis.map_or([0.0; 3], |axis| axis.second_m);
+            let posture = Posture { displacement_m: seed.jet.control_m, half_m };
+            sphere.wall_share(&self.body, &seed.state, &posture) > MOSTLY
+        })
     }
 
     /// The problem of a contact.

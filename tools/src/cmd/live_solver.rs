@@ -17,9 +17,9 @@ use crate::setting::split;
 
 /// Pause while everything near the hand is known.
 const IDLE_PAUSE: Duration = Duration::from_micros(300);
-/// The line for the user while the sphere presses on the fixed part, again after a time.
+/// The line for the user while the tool presses on the fixed part, again after a time.
 pub(super) const FIXED_PART: &str =
-    "the sphere presses on the fixed part, which is felt as a wall, not as tissue";
+    "the tool presses on the fixed part, which is felt as a wall, not as tissue";
 const WARNING: Duration = Duration::from_secs(10);
 /// Time between two pictures of the surface.
 const PICTURE: Duration = Duration::from_millis(33);
@@ -140,7 +140,7 @@ struct Solving {
     counters: Counters,
     /// CPU time of the process when the session began, ns.
     begun_ns: u64,
-    /// When the user was last told that the sphere presses on the fixed part.
+    /// When the user was last told that the tool presses on the fixed part.
     warned: Option<Instant>,
     /// A change of the scene whose touch is not known yet, and when it began.
     changing: Option<(String, Instant)>,
@@ -284,7 +284,7 @@ impl Solving {
         Ok(())
     }
 
-    /// Shows the surface, if a picture is due, and tells the user if the sphere presses on the fixed part.
+    /// Shows the surface, if a picture is due, and tells the user if the tool presses on the fixed part.
     fn show(&mut self, hand: &Seen) {
         let at_rest = hand.touch.is_none();
         if self.shown.elapsed() < PICTURE || at_rest && self.at_rest {

@@ -45,9 +45,7 @@ impl CoatedSphere {
         let end = |sign: f64| -> [f64; 3] {
             std::array::from_fn(|k| self.start_m[k] + displacement_m[k] + sign * self.half_m[k])
         };
-        let ends_m = [end(-1.0), end(1.0)];
-        let all = self.corners_m(body).map(|corners| Foot::on(corners, ends_m));
-        all.reduce(Foot::nearer).expect("a body has a skin")
+        Foot::of(self.corners_m(body), [end(-1.0), end(1.0)]).expect("a body has a skin")
     }
 
     /// The displacement at which the layer overlaps the skin at rest by `depth_m`, where a centre at `centre_m` comes to

@@ -18,10 +18,22 @@ pub(super) struct Foot {
 }
 
 impl Foot {
-    /// On a triangle that is counter-clockwise seen from outside, for the nearest place of an axis between two ends.
-    pub(super) fn on(corners: [[f64; 3]; 3], ends_m: [[f64; 3]; 2]) -> Self {
-        let (place_m, point_m) = nearest_of_segment(corners, ends_m);
-        let [a, b, c] = corners;
+    /// The nearest place of triangles that are counter-clockwise seen from outside to an axis between two ends; `None` without
+    /// triangles.
+    pub(super) fn of(triangles: impl Iterator<Item = [[f64; 3]; 3]>, ends_m: [[f64; 3]; 2]) -> Option<Self> {
+        let mut best: Option<Self> = None;
+        for corners in triangles {
+            let (place_m, point_m) = nearest_of_segment(corners, ends_m);
+            if best.is_none_or(|best| distance(place_m, point_m) < best.distance_m.abs() + SAME_M) {
+                let foot = Self::at(corners, place_m, point_m);
+                best = Some(best.map_or(foot, |best| best.nearer(foot)));
+            }
+        }
+        best
+    }
+
+    /// At a place of a triangle.
+    fn at([a, b, c]: [[f64; 3]; 3], place_m: [f64; 3], point_m: [f64; 3]) -> Self {
         let normal = unit(cross(difference(b, a), difference(c, a)));
         let away_m = distance(place_m, point_m);
         let towards = difference(point_m, place_m);
@@ -32,7 +44,7 @@ impl Foot {
     }
 
     /// The nearer one. At an edge or a vertex the face decides that looks most towards the point.
-    pub(super) fn nearer(self, other: Self) -> Self {
+    fn nearer(self, other: Self) -> Self {
         let (one_m, other_m) = (self.distance_m.abs(), other.distance_m.abs());
         let is_same = (one_m - other_m).abs() < SAME_M;
         let is_other = if is_same { other.cosine > self.cosine } else { other_m < one_m };
@@ -52,9 +64,7 @@ mod tests {
             [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 1.0]],
             [[0.0, 0.0, 0.0], [0.0, 2.0, -1.0], [1.0, 0.0, 0.0]],
         ];
-        let foot = |point_m| {
-            faces.map(|face| Foot::on(face, [point_m; 2])).into_iter().reduce(Foot::nearer).expect("two")
-        };
+        let foot = |point_m| Foot::of(faces.into_iter(), [point_m; 2]).expect("two");
         for (y, z) in [(-0.1, 0.0), (-0.1, 0.05), (-0.1, -0.3), (0.0, 0.3), (0.5, -0.5)] {
             assert!(foot(at(y, z)).distance_m > 0.0, "{y} {z}: {:?}", foot(at(y, z)));
         }

@@ -22,6 +22,8 @@
 //!
 //! P = I - n n^T - a' a'^T.
 //!
+//! So D2 phi jumps by phi' a' a'^T / r where a point passes from the cylinder to an end.
+//!
 //! A change e of the half axis moves y - c - s a by w = -s e, and (z, e) have
 //!
 //! Phi_a = sum of -s phi' n,   D2 phi (z, e) = phi'' (n.z)(n.w) + phi' (z.w - (n.z)(n.w) - (z.a)(b.e) / |a|^2) / r,   b = r n - s a,
@@ -279,11 +281,11 @@ impl CoatedSphere {
     }
 
     /// The share of the fixed part in the forces of the layer at a state of a body; zero without a force.
-    pub(crate) fn wall_share(&self, body: &Body, state: &[f64], displacement_m: [f64; 3]) -> f64 {
-        let posture = Posture { displacement_m, half_m: [0.0; 3] };
+    pub(crate) fn wall_share(&self, body: &Body, state: &[f64], posture: &Posture) -> f64 {
+        let half = Vector3::from(posture.half_m);
         let (mut all_n, mut wall_n) = (0.0, 0.0);
-        for (face, places) in self.near(body, state, &posture) {
-            for Overlap { values, distance_m, .. } in self.touched(face, &places, Vector3::zeros()) {
+        for (face, places) in self.near(body, state, posture) {
+            for Overlap { values, distance_m, .. } in self.touched(face, &places, half) {
                 let is_wall = self.is_wall(face, values, body);
                 let push_n = -face.area_m2 * self.potential(distance_m, is_wall)[1];
                 all_n += push_n;

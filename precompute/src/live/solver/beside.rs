@@ -2,8 +2,8 @@
 //!
 //! Between two places of the skin lies the body, and no continuation leads through it. Beside the skin a sphere touches
 //! nothing, so the state is that of the body without it. While a partner presses, that is the body under the partner alone:
-//! an ordinary state of one sphere at the place of the partner. It is continued whenever the partner has moved and there is
-//! time, so the first touch beside a partner starts at once.
+//! an ordinary state of one sphere at the place of the partner. It is continued where the partner moves and the hand is free, so
+//! the first touch beside a partner starts at once. A hand that touches has kept states, and no time for it.
 
 use super::super::published::Step;
 use super::super::states::Start;
@@ -18,10 +18,8 @@ use crate::num::vector::distance;
 const NEARER: f64 = 0.5;
 /// The number of the solver of the body under the partner alone, which is no contact.
 const ALONE: u16 = u16::MAX;
-/// The partner is followed where it has moved farther than this, m,
-const FOLLOWED_M: f64 = 1e-3;
-/// and its state serves a touch up to this distance.
-const SERVES_M: f64 = 4e-3;
+/// The state under the partner serves a touch while the partner is within this distance, m. Then it is followed.
+const SERVES_M: f64 = 2e-3;
 
 /// The body under the partner alone.
 #[derive(Debug, Default)]
@@ -77,7 +75,7 @@ impl LiveSolver {
     /// found.
     pub(super) fn follow_partner(&mut self) -> Option<Step> {
         let partner_m = self.partner_m()?;
-        let is_near = |at_m: [f64; 3]| distance(at_m, partner_m) < FOLLOWED_M;
+        let is_near = |at_m: [f64; 3]| distance(at_m, partner_m) < SERVES_M;
         let known = self.alone.seed.as_ref().map(|seed| seed.jet.control_m);
         if self.known[0].is_empty() || known.is_some_and(is_near) || self.alone.lost_m.is_some_and(is_near) {
             return None;
