@@ -57,3 +57,26 @@ fn the_force_is_the_slope_of_the_energy() {
     let far = jet.force([10.0, 10.0, 10.0]).force_n;
     assert!(vec3::is_finite(far));
 }
+
+/// Beside the body s is negative, also where its curvature at the rim would turn it: there is no force, and s falls evenly.
+#[test]
+fn a_root_goes_straight_on_beyond_its_radius() {
+    // s = 0.01 - 10 x + 2000 x^2 is zero at 1.4 mm, and would be positive again beyond 3.6 mm.
+    let jet = Jet {
+        flags: JetFlags { root: true, ..JetFlags::default() },
+        energy_j: 0.01,
+        force_n: [-10.0, 0.0, 0.0],
+        stiffness_n_m: [4000.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        trust_m: 0.002,
+        ..Jet::default()
+    };
+    for x in [2e-3, 4e-3, 7e-3, 10e-3, 14e-3, 30e-3] {
+        assert_eq!((jet.force([x, 0.0, 0.0]).force_n, jet.energy_j([x, 0.0, 0.0])), ([0.0; 3], 0.0), "{x}");
+    }
+    // Inwards s' is -10 - 8 at the rim and stays so: h = s s'.
+    for x in [-2e-3_f32, -4e-3, -6e-3] {
+        let s = 0.01 + 0.02 + 0.008 - 18.0 * (x + 2e-3);
+        let [h, ..] = jet.force([x, 0.0, 0.0]).force_n;
+        assert!((h + 18.0 * s).abs() < 1e-4, "{x}: {h}");
+    }
+}

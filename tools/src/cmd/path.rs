@@ -47,7 +47,8 @@ pub(crate) struct Args {
     /// input. Of a sphere the places of its centre
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["direction", "steps", "step_mm"])]
     controls: Option<PathBuf>,
-    /// Solve a sphere with its elastic layer, as fields and live touch do, instead of exact contact
+    /// Solve a sphere with its elastic layer, as fields and live touch do, instead of exact contact; a capsule always
+    /// has it
     #[arg(long, requires = "controls")]
     layer: bool,
     /// CSV file to write; standard output if not given, or -

@@ -118,6 +118,7 @@ impl Certificate {
         }
         lines
     }
+
     /// The line of the check.
     fn of_check(&self) -> Option<String> {
         let errors = match &self.error_mn {
