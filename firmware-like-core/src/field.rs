@@ -38,8 +38,9 @@ pub trait Field {
     /// The tool touches nothing in this tick.
     fn released(&mut self, _now_us: u64) {}
 
-    /// Largest stiffness of what it has got so far, N/m; 0 where the controller has found it at the start.
-    fn stiffest_n_m(&self) -> f32 {
+    /// Largest stiffness of what it has got so far at forces up to this one, N/m, with that of the fixed part while the tool
+    /// touches it; 0 where the controller has found it at the start.
+    fn stiffest_n_m(&self, _force_n: f32) -> f32 {
         0.0
     }
 

@@ -266,7 +266,7 @@ fn a_capsule_is_a_sphere_with_an_axis() {
     let tool = Small::read(&known).expect("good").tool;
     assert_eq!((tool, tool.sphere()), (Tool::Capsule(capsule), Some(sphere)));
     assert_eq!(tool.half_axis_m(), Some(capsule.half_axis_m));
-    assert!((tool.reach_m() - 0.016).abs() < 1e-8 && !tool.grasps());
+    assert!(!tool.grasps());
     for bad in [
         Capsule { half_axis_m: [0.0; 3], ..capsule },
         Capsule { half_axis_m: [f32::NAN, 0.0, 0.0], ..capsule },

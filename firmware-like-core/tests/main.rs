@@ -3,6 +3,7 @@
 #[macro_use]
 mod common;
 
+mod approach;
 mod blob;
 mod blob_planes;
 mod contact;

@@ -154,11 +154,6 @@ impl Tool {
         }
     }
 
-    /// Distance from the centre of a sphere or capsule within which it may touch, metres; 0 of other tools.
-    pub fn reach_m(&self) -> f32 {
-        self.sphere().map_or(0.0, |sphere| sphere.reach_m()) + self.half_axis_m().map_or(0.0, vec3::norm)
-    }
-
     /// Whether it can take hold of the skin and pull.
     pub const fn grasps(&self) -> bool {
         matches!(self, Self::Point)

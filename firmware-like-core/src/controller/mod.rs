@@ -10,6 +10,7 @@ mod state;
 pub use config::{Config, ControllerError};
 pub use state::{Command, Fault, Phase, Sample, State};
 
+use crate::blob::format::Sphere;
 use crate::blob::{Limits, Organ};
 use crate::field::{Field, Packed, Touch};
 use crate::guard::limit::{self, Freshness, StaleWatch};
@@ -19,6 +20,7 @@ use crate::guard::stiffness;
 use crate::method::ForceSample;
 use crate::num::vec3::{self, Vec3};
 use crate::space::Space;
+use crate::touch::approach::Approach;
 use crate::touch::contact::{Contact, ContactKind, Engaged, blended_slope_n};
 use crate::touch::grip::Pressed;
 use crate::touch::{NodeWeight, TouchSurface};
@@ -184,7 +186,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let model = self.reaction(&mut state.contact, (now_us, fresh), field)?;
         let ramp = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
         let elapsed_s = elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6;
-        let scale = self.scale(field.stiffest_n_m(), state, &model, elapsed_s);
+        let reached_n = limits.max_force_n / state.scale.unwrap_or(1.0).max(f32::MIN_POSITIVE);
+        let scale = self.scale(field.stiffest_n_m(reached_n), state, &model, elapsed_s);
         let capped_n = vec3::scale(model.reaction_n, -scale);
         let (clamped_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
         let wanted_n = vec3::add(vec3::scale(clamped_n, ramp), damping_n);
@@ -275,16 +278,16 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     ) -> Result<Command, Fault> {
         let (config, spaces) = (&self.config.contact, &self.organ.spaces);
         let (surface, hip_m) = (self.surface.as_ref(), sample.position_m);
+        let half_axis_m = self.organ.tool.half_axis_m().map(|half_m| sample.orientation.turn(half_m));
         let was_engaged = contact.is_engaged();
         let at = match self.organ.tool.sphere() {
-            Some(_) => contact.follow(spaces, surface, (hip_m, self.sphere_engaged_within_m())),
+            Some(sphere) => contact.follow(spaces, surface, &self.approach(sphere, hip_m, half_axis_m)),
             None => contact.update(config, spaces, surface, hip_m, sample.buttons),
         };
         let Some(at) = at else {
             return untouched(field, now_us, hip_m);
         };
         let displacement_m = vec3::sub(hip_m, at.anchor_m);
-        let half_axis_m = self.organ.tool.half_axis_m().map(|half_m| sample.orientation.turn(half_m));
         let touch = Touch { now_us, weights: at.weights, displacement_m, hip_m, half_axis_m };
         let mut answer = field.force(&touch).ok_or(Fault::Internal)?;
         if at.kind == ContactKind::Sphere {
@@ -296,7 +299,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             && at.foot.is_some()
             && !was_engaged
             && answer.force_n != vec3::ZERO;
-        if starts_inside || self.is_released(&at, (hip_m, displacement_m), answer.force_n) {
+        if starts_inside || self.is_released(&at, &touch, answer.force_n) {
             contact.release(hip_m);
             return untouched(field, now_us, hip_m);
         }
@@ -345,32 +348,33 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         Some(sum_j)
     }
 
-    /// Distance from the surface within which a sphere is engaged, metres: its reach of the skin, or a small part of that of
-    /// the surface of the first touch.
-    fn sphere_engaged_within_m(&self) -> f32 {
-        let reach_m = self.organ.tool.reach_m();
+    /// Where a sphere or capsule is. It is engaged within its reach of the skin, or a small part of that of the surface of the
+    /// first touch.
+    fn approach(&self, sphere: Sphere, hip_m: Vec3, half_axis_m: Option<Vec3>) -> Approach {
         let is_of_contacts = self.surface.is_some_and(|surface| surface.is_of_contacts);
-        if is_of_contacts { BESIDE_FIRST_TOUCH * reach_m } else { reach_m }
+        let share = if is_of_contacts { BESIDE_FIRST_TOUCH } else { 1.0 };
+        let half_m = half_axis_m.unwrap_or(vec3::ZERO);
+        Approach { centre_m: hip_m, half_m, within_m: share * sphere.reach_m() }
     }
 
     /// Whether a sphere touches nothing, and is not within the distance at which it is engaged. The fade between two jets
     /// comes near to zero and does not reach it.
     #[inline(never)]
-    fn has_left(&self, hip_m: Vec3, reaction_n: Vec3) -> bool {
-        let within_m = self.sphere_engaged_within_m();
-        let is_near = || self.surface.is_some_and(|surface| surface.is_within(hip_m, within_m));
-        vec3::norm(reaction_n) <= LEFT_N && !is_near()
+    fn has_left(&self, touch: &Touch, reaction_n: Vec3) -> bool {
+        let (Some(sphere), Some(surface)) = (self.organ.tool.sphere(), &self.surface) else { return true };
+        vec3::norm(reaction_n) <= LEFT_N
+            && !surface.is_near(&self.approach(sphere, touch.hip_m, touch.half_axis_m))
     }
 
     /// Whether the model would pull a pushing tool, or a grasp exceeds its largest distance or force, or a sphere has
     /// left the body.
     ///
     /// h . n is negative while the tool presses; a pushing tool cannot pull tissue.
-    fn is_released(&self, at: &Engaged, (hip_m, displacement_m): (Vec3, Vec3), reaction_n: Vec3) -> bool {
+    fn is_released(&self, at: &Engaged, touch: &Touch, reaction_n: Vec3) -> bool {
         let Config { contact, limits, .. } = &self.config;
         match at.kind {
             ContactKind::Push => vec3::dot(reaction_n, at.normal) > contact.release_tension_n,
-            ContactKind::Sphere => self.has_left(hip_m, reaction_n),
+            ContactKind::Sphere => self.has_left(touch, reaction_n),
             ContactKind::Grasp => {
                 let radius_m = |node: &NodeWeight| {
                     let space = self.organ.spaces.get(usize::from(node.space));
@@ -379,7 +383,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
                 let held = at.weights.iter().filter(|node| node.weight > 0.0);
                 let reach_m = contact.grasp_slip * held.map(radius_m).fold(f32::INFINITY, f32::min);
                 let strength_n = contact.grasp_slip * limits.max_force_n;
-                vec3::norm(displacement_m) > reach_m || vec3::norm(reaction_n) * self.hand_scale > strength_n
+                vec3::norm(touch.displacement_m) > reach_m
+                    || vec3::norm(reaction_n) * self.hand_scale > strength_n
             }
         }
     }

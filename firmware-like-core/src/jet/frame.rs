@@ -55,6 +55,8 @@ pub struct JetFlags {
     /// The expansion is that of s = sqrt(2 W) instead of W: h = max(0, s) ds/dd. A tool that begins to touch has an s
     /// that rises from zero with a slope, and no force where s would be negative.
     pub root: bool,
+    /// Most of the force is that of the fixed part, which is stiffer than tissue.
+    pub fixed: bool,
 }
 
 /// The flag of a jet with a coupling.
@@ -62,8 +64,8 @@ const COUPLED: u16 = 32;
 
 impl JetFlags {
     fn bits(self) -> u16 {
-        let Self { joined, fresh, unstable, flush_before, root } = self;
-        [joined, fresh, unstable, flush_before, root]
+        let Self { joined, fresh, unstable, flush_before, root, fixed } = self;
+        [joined, fresh, unstable, flush_before, root, false, fixed]
             .into_iter()
             .rev()
             .fold(0, |bits, flag| bits << 1 | u16::from(flag))
@@ -77,8 +79,9 @@ impl JetFlags {
             unstable: flag(4),
             flush_before: flag(8),
             root: flag(16),
+            fixed: flag(64),
         };
-        (bits < COUPLED).then_some(all)
+        (all.bits() == bits).then_some(all)
     }
 }
 

@@ -5,6 +5,7 @@
 
 use super::frame::Jet;
 use super::ladder::{Ladder, Solver};
+use super::stiffest::Stiffest;
 use super::table::{Decay, Table};
 use super::trusted::limited;
 use super::turning::Turning;
@@ -68,7 +69,9 @@ pub struct JetMemory<const CONTACTS: usize, const JETS: usize = 256> {
     /// Number of the newest model of the body.
     model: u32,
     /// Largest |S| of its jets, N/m.
-    stiffest_n_m: f32,
+    stiffest: Stiffest,
+    /// The same of the fixed part in the present touch.
+    stiffest_fixed: Stiffest,
     hand_overs: u32,
     /// What the fades took from the force in the last tick, N.
     faded_n: Vec3,
@@ -103,7 +106,8 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
             uses: 0,
             stamp: 0,
             model: 0,
-            stiffest_n_m: 0.0,
+            stiffest: Stiffest::default(),
+            stiffest_fixed: Stiffest::default(),
             hand_overs: 0,
             faded_n: vec3::ZERO,
             whole: None,
@@ -123,9 +127,11 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
             return true;
         }
         if jet.model > self.model {
-            (self.model, self.stiffest_n_m) = (jet.model, 0.0);
+            (self.model, self.stiffest) = (jet.model, Stiffest::default());
         }
-        self.stiffest_n_m = self.stiffest_n_m.max(jet.stiffness_size_n_m());
+        if !jet.flags.fixed {
+            self.stiffest.add(jet.force_size_n(), jet.stiffness_size_n_m());
+        }
         let Some(index) = self.index(jet.contact).or_else(|| self.make_room(jet.contact)) else {
             return false;
         };
@@ -233,6 +239,9 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         let answer = place.table.force(d, self.second_m, decay, is_continued)?;
         self.hand_overs = self.hand_overs.wrapping_add(answer.is_handed_over.into());
         self.faded_n = vec3::add(self.faded_n, vec3::scale(answer.faded_n, weight));
+        if let Some((force_n, stiffness_n_m)) = answer.of_fixed {
+            self.stiffest_fixed.add(force_n, stiffness_n_m);
+        }
         Some(answer.sample)
     }
 }
@@ -313,14 +322,14 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
     }
 
     fn released(&mut self, now_us: u64) {
-        (self.whole, self.turning) = (None, Turning::default());
+        (self.whole, self.turning, self.stiffest_fixed) = (None, Turning::default(), Stiffest::default());
         self.tick += 1;
         self.faded_n = vec3::ZERO;
         self.ladder.free(now_us, self.solver);
     }
 
-    fn stiffest_n_m(&self) -> f32 {
-        self.stiffest_n_m
+    fn stiffest_n_m(&self, force_n: f32) -> f32 {
+        self.stiffest.below_n_m(force_n).max(self.stiffest_fixed.below_n_m(force_n))
     }
 
     fn is_lost(&self) -> bool {

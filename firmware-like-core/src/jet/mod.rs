@@ -10,6 +10,7 @@
 mod frame;
 mod ladder;
 mod memory;
+mod stiffest;
 mod table;
 mod trusted;
 mod turning;

@@ -42,6 +42,10 @@ pub(super) struct Decay {
     pub(super) change: f32,
 }
 
+/// A hand-over with a larger difference fades as slowly as a change of the model: where a hand overcomes the device and the
+/// tool goes through a wall, N.
+const LARGE_N: f32 = 4.0;
+
 /// How fast an offset decays, the faster first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Fade {
@@ -111,6 +115,8 @@ pub(super) struct Answer {
     pub(super) is_handed_over: bool,
     /// What the fades of earlier changes took from the force since the last tick, N.
     pub(super) faded_n: Vec3,
+    /// |h| and |S| of another jet of the fixed part, which takes over.
+    pub(super) of_fixed: Option<(f32, f32)>,
 }
 
 impl<const JETS: usize> Table<JETS> {
@@ -298,7 +304,8 @@ impl<const JETS: usize> Table<JETS> {
             self.offset_n = vec3::add(self.offset_n, difference_n);
             let of = |jet: &Jet| jet.energy_beside_j(d, second_m);
             self.offset_j += of(&left.jet) - of(&active.jet);
-            self.fade = self.fade.max(next);
+            let is_large = vec3::norm(difference_n) > LARGE_N;
+            self.fade = self.fade.max(if is_large { Fade::Change } else { next });
         }
         if begins && active.jet.flags.root {
             // A sphere comes to a body without force, whatever a jet far away says.
@@ -307,7 +314,9 @@ impl<const JETS: usize> Table<JETS> {
         self.active = Some(active);
         let force_n = vec3::add(sample.force_n, self.offset_n);
         let is_handed_over = left.is_some();
-        Some(Answer { sample: ForceSample { force_n, ..sample }, is_handed_over, faded_n })
+        let of_fixed = (kept.is_none() && active.jet.flags.fixed)
+            .then(|| (active.jet.force_size_n(), active.jet.stiffness_size_n_m()));
+        Some(Answer { sample: ForceSample { force_n, ..sample }, is_handed_over, faded_n, of_fixed })
     }
 
     /// dW/dq of the active jet.

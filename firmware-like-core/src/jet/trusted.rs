@@ -162,6 +162,12 @@ impl Jet {
         }
     }
 
+    /// |h| at the control, newtons.
+    pub(super) fn force_size_n(&self) -> f32 {
+        let size_n = vec3::norm(self.force_n);
+        if self.flags.root { self.energy_j.max(0.0) * size_n } else { size_n }
+    }
+
     /// |S| at the control, the root of the sum of squares of its components, N/m: at least its largest stiffness.
     /// Of a root the bound |ds/dd|^2 + s |d2s/dd2|.
     pub(super) fn stiffness_size_n_m(&self) -> f32 {

@@ -12,6 +12,7 @@
 //!   anchor slips along the surface as Coulomb friction permits. The weights are continuous across edges, and
 //!   so is the force.
 
+use super::approach::Approach;
 use super::grip::{Grip, Pressed};
 use super::surface::{Crossing, Foot, NodeWeight, TouchSurface, entry};
 use crate::num::vec3::{self, Vec3};
@@ -105,6 +106,8 @@ pub(crate) struct Contact {
     /// HIP of the previous sample, if any. A push begins where the path from it crosses the surface.
     previous_hip_m: Option<Vec3>,
     buttons: u32,
+    /// Whether a sphere of a live field was out of reach of the skin at the previous sample. A touch begins then.
+    was_away: bool,
     /// The tangential spring of a sphere, while it presses.
     grip: Option<Grip>,
 }
@@ -112,7 +115,7 @@ pub(crate) struct Contact {
 impl Default for Contact {
     /// Free. Buttons count as pressed already: a grasp needs the transition from released to pressed.
     fn default() -> Self {
-        Self { engaged: None, previous_hip_m: None, buttons: u32::MAX, grip: None }
+        Self { engaged: None, previous_hip_m: None, buttons: u32::MAX, was_away: false, grip: None }
     }
 }
 
@@ -161,30 +164,37 @@ impl Contact {
     /// The surface of a field of charts is that of the first touch, where the centre is when the sphere just touches the
     /// skin. The foot is its point nearest to the centre at the beginning. Then it follows along the surface, so that it
     /// stays on the side from which the sphere came. Its weights are those of the charts, and the displacement counts from
-    /// it. A live field has one space, and the surface is the skin.
+    /// it. A live field has one space, and the surface is the skin. There a touch begins where a tool comes from out of reach: one
+    /// that starts at the body or inside touches nothing until it has left.
     // On its own, so that it costs the ticks of other tools nothing.
     #[inline(never)]
     pub(crate) fn follow(
         &mut self,
         spaces: &[Space<'_>],
         surface: Option<&TouchSurface<'_>>,
-        (hip_m, engaged_within_m): (Vec3, f32),
+        approach: &Approach,
     ) -> Option<Engaged> {
+        let hip_m = approach.centre_m;
         self.previous_hip_m = Some(hip_m);
         let surface = surface?;
-        let foot = match &self.engaged {
-            None => Some(surface.nearest(hip_m, engaged_within_m)?),
-            Some(at) => at.foot.map(|foot| surface.slide(foot, vec3::sub(hip_m, surface.point(&foot))).0),
-        };
-        let charts = foot.and_then(|foot| Some((foot, surface.node_weights(&foot)?)));
-        if let Some((foot, weights)) = charts.filter(|_| surface.is_of_contacts) {
+        if surface.is_of_contacts {
+            let foot = match self.engaged.and_then(|at| at.foot) {
+                Some(foot) => surface.slide(foot, vec3::sub(hip_m, surface.point(&foot))).0,
+                None => surface.nearest(hip_m, approach.within_m)?,
+            };
+            let weights = surface.node_weights(&foot)?;
             let normal = blended_normal(spaces, &weights)?;
             let (anchor_m, kind) = (surface.point(&foot), ContactKind::Sphere);
             self.engaged = Some(Engaged { weights, foot: Some(foot), anchor_m, normal, kind });
         } else if self.engaged.is_none() {
-            let active = &spaces.first()?.active;
-            let (start_m, normal) = (active.rest_position_m, active.outward_normal);
-            self.engaged = Some(Engaged::by(ContactKind::Sphere, 0, start_m, normal));
+            let is_outside = surface.is_met_outside(approach);
+            let comes_from_outside = self.was_away && is_outside == Some(true);
+            self.was_away = is_outside.is_none();
+            if comes_from_outside {
+                let active = &spaces.first()?.active;
+                let (start_m, normal) = (active.rest_position_m, active.outward_normal);
+                self.engaged = Some(Engaged::by(ContactKind::Sphere, 0, start_m, normal));
+            }
         }
         self.engaged
     }

@@ -1,5 +1,6 @@
 //! Contact of the tool with the body: its surface, and which active nodes are held.
 
+pub(crate) mod approach;
 mod cells;
 pub(crate) mod contact;
 pub(crate) mod grip;

@@ -18,7 +18,7 @@ use crate::num::vec3::{self, Vec3};
 /// the whole box of [`super::cells::MAX_ALONG`] cells.
 const MAX_PIECES: u32 = 64;
 /// Largest number of triangles that one tick tests.
-const MAX_TESTS: usize = 2_048;
+pub(super) const MAX_TESTS: usize = 2_048;
 /// Largest number of triangles that a slide crosses in one tick.
 const MAX_STEPS: usize = 8;
 /// Largest number of triangles examined round a vertex.
@@ -158,7 +158,7 @@ impl<'m> TouchSurface<'m> {
     }
 
     /// Triangles in the cells that the box of some points touches.
-    fn near(&self, points_m: &[Vec3]) -> impl Iterator<Item = &'m u32> + use<'_, 'm> {
+    pub(super) fn near(&self, points_m: &[Vec3]) -> impl Iterator<Item = &'m u32> + use<'_, 'm> {
         self.cells.touched(points_m).flat_map(|cell| list(self.cell_start, self.cell_triangle, cell))
     }
 
@@ -300,7 +300,7 @@ impl<'m> TouchSurface<'m> {
         Some(Foot { triangle, weights })
     }
 
-    fn corners(&self, triangle: u32) -> Option<[Vec3; 3]> {
+    pub(super) fn corners(&self, triangle: u32) -> Option<[Vec3; 3]> {
         corners(&self.surface, self.surface.triangles.get(triangle as usize)?)
     }
 }

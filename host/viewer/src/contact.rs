@@ -79,8 +79,8 @@ impl Contact {
 /// Where a sphere presses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Patch {
-    /// Area of the deformed skin in the layer of the sphere, m^2. The layer is soft and begins outside the radius: under a
-    /// sphere of 10 mm, 2 to 3.5 mm deep, it is 1.9 to 1.5 times that of Hertz.
+    /// Area, m^2. The layer is soft and begins outside the radius: the skin in it is up to twice the area of a hard contact. This
+    /// is that of Hertz, p = p_0 sqrt(1 - rho^2 / a^2), with the same sums of A p and of A p^2: (9/8) (sum A p)^2 / sum A p^2.
     pub area_m2: f32,
     /// Greatest pressure, Pa.
     pub largest_pa: f32,
@@ -117,7 +117,7 @@ fn pressed(
 ) -> Option<(Patch, f32)> {
     let spacing_m = SPACING * sphere.radius_m;
     let (reach_m, thickness_m) = (sphere.reach_m(), sphere.thickness_m());
-    let (mut area_m2, mut pressing_m2, mut largest) = (0.0, Vec3::ZERO, 0.0_f32);
+    let (mut sum_m2, mut square_m2, mut pressing_m2, mut largest) = (0.0, 0.0, Vec3::ZERO, 0.0_f32);
     for corners in triangles {
         let [a, b, c] = corners.map(&place_m);
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
@@ -136,7 +136,8 @@ fn pressed(
             if overlap > 0.0 {
                 let cubed = overlap.powi(3);
                 sample(place, cubed);
-                area_m2 += part_m2;
+                sum_m2 += part_m2 * cubed;
+                square_m2 += part_m2 * cubed * cubed;
                 pressing_m2 += part_m2 * cubed * from_axis.normalize_or_zero();
                 largest = largest.max(cubed);
             }
@@ -144,6 +145,7 @@ fn pressed(
     }
     let pressing_m2 = pressing_m2.length();
     let largest_pa = force_n * largest / pressing_m2;
+    let area_m2 = 9.0 / 8.0 * sum_m2 * sum_m2 / square_m2;
     (pressing_m2 > 0.0).then_some((Patch { area_m2, largest_pa }, largest))
 }
 
@@ -191,6 +193,7 @@ mod tests {
 
     /// A plane at the distance h is in the layer within sqrt(reach^2 - h^2). With rho drho = r dr the force of k t^3 is
     /// 2 pi h int_h^reach k t^3 dr = pi h k t_h^4 d / 2, so that the greatest pressure k t_h^3 is 2 F / (pi h (reach - h)).
+    /// Likewise the sums of A t^3 and A t^6 are 2 pi d (reach t^4 / 4 - d t^5 / 5) and 2 pi d (reach t^7 / 7 - d t^8 / 8).
     #[test]
     fn on_a_plane_area_and_pressure_are_those_of_the_closed_form() {
         let (force_n, reach_m) = (1.5, SPHERE.reach_m());
@@ -198,7 +201,12 @@ mod tests {
         for h in [0.0110, 0.0105, 0.0100, 0.0095] {
             let (triangles, places) = net(1.5e-3, |_, _| -h);
             let found = patch(&triangles, &places, force_n).expect("it presses");
-            let area_m2 = core::f32::consts::PI * (reach_m * reach_m - h * h);
+            let d = SPHERE.thickness_m();
+            let t = (reach_m - h) / d;
+            let [sum, square] = [(4, 5), (7, 8)].map(|(n, m)| {
+                core::f32::consts::TAU * d * (reach_m * t.powi(n) / n as f32 - d * t.powi(m) / m as f32)
+            });
+            let area_m2 = 9.0 / 8.0 * sum * sum / square;
             let largest_pa = 2.0 * force_n / (core::f32::consts::PI * h * (reach_m - h));
             let [area, pressure] = [found.area_m2 / area_m2, found.largest_pa / largest_pa];
             assert!((area - 1.0).abs() < 0.03 && (pressure - 1.0).abs() < 0.03, "h {h}: {area}, {pressure}");
@@ -229,6 +237,7 @@ mod tests {
             (disc_m2, area_m2) = (disc_m2 + 0.5 * twice.z.abs(), area_m2 + 0.5 * twice.length());
         }
         let [area, pressure] = [found.area_m2 / area_m2, found.largest_pa * disc_m2 / 2.0];
-        assert!((area - 1.0).abs() < 0.001 && (pressure - 1.0).abs() < 0.02, "{area}, {pressure}");
+        // Nine eighths, because that of Hertz is not uniform.
+        assert!((area - 1.125).abs() < 0.002 && (pressure - 1.0).abs() < 0.02, "{area}, {pressure}");
     }
 }

@@ -58,6 +58,8 @@ pub struct Trust {
     pub radius_m: f64,
     /// How its force depends on a second control, if there is one.
     pub coupling: Option<Coupling>,
+    /// Whether most of the force is that of the fixed part.
+    pub is_of_fixed_part: bool,
 }
 
 impl Trust {
@@ -76,7 +78,7 @@ impl Trust {
         if third > most {
             jet.third_n_m2 = jet.third_n_m2.map(|one| one * (most / third));
         }
-        Self { jet, root: None, radius_m, coupling: None }
+        Self { jet, root: None, radius_m, coupling: None, is_of_fixed_part: false }
     }
 
     /// The jet of a tool that touches nothing at rest: by its root, where the third derivatives change the slope of s
@@ -97,6 +99,7 @@ impl Trust {
             jet,
             root: Some(root),
             radius_m: radius_m.clamp(MIN_TRUST_M, MAX_TRUST_M),
+            is_of_fixed_part: false,
             coupling: coupling.map(|of| match exact {
                 Some(_) => of.of_exact_root(&root),
                 None => of.of_root(&root),

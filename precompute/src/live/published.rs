@@ -41,6 +41,7 @@ impl Published {
             unstable: self.is_unstable,
             flush_before: !self.joins,
             root: self.trust.root.is_some(),
+            fixed: self.trust.is_of_fixed_part,
         };
         Jet {
             contact: self.contact,

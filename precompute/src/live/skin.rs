@@ -105,7 +105,7 @@ impl Skin {
             .expect("a body has nodes");
         let away_m = sphere.reach_m() + half_axis_m.map_or(0.0, norm) + CLEARANCE_M;
         let rest_m = [0.5 * (low.x + high.x), 0.5 * (low.y + high.y), high.z + away_m];
-        let sphere = CoatedSphere::new(body, sphere.radius_m, sphere.layer, rest_m).with_wall();
+        let sphere = CoatedSphere::new(body, sphere.radius_m, sphere.layer, rest_m).with_wall(body);
         let sphere = sphere.turned(half_axis_m.unwrap_or_default());
         Self {
             half_axis_m,

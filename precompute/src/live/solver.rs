@@ -24,8 +24,9 @@ use super::tabled;
 use super::task::{Aim, Task};
 use super::times::SolveTimes;
 use super::workers::Workers;
-use crate::fem::{Body, CoatedSphere, Constraints, FreeBody, Posture, Problem, Second, Seed};
+use crate::fem::{Body, CoatedSphere, Constraints, Coupling, FreeBody, Posture, Problem, Second, Seed};
 use crate::num::jet::EnergyJet;
+use crate::num::vector::{difference, norm};
 use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
 use beside::Alone;
@@ -371,14 +372,29 @@ impl LiveSolver {
 
     /// Whether most of the force of a sphere is that of the fixed part, in the state nearest to the hand.
     pub fn presses_fixed_part(&self, hand: &Hand) -> bool {
-        let Some((sphere, touch)) = self.skin.sphere().zip(hand.touch.as_ref()) else { return false };
-        let nearest = self.states.nearest(0, self.branches.of(0), touch.control_m);
-        nearest.is_some_and(|seed| {
-            let axis = seed.coupling.filter(|coupling| coupling.of == Second::Axis);
-            let half_m = axis.map_or([0.0; 3], |axis| axis.second_m);
-            let posture = Posture { displacement_m: seed.jet.control_m, half_m };
-            sphere.wall_share(&self.body, &seed.state, &posture) > MOSTLY
-        })
+        let touch = hand.touch.as_ref().filter(|_| self.skin.sphere().is_some());
+        let nearest = touch.and_then(|touch| self.states.nearest(0, self.branches.of(0), touch.control_m));
+        nearest.is_some_and(|seed| self.is_of_fixed_part(&seed.jet, seed.coupling.as_ref()))
+    }
+
+    /// Whether most of a force is that of the fixed part.
+    pub(super) fn is_of_fixed_part(&self, jet: &EnergyJet, coupling: Option<&Coupling>) -> bool {
+        let axis = coupling.filter(|coupling| coupling.of == Second::Axis);
+        let half_m = axis.map_or([0.0; 3], |axis| axis.second_m);
+        let posture = Posture { displacement_m: jet.control_m, half_m };
+        let wall_n = self.skin.sphere().map_or(0.0, |sphere| sphere.wall_n(&self.body, &posture));
+        wall_n > MOSTLY * norm(jet.force_n)
+    }
+
+    /// Whether a sphere or capsule is inside the body, where nothing holds it: free where the body at rest is, or at a place
+    /// inside that without an equilibrium.
+    pub fn is_inside(&self, hand: &Hand) -> bool {
+        let Some(sphere) = self.skin.sphere().filter(|_| hand.partner.is_none()) else { return false };
+        let control_m = difference(hand.hip_m, self.skin.contacts[0].rest_m);
+        let is_lost = || self.lost.contains(&Task { contact: 0, control_m, aim: Aim::Hand });
+        let half_m = hand.axis.map_or([0.0; 3], |axis| axis.half_m);
+        let posture = Posture { displacement_m: control_m, half_m };
+        (hand.touch.is_none() || is_lost()) && sphere.is_inside(&self.body, &self.body.rest_state, &posture)
     }
 
     /// The problem of a contact.

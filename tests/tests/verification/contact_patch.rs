@@ -130,8 +130,7 @@ fn middles() -> impl Iterator<Item = [f64; 3]> {
 }
 
 /// The pressures add up to the force, and the area grows with the depth. From 2 mm on the greatest pressure is that of Hertz, and
-/// the area is 90 to 55 % larger: less than a third of that because the layer is soft, the rest because skin with hardly any
-/// pressure lies in it, too.
+/// the area is 15 to 25 % larger, because the layer is soft.
 #[test]
 fn the_patch_under_a_sphere_is_that_of_hertz_and_of_the_layer() {
     assert_eq!(middles().count(), (PARTS * PARTS) as usize);
@@ -155,7 +154,7 @@ fn the_patch_under_a_sphere_is_that_of_hertz_and_of_the_layer() {
         assert!((layer - 1.0).abs() < 0.12, "{layer}: on the area at rest, and on the deformed one");
         if depth_mm >= 2.0 {
             // A light touch is in the layer alone.
-            assert!((1.4..2.0).contains(&area), "{area}");
+            assert!((1.1..1.3).contains(&area), "{area}");
             assert!((pressure - 1.0).abs() < 0.08, "{pressure}");
         }
     }

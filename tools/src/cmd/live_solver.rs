@@ -20,6 +20,8 @@ const IDLE_PAUSE: Duration = Duration::from_micros(300);
 /// The line for the user while the tool presses on the fixed part, again after a time.
 pub(super) const FIXED_PART: &str =
     "the tool presses on the fixed part, which is felt as a wall, not as tissue";
+/// The same while it is inside the body.
+const INSIDE: &str = "the tool is inside the body, where it feels nothing; lift it out";
 const WARNING: Duration = Duration::from_secs(10);
 /// Time between two pictures of the surface.
 const PICTURE: Duration = Duration::from_millis(33);
@@ -141,7 +143,7 @@ struct Solving {
     /// CPU time of the process when the session began, ns.
     begun_ns: u64,
     /// When the user was last told that the tool presses on the fixed part.
-    warned: Option<Instant>,
+    warned: Option<(&'static str, Instant)>,
     /// A change of the scene whose touch is not known yet, and when it began.
     changing: Option<(String, Instant)>,
     /// When the present solve began, CLOCK_MONOTONIC, ns; 0 between two.
@@ -182,7 +184,9 @@ impl Solving {
             if let Some(setting) = self.serving.next_line() {
                 self.change(setting);
             }
-            self.show(&seen);
+            if hand.t_us > 0 {
+                self.show(&seen);
+            }
             if self.send().is_err() || self.resend(&hand, |missing| missing).is_err() {
                 return;
             }
@@ -284,21 +288,34 @@ impl Solving {
         Ok(())
     }
 
-    /// Shows the surface, if a picture is due, and tells the user if the tool presses on the fixed part.
+    /// Shows the surface, if a picture is due.
     fn show(&mut self, hand: &Seen) {
         let at_rest = hand.touch.is_none();
-        if self.shown.elapsed() < PICTURE || at_rest && self.at_rest {
+        if self.shown.elapsed() < PICTURE {
             return;
         }
-        let is_due = self.warned.is_none_or(|at| at.elapsed() > WARNING);
-        if is_due && self.solver.presses_fixed_part(hand) {
-            // The session may have ended.
-            let _ = self.serving.report(FIXED_PART);
-            self.warned = Some(Instant::now());
+        self.warn(hand);
+        if !at_rest || !self.at_rest {
+            self.solver.displacements_into(hand, &self.nodes, &mut self.displacements_m);
+            self.serving.end.show(&self.displacements_m);
         }
-        self.solver.displacements_into(hand, &self.nodes, &mut self.displacements_m);
-        self.serving.end.show(&self.displacements_m);
         (self.shown, self.at_rest) = (Instant::now(), at_rest);
+    }
+
+    /// Tells the user if the tool is where it feels no tissue.
+    fn warn(&mut self, hand: &Seen) {
+        let line = if self.solver.is_inside(hand) {
+            INSIDE
+        } else if self.solver.presses_fixed_part(hand) {
+            FIXED_PART
+        } else {
+            return;
+        };
+        if self.warned.is_none_or(|(before, at)| before != line || at.elapsed() > WARNING) {
+            // The session may have ended.
+            let _ = self.serving.report(line);
+            self.warned = Some((line, Instant::now()));
+        }
     }
 }
 

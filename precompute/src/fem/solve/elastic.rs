@@ -44,8 +44,7 @@ impl Solver {
         let body = &self.problem.body;
         let mut third = third_derivatives(body, &self.state, sensitivity);
         if let Some(Contact::Sphere(sphere)) = &self.problem.contact {
-            let posture = Posture { displacement_m: self.control_m, half_m: self.half_m.unwrap_or_default() };
-            let own = sphere.third(body, &self.state, (&posture, true), sensitivity);
+            let own = sphere.third(body, &self.state, (&self.posture(), true), sensitivity);
             let beside = self.partner.as_ref().map(Partner::posture);
             let beside = beside
                 .map(|posture| sphere.third(body, &self.state, (&posture, false), sensitivity))

@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Solver;
+use super::{Contact, Solver};
 use crate::fem::elastic::ElasticState;
 use crate::fem::sphere::Posture;
 use crate::num::jet::EnergyJet;
@@ -109,9 +109,21 @@ impl Solver {
             .map_or((0.0, 0.0), |partner| (partner.elastic.energy_j, partner.elastic.force_n.norm()))
     }
 
-    /// Whether the skin is too deep inside the tool or its partner.
+    /// Whether the skin is too deep inside the tool or its partner, or one of them is inside the body.
     pub(super) fn is_pierced(&self) -> bool {
-        self.elastic.is_pierced || self.partner.as_ref().is_some_and(|partner| partner.elastic.is_pierced)
+        let is_deep = |of: &Partner| of.elastic.is_pierced;
+        if self.elastic.is_pierced || self.partner.as_ref().is_some_and(is_deep) {
+            return true;
+        }
+        let Some(Contact::Sphere(sphere)) = &self.problem.contact else { return false };
+        let postures = [Some(self.posture()), self.partner.as_ref().map(Partner::posture)];
+        let is_inside = |posture: &Posture| sphere.is_inside(&self.problem.body, &self.state, posture);
+        postures.iter().flatten().any(is_inside)
+    }
+
+    /// Where the tool is.
+    pub(super) fn posture(&self) -> Posture {
+        Posture { displacement_m: self.control_m, half_m: self.half_m.unwrap_or_default() }
     }
 
     /// d2W/da2 of a capsule, by one more solve of three columns with the factor at hand; zero if they are not solved well.

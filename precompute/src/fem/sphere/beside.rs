@@ -1,8 +1,8 @@
 //! How far a sphere or capsule is from the body at rest, and where it comes to it.
 
 use crate::fem::body::Body;
-use crate::fem::sphere::CoatedSphere;
 use crate::fem::sphere::foot::Foot;
+use crate::fem::sphere::{CoatedSphere, Posture};
 use crate::num::vector::{difference, norm};
 
 /// A sphere slower than this has no way, m/s, and the steps on one.
@@ -26,6 +26,11 @@ impl CoatedSphere {
         self.foot(body, displacement_m).distance_m - self.outer_m()
     }
 
+    /// Whether the axis, or a part of it, is inside the body at a state.
+    pub(crate) fn is_inside(&self, body: &Body, state: &[f64], posture: &Posture) -> bool {
+        self.turned(posture.half_m).foot_at(body, state, posture.displacement_m).distance_m <= 0.0
+    }
+
     /// The displacement out of the body, if the layer overlaps the skin at rest at this one: step by step away from the
     /// nearest point of the skin. The same displacement if it does not overlap.
     pub(crate) fn beside_m(&self, body: &Body, mut displacement_m: [f64; 3]) -> [f64; 3] {
@@ -42,10 +47,15 @@ impl CoatedSphere {
 
     /// The place of the skin at rest that is nearest to the axis.
     fn foot(&self, body: &Body, displacement_m: [f64; 3]) -> Foot {
+        self.foot_at(body, &body.rest_state, displacement_m)
+    }
+
+    /// The same at a state of the body.
+    fn foot_at(&self, body: &Body, state: &[f64], displacement_m: [f64; 3]) -> Foot {
         let end = |sign: f64| -> [f64; 3] {
             std::array::from_fn(|k| self.start_m[k] + displacement_m[k] + sign * self.half_m[k])
         };
-        Foot::of(self.corners_m(body), [end(-1.0), end(1.0)]).expect("a body has a skin")
+        Foot::of(self.corners_m(body, state), [end(-1.0), end(1.0)]).expect("a body has a skin")
     }
 
     /// The displacement at which the layer overlaps the skin at rest by `depth_m`, where a centre at `centre_m` comes to

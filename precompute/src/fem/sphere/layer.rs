@@ -40,8 +40,9 @@ use crate::fem::body::Body;
 use crate::fem::elastic::ElasticState;
 use crate::fem::pad::shape_values;
 use crate::fem::sphere::overlap::{Overlap, is_near};
-use crate::fem::sphere::{Posture, Sphere, wall};
-use crate::num::jet::{SymmetricThird, THIRD_INDICES};
+use crate::fem::sphere::wall::Wall;
+use crate::fem::sphere::{Posture, Sphere};
+use crate::num::jet::SymmetricThird;
 use crate::num::vector::{cross, difference, distance, norm};
 
 /// The elastic layer on a sphere.
@@ -62,8 +63,6 @@ impl Layer {
 
 /// Skin within this share of the radius from the centre is pierced: the pressure there would fill the sphere.
 const PIERCED: f64 = 0.5;
-/// The same of a wall, whose points do not come nearer than they lie apart.
-const PIERCED_WALL: f64 = 0.25;
 
 /// A face of the skin.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,8 +109,8 @@ pub struct CoatedSphere {
     /// Half axis where its way to the body is asked for, m; zero of a sphere.
     pub(crate) half_m: [f64; 3],
     points: Arc<Points>,
-    /// Whether the fixed part is a spring.
-    has_wall: bool,
+    /// Faces with points of the fixed part, where that is a spring.
+    of_wall: Arc<[u32]>,
 }
 
 /// Values of the shape functions of a face at the centres of `parts`^2 parts.
@@ -146,18 +145,17 @@ impl CoatedSphere {
         };
         let faces = body.skin().map(face).collect();
         let points = Arc::new(Points { faces, shapes: table });
-        Self { radius_m, layer, start_m, half_m: [0.0; 3], points, has_wall: false }
+        Self { radius_m, layer, start_m, half_m: [0.0; 3], points, of_wall: [].into() }
     }
 
     /// The same with the fixed part as a spring, which a hand can feel whole.
     #[must_use]
-    pub(crate) fn with_wall(self) -> Self {
-        Self { has_wall: true, ..self }
-    }
-
-    /// Whether a point is one of the spring.
-    fn is_wall(&self, face: &Face, values: &[f64; 6], body: &Body) -> bool {
-        self.has_wall && face.is_fixed(values, body)
+    pub(crate) fn with_wall(self, body: &Body) -> Self {
+        let is_of_wall =
+            |face: &Face| face.nodes().iter().any(|node| body.fixed[*node as usize] == [true; 3]);
+        let faces = self.points.faces.iter().zip(0..);
+        let of_wall = faces.filter(|(face, _)| is_of_wall(face)).map(|(_, number)| number).collect();
+        Self { of_wall, ..self }
     }
 
     /// Radius at which the layer begins, m.
@@ -165,53 +163,69 @@ impl CoatedSphere {
         Sphere { radius_m: self.radius_m, layer: self.layer }.reach_m()
     }
 
-    /// The corners of the faces at rest, m.
-    pub(super) fn corners_m(&self, body: &Body) -> impl Iterator<Item = [[f64; 3]; 3]> {
-        self.points.faces.iter().map(|face| [0, 1, 2].map(|k| body.rest_position_m(face.nodes[k])))
+    /// The corners of the faces at a state of the body, m.
+    pub(super) fn corners_m(&self, body: &Body, state: &[f64]) -> impl Iterator<Item = [[f64; 3]; 3]> {
+        let place = |node: u32| -> [f64; 3] {
+            std::array::from_fn(|axis| body.nodes_m[node as usize][axis] + state[3 * node as usize + axis])
+        };
+        self.points.faces.iter().map(move |face| [0, 1, 2].map(|k| place(face.nodes[k])))
     }
 
-    /// The faces that can reach the layer, with the places of their nodes relative to the centre.
-    fn near(
+    /// Those of some faces that can reach the layer, with the places of their nodes relative to the centre.
+    fn near<'a>(
         &self,
-        body: &Body,
-        state: &[f64],
+        faces: impl Iterator<Item = &'a Face>,
+        (body, state): (&Body, &[f64]),
         posture: &Posture,
-    ) -> impl Iterator<Item = (&Face, [Vector3<f64>; 6])> {
+    ) -> impl Iterator<Item = (&'a Face, [Vector3<f64>; 6])> {
         let centre = Vector3::from(self.start_m) + Vector3::from(posture.displacement_m);
         let reach = Vector3::from(posture.half_m).abs().add_scalar(self.outer_m());
-        let placed = move |face: &'_ Face| {
+        let placed = move |face: &'a Face| {
             let mut places = [Vector3::zeros(); 6];
             for (place, &node) in places.iter_mut().zip(face.nodes()) {
                 let moved = Vector3::from_column_slice(&state[3 * node as usize..][..3]);
                 *place = Vector3::from(body.nodes_m[node as usize]) + moved - centre;
             }
-            places
+            (face, places)
         };
-        let placed = self.points.faces.iter().map(move |face| (face, placed(face)));
-        placed.filter(move |(face, places)| is_near(places, face.is_quadratic, &reach))
+        faces.map(placed).filter(move |(face, places)| is_near(places, face.is_quadratic, &reach))
     }
 
-    /// The points of a face that overlap the layer.
+    /// The points of a face that overlap the layer: those of the spring, or the others.
     fn touched<'a>(
         &'a self,
-        face: &Face,
+        (body, face, is_spring): (&'a Body, &'a Face, bool),
         places: &'a [Vector3<f64>; 6],
         half: Vector3<f64>,
     ) -> impl Iterator<Item = Overlap<'a>> {
         let all = self.points.shapes[&(face.is_quadratic, face.parts)].iter();
-        all.filter_map(move |values| {
+        let wanted = all.filter(move |values| {
+            let is_of_spring = !self.of_wall.is_empty() && face.is_fixed(values, body);
+            is_of_spring == is_spring
+        });
+        wanted.filter_map(move |values| {
             let from_centre: Vector3<f64> =
                 places.iter().zip(values).map(|(place, value)| place * *value).sum();
             Overlap::of(values, from_centre, half).filter(|overlap| overlap.distance_m < self.outer_m())
         })
     }
 
-    /// phi and its first three derivatives by r, per area, at the distance r; against the fixed part if it `is_wall`.
-    fn potential(&self, r: f64, is_wall: bool) -> [f64; 4] {
-        if is_wall {
-            let Layer { thickness_m, pressure_pa } = self.layer;
-            return wall::potential((thickness_m, pressure_pa), self.outer_m(), r);
+    /// The fixed part under the tool, where it is a spring.
+    fn wall(&self, body: &Body, posture: &Posture) -> Wall {
+        let mut wall = Wall::default();
+        let (half, outer_m) = (Vector3::from(posture.half_m), self.outer_m());
+        let layer = (self.layer.thickness_m, self.layer.pressure_pa);
+        let faces = self.of_wall.iter().map(|face| &self.points.faces[*face as usize]);
+        for (face, places) in self.near(faces, (body, &body.rest_state), posture) {
+            for point in self.touched((body, face, true), &places, half) {
+                wall.add(face.area_m2, &point, half, (layer, self.radius_m, outer_m));
+            }
         }
+        wall.sprung(layer, outer_m)
+    }
+
+    /// phi and its first three derivatives by r, per area, at the distance r.
+    fn potential(&self, r: f64) -> [f64; 4] {
         let (d, k) = (self.layer.thickness_m, self.layer.pressure_pa);
         let t = (self.outer_m() - r) / d;
         [0.25 * k * d * t.powi(4), -k * t.powi(3), 3.0 * k * t * t / d, -6.0 * k * t / (d * d)]
@@ -229,22 +243,17 @@ impl CoatedSphere {
         to.clear();
         let half = Vector3::from(posture.half_m);
         let turns = posture.half_m != [0.0; 3];
-        let mut from_outside_n = 0.0;
-        for (face, places) in self.near(body, state, posture) {
+        for (face, places) in self.near(self.points.faces.iter(), (body, state), posture) {
             let mut nodal = [Vector3::zeros(); 6];
             let (mut coupling, mut pairs) = ([Matrix3::zeros(); 6], [[Matrix3::zeros(); 6]; 6]);
             let mut turned = [Matrix3::zeros(); 6];
-            let outward = (places[1] - places[0]).cross(&(places[2] - places[0])).normalize();
-            for overlap in self.touched(face, &places, half) {
+            for overlap in self.touched((body, face, false), &places, half) {
                 let Overlap { values, distance_m, normal, share, .. } = overlap;
-                let is_wall = self.is_wall(face, values, body);
-                let [energy, slope, curvature, _] = self.potential(distance_m, is_wall);
+                let [energy, slope, curvature, _] = self.potential(distance_m);
                 to.energy_j += face.area_m2 * energy;
-                let least = if is_wall { PIERCED_WALL } else { PIERCED };
-                to.is_pierced |= distance_m < least * self.radius_m;
+                to.is_pierced |= distance_m < PIERCED * self.radius_m;
                 let push = face.area_m2 * slope * normal;
                 to.force_n -= push;
-                from_outside_n += if is_wall { push.dot(&outward) } else { 0.0 };
                 to.of_axis_n -= share * push;
                 nodal.iter_mut().zip(values).for_each(|(sum, value)| *sum += push * *value);
                 if with_tangent {
@@ -275,24 +284,13 @@ impl CoatedSphere {
                 }
             }
         }
-        // The centre is behind the wall.
-        to.is_pierced |= from_outside_n < 0.0;
+        self.wall(body, posture).add_to(to);
         to.torque_n_m = half.cross(&to.of_axis_n);
     }
 
-    /// The share of the fixed part in the forces of the layer at a state of a body; zero without a force.
-    pub(crate) fn wall_share(&self, body: &Body, state: &[f64], posture: &Posture) -> f64 {
-        let half = Vector3::from(posture.half_m);
-        let (mut all_n, mut wall_n) = (0.0, 0.0);
-        for (face, places) in self.near(body, state, posture) {
-            for Overlap { values, distance_m, .. } in self.touched(face, &places, half) {
-                let is_wall = self.is_wall(face, values, body);
-                let push_n = -face.area_m2 * self.potential(distance_m, is_wall)[1];
-                all_n += push_n;
-                wall_n += if is_wall { push_n } else { 0.0 };
-            }
-        }
-        if all_n > 0.0 { wall_n / all_n } else { 0.0 }
+    /// Size of the force on the fixed part, where it is a spring, N.
+    pub(crate) fn wall_n(&self, body: &Body, posture: &Posture) -> f64 {
+        self.wall(body, posture).norm_n()
     }
 
     /// The third derivatives of the potential along the changes of the state for each axis of the displacement of a tool:
@@ -305,30 +303,21 @@ impl CoatedSphere {
         sensitivity: &[Vec<f64>; 3],
     ) -> SymmetricThird {
         let own = if moves { 1.0 } else { 0.0 };
-        let mut sum = SymmetricThird::default();
+        let mut sum = if moves { self.wall(body, posture).third_n_m2() } else { SymmetricThird::default() };
         let half = Vector3::from(posture.half_m);
-        for (face, places) in self.near(body, state, posture) {
+        for (face, places) in self.near(self.points.faces.iter(), (body, state), posture) {
             let of = |axis: usize, node: u32| {
                 Vector3::from_column_slice(&sensitivity[axis][3 * node as usize..][..3])
             };
-            for Overlap { values, distance_m, normal, axis, .. } in self.touched(face, &places, half) {
-                let is_wall = self.is_wall(face, values, body);
-                let [_, slope, curvature, third] = self.potential(distance_m, is_wall);
+            for overlap in self.touched((body, face, false), &places, half) {
                 let changes: [Vector3<f64>; 3] = std::array::from_fn(|axis| {
-                    let nodes = face.nodes().iter().zip(values);
+                    let nodes = face.nodes().iter().zip(overlap.values);
                     let moved: Vector3<f64> = nodes.map(|(&node, value)| of(axis, node) * *value).sum();
                     moved - Vector3::ith(axis, own)
                 });
-                let along = changes.map(|change| normal.dot(&change));
-                let on_axis = changes.map(|change| axis.dot(&change));
-                let across = |i: usize, j: usize| {
-                    changes[i].dot(&changes[j]) - along[i] * along[j] - on_axis[i] * on_axis[j]
-                };
-                let turn = (curvature - slope / distance_m) / distance_m;
-                for (value, [i, j, k]) in sum.iter_mut().zip(THIRD_INDICES) {
-                    let turned = along[i] * across(j, k) + along[j] * across(i, k) + along[k] * across(i, j);
-                    *value += face.area_m2 * (third * along[i] * along[j] * along[k] + turn * turned);
-                }
+                let [_, slope, curvature, third] = self.potential(overlap.distance_m);
+                let of_point = overlap.third(&changes, [slope, curvature, third]);
+                sum.iter_mut().zip(of_point).for_each(|(sum, value)| *sum += face.area_m2 * value);
             }
         }
         sum

@@ -2,6 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::num::jet::{SymmetricThird, THIRD_INDICES};
+
 /// A point of the skin in the layer.
 pub(super) struct Overlap<'a> {
     /// Values of the shape functions of its face.
@@ -34,6 +36,20 @@ impl<'a> Overlap<'a> {
         let along = self.normal * self.normal.transpose();
         let across = Matrix3::identity() - along - self.axis * self.axis.transpose();
         curvature * along + slope / self.distance_m * across
+    }
+
+    /// D3 phi for three changes of the point, with phi', phi'' and phi'''.
+    pub(super) fn third(&self, changes: &[Vector3<f64>; 3], of_phi: [f64; 3]) -> SymmetricThird {
+        let [slope, curvature, third] = of_phi;
+        let along = changes.map(|change| self.normal.dot(&change));
+        let on_axis = changes.map(|change| self.axis.dot(&change));
+        let across =
+            |i: usize, j: usize| changes[i].dot(&changes[j]) - along[i] * along[j] - on_axis[i] * on_axis[j];
+        let turn = (curvature - slope / self.distance_m) / self.distance_m;
+        THIRD_INDICES.map(|[i, j, k]| {
+            let turned = along[i] * across(j, k) + along[j] * across(i, k) + along[k] * across(i, j);
+            third * along[i] * along[j] * along[k] + turn * turned
+        })
     }
 
     /// D2 phi for a change of the point, by rows, and one of the half axis.

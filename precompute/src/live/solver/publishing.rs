@@ -1,5 +1,6 @@
 //! What the loop gets of a solved state.
 
+use super::super::memory::Trust;
 use super::super::published::Published;
 use super::LiveSolver;
 use crate::fem::{Coupling, Second};
@@ -27,8 +28,9 @@ impl LiveSolver {
         if jet.is_free() {
             jet.energy_j = 0.0;
         }
+        let is_of_fixed_part = self.is_of_fixed_part(&jet, coupling.as_ref());
         let known = &mut self.known[usize::from(contact)];
-        let mut trust = known.trust(jet, coupling);
+        let mut trust = Trust { is_of_fixed_part, ..known.trust(jet, coupling) };
         if let Some(sphere) = self.skin.sphere() {
             if jet.is_free() {
                 let clearance_m = sphere.clearance_m(&self.body, jet.control_m);
