@@ -135,7 +135,7 @@ impl Inset {
         plane.contour(region_m, &regions.triangles, height_m, region);
         self.draw_ground(&frame, image);
         self.draw_skin(&frame, image);
-        self.draw_tool(&frame, tool, touched, image);
+        self.draw_tool(&frame, (tool, &plane), touched, image);
         self.draw_text(&frame, touched, image);
     }
 
@@ -188,17 +188,23 @@ impl Inset {
     }
 
     /// The tool, and its depth as the dimension of a technical drawing.
-    fn draw_tool(&mut self, frame: &Frame, tool: Tool, touched: &Touched, image: &mut Image) {
+    fn draw_tool(
+        &mut self,
+        frame: &Frame,
+        (tool, plane): (Tool, &Plane),
+        touched: &Touched,
+        image: &mut Image,
+    ) {
         let depth_m = touched.depth_m();
         let line = frame.scale.max(0.6);
         let centre = frame.pixel(Vec2::new(0.0, -touched.below_m()));
         let at = frame.pixel(Vec2::new(0.0, -depth_m));
         let half_width = match tool {
-            // A capsule is cut across.
             Tool::Sphere(radius_m) | Tool::Capsule(radius_m, _) => {
                 let radius = radius_m * frame.per_m;
-                self.draw_round(frame, centre, [radius, radius], 1.0, image);
-                radius
+                let half = frame.per_m * plane.direction(tool.half_m()) * Vec2::new(1.0, -1.0);
+                self.draw_rounded(frame, (centre, half), radius, image);
+                radius + half.x.abs()
             }
             Tool::Ball(_) => {
                 clear(&mut self.mask, frame);
@@ -208,7 +214,9 @@ impl Inset {
             }
             Tool::Fingertip(radius_m) => {
                 let radius = radius_m * frame.per_m;
-                self.draw_round(frame, at, [radius, PAD_HEIGHT * radius], 0.5, image);
+                let face = (0..=64).map(|i| (core::f32::consts::PI * i as f32 / 64.0).sin_cos());
+                let outline = face.map(|(sin, cos)| at + radius * Vec2::new(cos, -PAD_HEIGHT * sin));
+                self.draw_outline(frame, &outline.collect::<Vec<_>>(), image);
                 radius
             }
         };
@@ -233,40 +241,41 @@ impl Inset {
         self.mask.paint(image, BRIGHT, 0.9);
     }
 
-    /// An ellipse with these half axes: a whole turn for a sphere, half a turn for a pad, whose face is where it would be
-    /// if it did not give way.
-    fn draw_round(
-        &mut self,
-        frame: &Frame,
-        at: Vec2,
-        [radius, height]: [f32; 2],
-        turns: f32,
-        image: &mut Image,
-    ) {
+    /// What is within a radius of the line from `centre` to half a line on either side: a sphere, or a capsule as it is seen along
+    /// the plane.
+    fn draw_rounded(&mut self, frame: &Frame, (centre, half): (Vec2, Vec2), radius: f32, image: &mut Image) {
+        let outward = half.normalize_or(Vec2::X);
+        let outline = (0..=64).map(|i| {
+            let angle = core::f32::consts::TAU * (i as f32 / 64.0 - 0.25);
+            let end = if i <= 32 { half } else { -half };
+            centre + end + radius * Vec2::from_angle(angle).rotate(outward)
+        });
+        self.draw_outline(frame, &outline.collect::<Vec<_>>(), image);
+    }
+
+    /// The tool, whose outline is closed by its ends. A pad has its face where it would be if it did not give way.
+    fn draw_outline(&mut self, frame: &Frame, outline: &[Vec2], image: &mut Image) {
         let line = frame.scale.max(0.6);
-        let arc: Vec<[f32; 2]> = (0..=64)
-            .map(|i| (core::f32::consts::TAU * turns * i as f32 / 64.0).sin_cos())
-            .map(|(sin, cos)| [at.x + radius * cos, at.y - height * sin])
-            .collect();
-        let [last, first_point] = [arc[arc.len() - 1], arc[0]].map(Vec2::from_array);
-        let sides = arc.windows(2).map(|pair| [pair[0], pair[1]].map(Vec2::from_array));
-        let first = (at.x - radius).floor();
+        let (low, high) = outline.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), point| {
+            (low.min(point.x), high.max(point.x))
+        });
+        let (first, columns) = (low.floor(), (high - low) as usize + 2);
         let corner = Vec2::new(first, 0.0);
-        self.inside.find(
-            sides.chain([[last, first_point]]).map(|ends| ends.map(|end| end - corner)),
-            (2.0 * radius) as usize + 2,
-        );
-        let [low, high] = [frame.top + HEADING * frame.scale, frame.top + frame.height - 1.0];
-        for column in 0..(2.0 * radius) as usize + 2 {
-            for [from, to] in self.inside.spans(column) {
-                let (from, to) = (from.max(low).round(), to.min(high).round());
-                let x = first as i32 + column as i32;
+        let last = [outline[outline.len() - 1], outline[0]];
+        let sides = outline.windows(2).map(|pair| [pair[0], pair[1]]).chain([last]);
+        self.inside.find(sides.map(|ends| ends.map(|end| end - corner)), columns);
+        let [ceiling, floor] = [frame.top + HEADING * frame.scale, frame.top + frame.height - 1.0];
+        let [left, right] = [frame.left + 1.0, frame.left + frame.width - 1.0].map(|x| x.round() as i32);
+        for column in 0..columns {
+            let x = first as i32 + column as i32;
+            for [from, to] in self.inside.spans(column).filter(|_| (left..right).contains(&x)) {
+                let (from, to) = (from.max(ceiling).round(), to.min(floor).round());
                 image.fill_rect(x, from as i32, 1, (to - from).max(0.0) as i32, PAD_COLOUR, 0.30);
             }
         }
         clear(&mut self.mask, frame);
-        self.mask.polyline(&arc, 0.7 * line);
-        self.mask.segment(arc[0], arc[arc.len() - 1], 0.7 * line, 1.0);
+        let line_of: Vec<[f32; 2]> = outline.iter().chain([&outline[0]]).map(Vec2::to_array).collect();
+        self.mask.polyline(&line_of, 0.7 * line);
         self.mask.paint(image, PAD_COLOUR, 0.95);
     }
 

@@ -33,8 +33,12 @@ impl Plane {
 
     /// A point in the section: right and outwards, m.
     pub(super) fn point(&self, point_m: Vec3) -> Vec2 {
-        let away_m = point_m - self.origin_m;
-        Vec2::new(self.across.dot(away_m), self.normal.dot(away_m))
+        self.direction(point_m - self.origin_m)
+    }
+
+    /// A direction in the section.
+    pub(super) fn direction(&self, way_m: Vec3) -> Vec2 {
+        Vec2::new(self.across.dot(way_m), self.normal.dot(way_m))
     }
 
     /// The line in which a surface cuts the plane, a segment a triangle; `height_m` is scratch memory.

@@ -109,6 +109,9 @@ pub(super) struct Timeline {
     touch: TouchDisplacement,
     places: VecDeque<(u64, Vec3)>,
     force: VectorTrace,
+    moment: VectorTrace,
+    /// Whether a tick has a moment.
+    turns: bool,
     displacement: VectorTrace,
     speed: Columns<Extremes>,
     conditions: Vec<Condition>,
@@ -141,6 +144,8 @@ impl Timeline {
             touch: TouchDisplacement::default(),
             places: VecDeque::new(),
             force: vector(),
+            moment: vector(),
+            turns: false,
             displacement: vector(),
             speed: columns(),
             conditions: CONDITIONS.iter().chain(&of_solver).map(condition).collect(),
@@ -162,6 +167,8 @@ impl Timeline {
         self.ticks += 1;
         self.last_us = t_us;
         self.force.add(t_us, record.hand_force_n, 1.0);
+        self.moment.add(t_us, record.reaction_n_m, 1e3);
+        self.turns |= record.reaction_n_m != vec3::ZERO;
         if let Some(displacement_m) = displacement_m {
             self.displacement.add(t_us, displacement_m, 1e3);
         }
@@ -239,14 +246,19 @@ impl Timeline {
             marks: Vec::new(),
             note: if self.missing_ticks == 0 { "none".into() } else { self.missing_ticks.to_string() },
         });
+        let moment = self
+            .turns
+            .then(|| panel("moment on the body about the tool's centre, mN m", 120.0, self.moment.curves()));
+        let mut panels = vec![panel("force for the hand, N", 190.0, self.force.curves())];
+        panels.extend(moment);
+        panels.extend([
+            panel("displacement of the tool in the touch, mm", 150.0, self.displacement.curves()),
+            panel("speed of the tool, mean over 20 ms, mm/s", 100.0, vec![speed]),
+        ]);
         let drawing = Drawing {
             title: self.title,
             time: Axis::span("time since the loop began, s", from_s, until_s),
-            panels: vec![
-                panel("force for the hand, N", 190.0, self.force.curves()),
-                panel("displacement of the tool in the touch, mm", 150.0, self.displacement.curves()),
-                panel("speed of the tool, mean over 20 ms, mm/s", 100.0, vec![speed]),
-            ],
+            panels,
             lanes,
         };
         Some(drawing.svg_file())

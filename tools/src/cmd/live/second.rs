@@ -22,7 +22,7 @@ use crate::output;
 /// Arguments of the second tool.
 #[derive(Debug, Default, ClapArgs)]
 pub(crate) struct SecondArgs {
-    /// Device of a second sphere on the same body, felt by another hand
+    /// Device of a second sphere on the same body, felt by another hand; not beside a capsule
     ///
     /// As --device, but neither mouse nor replay. With --record FILE.mcap its recording is FILE-second.mcap.
     #[arg(long, value_name = "DEVICE", value_parser = device)]
