@@ -127,3 +127,39 @@ fn a_touch_of_a_capsule_begins_where_its_axis_is_near() {
     let way = along(&[[0.06, 0.0, 0.0], [0.06, 0.0, 0.0205]]);
     assert!(touches(&blob, &way, Orientation::IDENTITY).iter().all(|is| !is));
 }
+
+/// The cap of the ball below z = -0.03 is fixed.
+#[test]
+fn a_tool_that_goes_through_the_fixed_part_touches_nothing_until_it_has_left() {
+    let body = sphere(BALL_M, 3);
+    let fixed: Vec<u8> = body.0.iter().map(|place_m| u8::from(place_m[2] < -0.03)).collect();
+    let half_axis_m = [0.0, 0.0, 0.012];
+    for (tool, ahead_m) in
+        [(Tool::Sphere(SPHERE), 0.0), (Tool::Capsule(Capsule { sphere: SPHERE, half_axis_m }), 0.012)]
+    {
+        let bare = Recipe {
+            lattice_table: false,
+            rbf: false,
+            hermite: false,
+            displacement: false,
+            ..Recipe::default()
+        };
+        let recipe = Recipe { nodes: body.0[..1].to_vec(), body: Some(body.clone()), ..bare };
+        let blob = recipe.blob_with(|draft| {
+            draft.preamble.tool = tool;
+            draft.preamble.surface.fixed = draft.area.push(&fixed);
+        });
+        let at = |z: f32| [0.001, 0.002, z];
+        let way = along(&[at(-0.08), at(-0.03), at(-0.09), at(-0.045 - ahead_m)]);
+        let touches = touches(&blob, &way, Orientation::IDENTITY);
+        let inside = way.iter().position(|place_m| place_m[2] + ahead_m > -0.038).expect("it goes in");
+        let out =
+            way.iter().skip(inside).position(|place_m| place_m[2] < -0.085).expect("it leaves") + inside;
+        let outside = way.iter().position(|place_m| place_m[2] + ahead_m > -0.042).expect("it comes");
+        assert!(touches[outside] && touches[inside..out].iter().all(|is| !is), "{touches:?}");
+        assert_eq!(touches.last(), Some(&true));
+        // Elsewhere the skin gives way.
+        let soft = along(&[[0.001, 0.002, 0.08], [0.001, 0.002, 0.03]]);
+        assert_eq!(self::touches(&blob, &soft, Orientation::IDENTITY).last(), Some(&true));
+    }
+}

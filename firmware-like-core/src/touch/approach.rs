@@ -1,4 +1,4 @@
-//! How a sphere or capsule of a live field comes to the skin at rest.
+//! How a sphere or capsule of a live field comes to the skin at rest, and through the fixed part.
 
 use super::surface::{MAX_TESTS, TouchSurface, nearest_on_triangle};
 use crate::num::vec3::{self, Vec3};
@@ -20,6 +20,11 @@ pub(crate) struct Approach {
 }
 
 impl Approach {
+    /// The ends of the axis.
+    pub(super) fn ends_m(&self) -> [Vec3; 2] {
+        [vec3::sub(self.centre_m, self.half_m), vec3::add(self.centre_m, self.half_m)]
+    }
+
     /// Points of the axis, so close that one of them is within the second value of all that is within reach of the axis.
     fn points(&self) -> (impl Iterator<Item = Vec3> + use<>, f32) {
         let Self { centre_m, half_m, within_m } = *self;
@@ -45,6 +50,14 @@ impl TouchSurface<'_> {
         let (points, within_m) = approach.points();
         let sides = points.filter_map(|point_m| self.is_outside(point_m, within_m));
         sides.reduce(|one, other| one && other)
+    }
+
+    /// Whether an end of the axis goes through the fixed part from outside. That does not give way: a hand that overcomes
+    /// the device has pushed the tool into it.
+    pub(super) fn is_pierced(&self, from_m: [Vec3; 2], to_m: [Vec3; 2]) -> bool {
+        let ways = from_m.into_iter().zip(to_m);
+        ways.filter_map(|(from_m, to_m)| self.crossing(from_m, to_m))
+            .any(|crossing| self.is_fixed(&crossing.foot))
     }
 
     /// Whether a point is outside of the skin; `None` if that is not within a distance. At an edge or a vertex the triangle

@@ -108,6 +108,8 @@ pub(crate) struct Contact {
     buttons: u32,
     /// Whether a sphere of a live field was out of reach of the skin at the previous sample. A touch begins then.
     was_away: bool,
+    /// The ends of its axis then.
+    ends_m: [Vec3; 2],
     /// The tangential spring of a sphere, while it presses.
     grip: Option<Grip>,
 }
@@ -115,7 +117,14 @@ pub(crate) struct Contact {
 impl Default for Contact {
     /// Free. Buttons count as pressed already: a grasp needs the transition from released to pressed.
     fn default() -> Self {
-        Self { engaged: None, previous_hip_m: None, buttons: u32::MAX, was_away: false, grip: None }
+        Self {
+            engaged: None,
+            previous_hip_m: None,
+            buttons: u32::MAX,
+            was_away: false,
+            ends_m: [vec3::ZERO; 2],
+            grip: None,
+        }
     }
 }
 
@@ -165,7 +174,7 @@ impl Contact {
     /// skin. The foot is its point nearest to the centre at the beginning. Then it follows along the surface, so that it
     /// stays on the side from which the sphere came. Its weights are those of the charts, and the displacement counts from
     /// it. A live field has one space, and the surface is the skin. There a touch begins where a tool comes from out of reach: one
-    /// that starts at the body or inside touches nothing until it has left.
+    /// that starts at the body or inside touches nothing until it has left, nor does one that goes through the fixed part.
     // On its own, so that it costs the ticks of other tools nothing.
     #[inline(never)]
     pub(crate) fn follow(
@@ -186,7 +195,14 @@ impl Contact {
             let normal = blended_normal(spaces, &weights)?;
             let (anchor_m, kind) = (surface.point(&foot), ContactKind::Sphere);
             self.engaged = Some(Engaged { weights, foot: Some(foot), anchor_m, normal, kind });
-        } else if self.engaged.is_none() {
+            return self.engaged;
+        }
+        let before_m = core::mem::replace(&mut self.ends_m, approach.ends_m());
+        if self.engaged.is_some() {
+            if surface.is_pierced(before_m, self.ends_m) {
+                self.release(hip_m);
+            }
+        } else {
             let is_outside = surface.is_met_outside(approach);
             let comes_from_outside = self.was_away && is_outside == Some(true);
             self.was_away = is_outside.is_none();

@@ -198,6 +198,14 @@ impl<'m> TouchSurface<'m> {
         inside.then(|| (fraction, Crossing { at_m, foot: Foot { triangle, weights: normalized(weights) } }))
     }
 
+    /// Whether a point of the surface follows fixed vertices more than others.
+    pub(super) fn is_fixed(&self, foot: &Foot) -> bool {
+        let vertices = self.surface.triangles.get(foot.triangle as usize).copied().unwrap_or_default();
+        let is_held = |vertex: u32| self.surface.fixed.get(vertex as usize).is_some_and(|fixed| *fixed != 0);
+        let held = vertices.into_iter().zip(foot.weights).filter(|(vertex, _)| is_held(*vertex));
+        held.map(|(_, weight)| weight).fold(0.0, |sum, weight| sum + weight) > 0.5
+    }
+
     /// Position of a foot, model frame, metres.
     pub(super) fn point(&self, foot: &Foot) -> Vec3 {
         self.corners(foot.triangle).map_or(vec3::ZERO, |corners| point(corners, foot.weights))

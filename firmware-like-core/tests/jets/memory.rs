@@ -205,3 +205,25 @@ fn the_force_fades_where_the_last_point_with_jets_is_left() {
         assert!((found_n - exact_n).abs() < 1e-5, "tick {tick}: {found_n} {exact_n}");
     }
 }
+
+/// The fixed part counts while the tool touches it, and no longer.
+#[test]
+fn the_stiffness_of_the_fixed_part_is_that_of_a_touch() {
+    let mut tool = Tool::<1, 8>::new(&[(0, 1.0)]);
+    let stiff = |z: f32, n_m: f32, fixed: bool| Jet {
+        flags: JetFlags { fixed, ..JetFlags::default() },
+        stiffness_n_m: [0.0, 0.0, 0.0, 0.0, 0.0, n_m],
+        trust_m: 2e-3,
+        ..flat(0, [0.0, 0.0, z], [0.0, 0.0, 5.0])
+    };
+    tool.learn([stiff(0.0, 300.0, false), stiff(0.01, 4_000.0, true)]);
+    let stiffest = |tool: &Tool<1, 8>, force_n: f32| tool.memory.stiffest_n_m(force_n);
+    tool.at([0.0; 3]);
+    assert_eq!(stiffest(&tool, 8.0), 300.0, "not touched yet");
+    tool.at([0.0, 0.0, 0.01]);
+    assert_eq!([3.0, 8.0].map(|force_n| stiffest(&tool, force_n)), [0.0, 4_000.0], "in the band of 4 to 8 N");
+    tool.at([0.0; 3]);
+    assert_eq!(stiffest(&tool, 8.0), 4_000.0, "until the touch ends");
+    tool.release();
+    assert_eq!(stiffest(&tool, 8.0), 300.0);
+}

@@ -2,8 +2,8 @@
 
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{
-    AlignedBytes, Command, Config, Controller, Coverage, Fault, Field, ForceSample, Jet, JetMemory, Organ,
-    Phase, Sample, Solver, State, Touch, TouchSurface,
+    AlignedBytes, Command, Config, Controller, Coverage, Fault, Field, ForceSample, Jet, JetFlags, JetMemory,
+    Organ, Phase, Sample, Solver, State, Touch, TouchSurface,
 };
 
 use crate::common::ball::{RADIUS_M, uneven};
@@ -182,6 +182,18 @@ fn the_stiffness_of_the_jets_limits_the_force() {
     assert!(pressed.engaged.is_some(), "{pressed:?}");
     let share = |command: Command| vec3::norm(command.hand_force_n) / vec3::norm(command.reaction_n);
     assert!((share(pressed) - 0.4).abs() < 1e-3, "{}", share(pressed));
+    // What the hand does not reach with the largest force, and the fixed part where it does not touch, do not count.
+    let far = Jet { contact: 1, force_n: [0.0, 0.0, -300.0], ..stiff(5_000.0, [0.0; 3]) };
+    let fixed = Jet {
+        contact: 1,
+        flags: JetFlags { fixed: true, ..JetFlags::default() },
+        ..stiff(4_000.0, [0.0; 3])
+    };
+    for jet in [far, fixed] {
+        memory.insert(&jet);
+        let after = (0..300).map(|_| share(at(&mut memory, -8e-3))).fold(f32::INFINITY, f32::min);
+        assert!((after - 0.4).abs() < 1e-3, "{after} {jet:?}");
+    }
     memory.insert(&stiff(1_000.0, [0.0, 0.0, -8e-3]));
     let shares: Vec<f32> = (0..300).map(|_| share(at(&mut memory, -8e-3))).collect();
     assert!(shares.windows(2).all(|pair| pair[1] <= pair[0] + 1e-4), "it only falls");

@@ -84,7 +84,12 @@ pub struct Patch {
     pub area_m2: f32,
     /// Greatest pressure, Pa.
     pub largest_pa: f32,
+    /// Whether the pressed triangles are so large, more than half the radius, that both are those of the facets.
+    pub is_coarse: bool,
 }
+
+/// Edges longer than this share of the radius are coarse.
+const COARSE: f32 = 0.5;
 
 impl Patch {
     /// The patch of a sphere that presses with a force of this size, N, on triangles whose vertices `place_m` gives
@@ -103,7 +108,8 @@ impl Patch {
 
 impl fmt::Display for Patch {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:.1} cm2, {:.0} kPa", 1e4 * self.area_m2, 1e-3 * self.largest_pa)
+        let note = if self.is_coarse { ", coarse" } else { "" };
+        write!(f, "{:.1} cm2, {:.0} kPa{note}", 1e4 * self.area_m2, 1e-3 * self.largest_pa)
     }
 }
 
@@ -117,7 +123,8 @@ fn pressed(
 ) -> Option<(Patch, f32)> {
     let spacing_m = SPACING * sphere.radius_m;
     let (reach_m, thickness_m) = (sphere.reach_m(), sphere.thickness_m());
-    let (mut sum_m2, mut square_m2, mut pressing_m2, mut largest) = (0.0, 0.0, Vec3::ZERO, 0.0_f32);
+    let (mut sum_m2, mut square_m2, mut edges_m3) = (0.0, 0.0, 0.0);
+    let (mut pressing_m2, mut largest) = (Vec3::ZERO, 0.0_f32);
     for corners in triangles {
         let [a, b, c] = corners.map(&place_m);
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
@@ -138,6 +145,7 @@ fn pressed(
                 sample(place, cubed);
                 sum_m2 += part_m2 * cubed;
                 square_m2 += part_m2 * cubed * cubed;
+                edges_m3 += part_m2 * cubed * longest_m;
                 pressing_m2 += part_m2 * cubed * from_axis.normalize_or_zero();
                 largest = largest.max(cubed);
             }
@@ -146,7 +154,8 @@ fn pressed(
     let pressing_m2 = pressing_m2.length();
     let largest_pa = force_n * largest / pressing_m2;
     let area_m2 = 9.0 / 8.0 * sum_m2 * sum_m2 / square_m2;
-    (pressing_m2 > 0.0).then_some((Patch { area_m2, largest_pa }, largest))
+    let is_coarse = edges_m3 > COARSE * sphere.radius_m * sum_m2;
+    (pressing_m2 > 0.0).then_some((Patch { area_m2, largest_pa, is_coarse }, largest))
 }
 
 /// The equal parts of a triangle: two indices, and the place of the middle in them.

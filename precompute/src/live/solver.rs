@@ -37,6 +37,8 @@ const PROBLEMS: usize = 256;
 const OUTBOX: usize = 16;
 /// Share of the fixed part in the force of a sphere from which on that is what it presses on.
 const MOSTLY: f64 = 0.5;
+/// A touch begins before a tool overlaps the body by this, m.
+const OVERLAP_M: f64 = 1e-3;
 /// Solves after a change of the model for which its jets may wait: a hand that moves fast is never known.
 const MAX_HELD: u32 = 12;
 
@@ -386,15 +388,13 @@ impl LiveSolver {
         wall_n > MOSTLY * norm(jet.force_n)
     }
 
-    /// Whether a sphere or capsule is inside the body, where nothing holds it: free where the body at rest is, or at a place
-    /// inside that without an equilibrium.
-    pub fn is_inside(&self, hand: &Hand) -> bool {
-        let Some(sphere) = self.skin.sphere().filter(|_| hand.partner.is_none()) else { return false };
+    /// Whether a sphere or capsule overlaps the body at rest, and its touch has not begun.
+    pub fn overlaps_unfelt(&self, hand: &Hand) -> bool {
+        let is_free = hand.touch.is_none() && hand.partner.is_none();
+        let Some(sphere) = self.skin.sphere().filter(|_| is_free) else { return false };
         let control_m = difference(hand.hip_m, self.skin.contacts[0].rest_m);
-        let is_lost = || self.lost.contains(&Task { contact: 0, control_m, aim: Aim::Hand });
-        let half_m = hand.axis.map_or([0.0; 3], |axis| axis.half_m);
-        let posture = Posture { displacement_m: control_m, half_m };
-        (hand.touch.is_none() || is_lost()) && sphere.is_inside(&self.body, &self.body.rest_state, &posture)
+        let sphere = sphere.turned(hand.axis.map_or([0.0; 3], |axis| axis.half_m));
+        sphere.clearance_m(&self.body, control_m) < -OVERLAP_M
     }
 
     /// The problem of a contact.

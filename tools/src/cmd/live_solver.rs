@@ -20,8 +20,9 @@ const IDLE_PAUSE: Duration = Duration::from_micros(300);
 /// The line for the user while the tool presses on the fixed part, again after a time.
 pub(super) const FIXED_PART: &str =
     "the tool presses on the fixed part, which is felt as a wall, not as tissue";
-/// The same while it is inside the body.
-const INSIDE: &str = "the tool is inside the body, where it feels nothing; lift it out";
+/// The same where a touch cannot begin.
+const UNFELT: &str =
+    "the tool is in the body or overlaps its skin, and feels nothing; lift it off, and touch again";
 const WARNING: Duration = Duration::from_secs(10);
 /// Time between two pictures of the surface.
 const PICTURE: Duration = Duration::from_millis(33);
@@ -304,8 +305,8 @@ impl Solving {
 
     /// Tells the user if the tool is where it feels no tissue.
     fn warn(&mut self, hand: &Seen) {
-        let line = if self.solver.is_inside(hand) {
-            INSIDE
+        let line = if self.solver.overlaps_unfelt(hand) {
+            UNFELT
         } else if self.solver.presses_fixed_part(hand) {
             FIXED_PART
         } else {
