@@ -9,7 +9,7 @@ use palpate_tests::{documents, rust_files};
 /// Maximum number of words of README.md.
 const README_WORDS: usize = 600;
 /// Maximum number of words of all documents in docs/, except tables and commands of the measurements.
-const DOCS_WORDS: usize = 20_500;
+const DOCS_WORDS: usize = 20_700;
 
 /// The anchor of a heading.
 fn anchor(heading: &str) -> String {

@@ -54,6 +54,11 @@ pub(crate) enum Hardware {
         /// Speed of the serial line.
         baud: u32,
     },
+    /// `touch` or `touch:LIBRARY`
+    Touch {
+        /// The file of its maker's library.
+        library: Option<PathBuf>,
+    },
 }
 
 impl DeviceSpec {
@@ -70,7 +75,9 @@ impl DeviceSpec {
         match self {
             Self::Simulated(Motion::Way(file))
             | Self::Replay { file }
-            | Self::Hardware(Hardware::Falcon { firmware: Some(file) }) => Some(file),
+            | Self::Hardware(
+                Hardware::Falcon { firmware: Some(file) } | Hardware::Touch { library: Some(file) },
+            ) => Some(file),
             _ => None,
         }
     }
@@ -83,6 +90,7 @@ impl Hardware {
             Self::Polhem { .. } => "polhem",
             Self::Falcon { .. } => "falcon",
             Self::Link { .. } => "link",
+            Self::Touch { .. } => "touch",
         }
     }
 }
@@ -95,7 +103,7 @@ impl fmt::Display for NoDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], link:PORT[@BAUD] or replay:FILE.mcap",
+            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], touch[:LIBRARY], link:PORT[@BAUD] or replay:FILE.mcap",
             self.0
         )
     }
@@ -127,6 +135,7 @@ impl FromStr for DeviceSpec {
             ("falcon", firmware) => {
                 Ok(Self::Hardware(Hardware::Falcon { firmware: firmware.map(PathBuf::from) }))
             }
+            ("touch", library) => Ok(Self::Hardware(Hardware::Touch { library: library.map(PathBuf::from) })),
             ("link", Some(place)) if !place.is_empty() => {
                 // The name of a port may contain an @.
                 let with_baud =
@@ -140,10 +149,10 @@ impl FromStr for DeviceSpec {
 }
 
 impl Hardware {
-    /// Whether both are one device: a serial port by any of its names, or the Falcon with any firmware.
+    /// Whether both are one device: a serial port by any of its names, or the Falcon with any firmware, or the Touch.
     pub(crate) fn is_same_device(&self, other: &Self) -> bool {
         match (self.port(), other.port()) {
-            (None, None) => true,
+            (None, None) => core::mem::discriminant(self) == core::mem::discriminant(other),
             (Some(one), Some(other)) => one == other,
             _ => false,
         }
@@ -155,7 +164,7 @@ impl Hardware {
             Self::Polhem { port } | Self::Link { port, .. } => {
                 Some(std::fs::canonicalize(port).unwrap_or_else(|_| port.into()))
             }
-            Self::Falcon { .. } => None,
+            Self::Falcon { .. } | Self::Touch { .. } => None,
         }
     }
 }
@@ -166,6 +175,8 @@ impl fmt::Display for Hardware {
             Self::Polhem { port } => write!(f, "polhem:{port}"),
             Self::Falcon { firmware: None } => f.write_str("falcon"),
             Self::Falcon { firmware: Some(file) } => write!(f, "falcon:{}", file.display()),
+            Self::Touch { library: None } => f.write_str("touch"),
+            Self::Touch { library: Some(file) } => write!(f, "touch:{}", file.display()),
             Self::Link { port, baud } if *baud == LINK_BAUD => write!(f, "link:{port}"),
             Self::Link { port, baud } => write!(f, "link:{port}@{baud}"),
         }
@@ -187,6 +198,8 @@ mod tests {
             ("polhem:/dev/ttyACM1", Hardware::Polhem { port: "/dev/ttyACM1".into() }),
             ("falcon", Hardware::Falcon { firmware: None }),
             ("falcon:a:b.bin", Hardware::Falcon { firmware: Some("a:b.bin".into()) }),
+            ("touch", Hardware::Touch { library: None }),
+            ("touch:/opt/libHD.so", Hardware::Touch { library: Some("/opt/libHD.so".into()) }),
         ] {
             let spec: DeviceSpec = text.parse().expect("a device");
             assert_eq!(spec.hardware(), Some(&expected), "{text}");
@@ -234,5 +247,7 @@ mod tests {
         let falcon = hardware("falcon".into());
         assert!(!one.is_same_device(&falcon) && !one.is_same_device(&hardware("polhem:/dev/ttyACM7".into())));
         assert!(falcon.is_same_device(&hardware("falcon:a.bin".into())));
+        let touch = hardware("touch".into());
+        assert!(touch.is_same_device(&hardware("touch:a.so".into())) && !touch.is_same_device(&falcon));
     }
 }

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use palpate_host::device::falcon::{Falcon, FalconConfig, Image, Mode};
 use palpate_host::device::link::{Link, LinkConfig, LinkError};
+use palpate_host::device::maker::{self, Maker, StartError};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::serial::LatencyTimer;
@@ -44,6 +45,15 @@ fn open_device(
             match Polhem::open(port, polhem_config(profile)) {
                 Ok(device) => Ok(Box::new(device)),
                 Err(error) => Err(port_failure(port, error)),
+            }
+        }
+        Hardware::Touch { library } => {
+            let maker = Maker::Touch { library: library.clone() };
+            let command = own_command("proxy").map_err(|error| Failure::work(error.to_string()))?;
+            match maker::start(command, maker, profile) {
+                Ok(device) => Ok(Box::new(device)),
+                Err(error @ StartError::Refused(_)) => Err(Failure::input(error)),
+                Err(error) => Err(Failure::work(error.to_string())),
             }
         }
         Hardware::Falcon { firmware } => {
@@ -117,12 +127,14 @@ pub(crate) fn open(
     stop: &AtomicBool,
 ) -> Result<Held, Failure> {
     let device = open_device(hardware, profile, guard.fifo_priority)?;
-    let guarding = guard_command().and_then(|command| Guarded::start(device, command, guard));
+    let guarding = own_command("guard").and_then(|command| Guarded::start(device, command, guard));
     let (mut device, status): Held = match guarding {
         Ok(Guarding::Guarded(guarded)) => {
             let status = guarded.status();
             (guarded, Some(status))
         }
+        // The process that holds the maker's library is its guard.
+        Ok(Guarding::Unneeded(device)) if matches!(hardware, Hardware::Touch { .. }) => (device, None),
         Ok(Guarding::Unneeded(_)) => {
             return Err(Failure::work("the driver of this device offers its guard no path to the motors"));
         }
@@ -139,7 +151,7 @@ pub(crate) fn open(
         Hardware::Link { .. } => {
             eprintln!("palpate: home the device as its manual describes; it has no force before that");
         }
-        Hardware::Polhem { .. } => {}
+        Hardware::Polhem { .. } | Hardware::Touch { .. } => {}
     }
     device.home(stop).map_err(|error| {
         Failure::input(format!("{hardware}: {error}; check cable and power and start again"))
@@ -147,16 +159,16 @@ pub(crate) fn open(
     Ok((device, status))
 }
 
-/// The command that starts this program as a guard.
-fn guard_command() -> std::io::Result<Command> {
+/// The command that starts this program as a guard or a proxy.
+fn own_command(name: &str) -> std::io::Result<Command> {
     let mut command = Command::new(std::env::current_exe()?);
-    command.arg("guard");
+    command.arg(name);
     Ok(command)
 }
 
 /// Starts a guard without a device, and returns the time until it is ready, and its scheduling policy.
 pub(crate) fn try_guard(options: GuardOptions) -> std::io::Result<(Duration, Policy)> {
-    guard::try_start(guard_command()?, options)
+    guard::try_start(own_command("guard")?, options)
 }
 
 #[cfg(test)]

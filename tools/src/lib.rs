@@ -68,6 +68,8 @@ enum Command {
     #[command(hide = true)]
     Guard(cmd::guard::Args),
     #[command(hide = true)]
+    Proxy(cmd::proxy::Args),
+    #[command(hide = true)]
     LiveSolver(cmd::live_solver::Args),
     Doctor(cmd::doctor::Args),
     Report(cmd::report::Args),
@@ -99,6 +101,7 @@ pub fn palpate() -> ExitCode {
         Command::LiveSolver(args) => cmd::live_solver::run(&args),
         Command::Control(args) => cmd::control::run(&args),
         Command::Guard(args) => cmd::guard::run(&args),
+        Command::Proxy(args) => cmd::proxy::run(&args),
         Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Paper(args) => cmd::paper::run(&args),
         Command::Bench(args) => cmd::bench::run(&args),

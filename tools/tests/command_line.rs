@@ -230,7 +230,7 @@ fn scene_to_blob_to_query() {
     std::fs::write(&red_blob, red(&std::fs::read(&blob).expect("the blob"))).expect("written");
     let session = ["--headless", "--frame-rate", "0", "--seconds", "0.1", "--uncertified"];
     let on = |device| palpate(&[&["run", text(&red_blob), "--device", device][..], &session].concat());
-    for device in ["polhem:/dev/no-such-port", "falcon", "link:/dev/no-such-port"] {
+    for device in ["polhem:/dev/no-such-port", "falcon", "link:/dev/no-such-port", "touch:/no-such-port.so"] {
         let refused = on(device);
         let said = String::from_utf8_lossy(&refused.stderr);
         assert_eq!(refused.status.code(), Some(2), "{said}");
@@ -405,7 +405,7 @@ fn mistakes_are_refused_in_one_line() {
     let points = folder.path().join("in.csv");
     std::fs::write(&points, "x_m,y_m,z_m\n").expect("written");
     let points = text(&points);
-    let mistakes: [(&[&str], &[&str]); 23] = [
+    let mistakes: [(&[&str], &[&str]); 24] = [
         (&["dmeo"], &["demo", "palpate --help"]),
         (&["compare", scene], &["compare", "palpate --help"]),
         (&["run"], &["<BLOB>", "palpate run --help"]),
@@ -416,6 +416,18 @@ fn mistakes_are_refused_in_one_line() {
         (&["run", BLOB, "--frame-rate", "-1"], &["-1", "not within 0 and 1000"]),
         (&["run", BLOB, "--uncertified", "--device", "flacon"], &["no device `flacon`", "falcon"]),
         (&["run", BLOB, "--uncertified", "--profile", "delta"], &["delta.3"]),
+        (
+            &[
+                "run",
+                BLOB,
+                "--uncertified",
+                "--motors-off",
+                "--headless",
+                "--device",
+                "touch:/nowhere/libHD.so",
+            ],
+            &["OpenHaptics (libHD) cannot be loaded", "/nowhere/libHD.so", "install it"],
+        ),
         (&["run", dir], &["is a folder"]),
         (&["run", scene], &["beam.toml", "blob"]),
         (&["query", BLOB, "--method", "magic"], &["magic", "trilinear", "palpate query --help"]),

@@ -12,6 +12,7 @@ pub mod hand;
 pub mod impedance;
 mod in_flight;
 pub mod link;
+pub mod maker;
 pub mod motors_off;
 pub mod mouse;
 pub mod nonblocking_port;

@@ -14,9 +14,9 @@
 
 use super::Frame;
 use super::hand::{HAND_WORDS, Hand};
-use super::latest;
 use super::partner::{Partner, PartnerLink};
 use super::ring::{self, FRAME_WORDS, RING_FRAMES};
+use crate::sys::latest;
 use crate::sys::{Ended, SharedWords};
 use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;

@@ -17,7 +17,6 @@
 mod channel;
 mod field;
 mod hand;
-mod latest;
 mod message;
 mod partner;
 mod ring;

@@ -4,8 +4,8 @@
 //! other. A session that ends or hangs counts as without a touch after [`STALE_NS`], and the force that its tool adds
 //! fades like any other change of the jets.
 
-use super::latest;
 use crate::sys::SharedWords;
+use crate::sys::latest;
 use crate::vector_form as vector;
 use core::sync::atomic::Ordering;
 use palpate_core::Vec3;

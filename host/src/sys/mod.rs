@@ -195,6 +195,7 @@ impl Drop for Held {
     }
 }
 
+pub(crate) mod latest;
 mod linux;
 mod process;
 mod shared;

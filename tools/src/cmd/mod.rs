@@ -13,6 +13,7 @@ pub(crate) mod paper;
 pub(crate) mod path;
 pub(crate) mod plan;
 pub(crate) mod precompute;
+pub(crate) mod proxy;
 pub(crate) mod query;
 pub(crate) mod report;
 pub(crate) mod run;

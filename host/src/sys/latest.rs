@@ -4,7 +4,7 @@
 //! writer's buffer and exchanges it for the third one, so a reader never sees half a value, neither side waits,
 //! and a writer that dies in the middle of a write leaves its last complete value.
 
-use crate::sys::SharedWords;
+use super::SharedWords;
 use core::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ const READERS: u64 = 2;
 
 /// Place of a value in the shared words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Place {
+pub(crate) struct Place {
     /// Index of the state.
     pub state: usize,
     /// Index of the first buffer; the others follow.
@@ -31,7 +31,7 @@ pub(super) struct Place {
 
 impl Place {
     /// Sets the state before either end uses it.
-    pub(super) fn prepare(&self, memory: &SharedWords) {
+    pub(crate) fn prepare(&self, memory: &SharedWords) {
         memory.words()[self.state].store(BETWEEN, Ordering::Release);
     }
 
@@ -49,19 +49,19 @@ impl Place {
 
 /// The writing end.
 #[derive(Debug)]
-pub(super) struct Writer {
+pub(crate) struct Writer {
     memory: Arc<SharedWords>,
     place: Place,
     own: u64,
 }
 
 impl Writer {
-    pub(super) const fn new(memory: Arc<SharedWords>, place: Place) -> Self {
+    pub(crate) const fn new(memory: Arc<SharedWords>, place: Place) -> Self {
         Self { memory, place, own: WRITERS }
     }
 
     /// Publishes a value; missing words keep what an earlier value had there. Wait-free.
-    pub(super) fn write(&mut self, value: impl Iterator<Item = u64>) {
+    pub(crate) fn write(&mut self, value: impl Iterator<Item = u64>) {
         for (word, value) in self.place.buffer(&self.memory, self.own).iter().zip(value) {
             word.store(value, Ordering::Relaxed);
         }
@@ -71,19 +71,19 @@ impl Writer {
 
 /// The reading end.
 #[derive(Debug)]
-pub(super) struct Reader {
+pub(crate) struct Reader {
     memory: Arc<SharedWords>,
     place: Place,
     own: u64,
 }
 
 impl Reader {
-    pub(super) const fn new(memory: Arc<SharedWords>, place: Place) -> Self {
+    pub(crate) const fn new(memory: Arc<SharedWords>, place: Place) -> Self {
         Self { memory, place, own: READERS }
     }
 
     /// The newest value: zeros before the first. It stays the same until the next call. Wait-free.
-    pub(super) fn read(&mut self) -> impl ExactSizeIterator<Item = u64> {
+    pub(crate) fn read(&mut self) -> impl ExactSizeIterator<Item = u64> {
         if self.memory.words()[self.place.state].load(Ordering::Relaxed) & FRESH != 0 {
             self.own = self.place.exchange(&self.memory, self.own);
         }

@@ -1,0 +1,39 @@
+//! The proxy's process as the session holds it.
+
+use crate::sys::Ended;
+use std::net::Shutdown;
+use std::os::unix::net::UnixStream;
+use std::process::Child;
+use std::time::{Duration, Instant};
+
+/// Longest wait for the proxy to exit, so that the device can be opened again.
+const EXIT_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// The proxy, from the session's side. It ends with this.
+#[derive(Debug)]
+pub(super) struct Process {
+    pub(super) socket: UnixStream,
+    /// `None` of a proxy on a thread.
+    pub(super) child: Option<Child>,
+    pub(super) ended: Ended,
+}
+
+impl Process {
+    /// Whether it has ended. Wait-free.
+    pub(super) fn has_ended(&self) -> bool {
+        self.ended.has_ended()
+    }
+}
+
+impl Drop for Process {
+    /// Lets the proxy send its last zero and close the device.
+    fn drop(&mut self) {
+        let _ = self.socket.shutdown(Shutdown::Both);
+        let give_up = Instant::now() + EXIT_TIMEOUT;
+        if let Some(child) = &mut self.child {
+            while Instant::now() < give_up && matches!(child.try_wait(), Ok(None)) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+    }
+}

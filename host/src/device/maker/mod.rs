@@ -1,0 +1,22 @@
+//! Devices behind their maker's library: a process of ours, the *proxy*, holds the library, and swaps forces and
+//! measurements with the loop through shared memory.
+//!
+//! ```text
+//! loop -> Proxied -> page (shared memory) -> Exchange, in the cycle of the maker's library -> device
+//! ```
+//!
+//! Nothing of a maker is linked or shipped. The library is the one that the user has installed, loaded at run time.
+
+mod child;
+pub mod exchange;
+pub mod library;
+pub mod page;
+mod process;
+mod proxied;
+pub mod touch;
+
+pub use exchange::Exchange;
+pub use library::{Library, LibraryError};
+pub use page::{Health, Measured};
+pub use process::{Maker, StartError, serve_stdin, start};
+pub use proxied::{Clock, Proxied};

@@ -1,0 +1,313 @@
+//! A Phantom or Touch through OpenHaptics: the library's scheduler calls a cycle of ours, a thousand times a second.
+//!
+//! One frame a cycle: read the device, publish the sample, set the force of the [`Exchange`], send, and take the errors off the
+//! library's stack. All calls of the library for the device are in the cycle, because its scheduler runs.
+//!
+//! The library resumes by itself after an exceeded limit and after a stall. So the exchange latches both.
+
+use super::api::{Hd, value};
+use super::running::Running;
+use crate::device::DeviceState;
+use crate::device::maker::exchange::Exchange;
+use crate::device::maker::page::Measured;
+use core::fmt;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use palpate_core::{Orientation, Vec3, vec3};
+use palpate_link::DeviceFault;
+use std::ffi::CString;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Cycles without an error before the first sample: those just after the start have damaged positions.
+const CLEAN_CYCLES: u32 = 3;
+/// Cycles between two looks at the calibration while it is not good.
+const CALIBRATION_CYCLES: u32 = 100;
+/// Most errors that are taken off the stack in a cycle.
+const MOST_ERRORS: u32 = 16;
+/// Rate of the scheduler, Hz.
+const RATE_HZ: u32 = 1_000;
+/// Longest wait for the last cycle.
+const STOP_TIMEOUT: Duration = Duration::from_millis(100);
+/// Already started: the library leaves it on the stack of a first start.
+const ALREADY_STARTED: u32 = 0x103;
+
+/// Why a device cannot be opened, in one line with the fix.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum TouchError {
+    /// There is no device, or it is in use.
+    NoDevice {
+        /// The library's number.
+        code: u32,
+        /// The library's words.
+        text: String,
+    },
+}
+
+impl TouchError {
+    /// What to do about an error of the library.
+    fn fix(code: u32) -> &'static str {
+        match code {
+            0x302 | 0x303 => "check cable and power; plug it out and in after a session that was killed",
+            0x304 | 0x101 => "end the other program that uses it",
+            0x600 => "install the licence of OpenHaptics",
+            _ => "check cable, power, and its name in the maker's setup program",
+        }
+    }
+}
+
+impl fmt::Display for TouchError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self::NoDevice { code, text } = self;
+        write!(f, "no Touch can be opened ({text}, {code:#x}); {}", Self::fix(*code))
+    }
+}
+
+impl core::error::Error for TouchError {}
+
+/// What the device says of itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TouchInfo {
+    /// Model, serial number and version of the library.
+    pub name: String,
+    /// Largest force, N.
+    pub max_force_n: f32,
+    /// Largest force for long, N.
+    pub continuous_n: f32,
+    /// Largest stiffness, N/m.
+    pub max_stiffness_n_m: f32,
+}
+
+/// What the thread beside the cycles sees of them.
+#[derive(Debug, Default)]
+pub struct Seen {
+    /// The cycle is to end.
+    stopping: AtomicBool,
+    /// It has sent its last zero.
+    has_stopped: AtomicBool,
+    /// The newest error of the library; 0 without one.
+    error: AtomicU32,
+    /// Whether the stylus has to be put into its inkwell.
+    needs_hand: AtomicBool,
+}
+
+impl Seen {
+    /// The newest error of the library that was not taken yet.
+    pub fn take_error(&self) -> Option<u32> {
+        Some(self.error.swap(0, Ordering::Relaxed)).filter(|code| *code != 0)
+    }
+
+    /// Whether the user has to calibrate it: the stylus into the inkwell.
+    #[must_use]
+    pub fn needs_hand(&self) -> bool {
+        self.needs_hand.load(Ordering::Relaxed)
+    }
+}
+
+/// The open device.
+#[derive(Debug)]
+pub struct Touch {
+    hd: Hd,
+    device: u32,
+    info: TouchInfo,
+    seen: Arc<Seen>,
+    running: Option<Running>,
+}
+
+/// One cycle after another.
+struct Cycle {
+    hd: Hd,
+    device: u32,
+    exchange: Exchange,
+    clock: Box<dyn Fn() -> u64 + Send>,
+    seen: Arc<Seen>,
+    clean: u32,
+    count: u32,
+    is_calibrated: bool,
+}
+
+/// What an error of a frame means; `None` of one that may belong to another call.
+fn fault(code: u32) -> Option<DeviceFault> {
+    match code {
+        0x203 => Some(DeviceFault::Overspeed),
+        0x200..=0x204 | 0x300 => Some(DeviceFault::Hardware),
+        0x302 | 0x304 => Some(DeviceFault::Watchdog),
+        0x303 | 0x305..=0x3ff => Some(DeviceFault::Hardware),
+        _ => None,
+    }
+}
+
+/// The rotation in a transform by columns: of the larger of the four squares.
+fn rotation(transform: &[f64; 16]) -> Orientation {
+    let at = |row: usize, column: usize| transform[4 * column + row];
+    let (x, y, z) = (at(0, 0), at(1, 1), at(2, 2));
+    let squares = [1.0 + x + y + z, 1.0 + x - y - z, 1.0 - x + y - z, 1.0 - x - y + z];
+    let largest = (0..4).max_by(|a, b| squares[*a].total_cmp(&squares[*b])).unwrap_or(0);
+    let (a, b, c) = (at(2, 1) - at(1, 2), at(0, 2) - at(2, 0), at(1, 0) - at(0, 1));
+    let (d, e, f) = (at(0, 1) + at(1, 0), at(0, 2) + at(2, 0), at(1, 2) + at(2, 1));
+    let four = match largest {
+        0 => [squares[0], a, b, c],
+        1 => [a, squares[1], d, e],
+        2 => [b, d, squares[2], f],
+        _ => [c, e, f, squares[3]],
+    };
+    let length = four.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let [w, x, y, z] = four.map(|x| (x / length) as f32);
+    Orientation { w, xyz: [x, y, z] }
+}
+
+impl Cycle {
+    fn run(&mut self) -> bool {
+        let now_ns = (self.clock)();
+        let is_last = self.seen.stopping.load(Ordering::Acquire);
+        self.hd.begin(self.device);
+        let position_m: Vec3 = self.hd.doubles(value::POSITION).map(|mm: f64| (1e-3 * mm) as f32);
+        let transform = self.hd.doubles(value::TRANSFORM);
+        let buttons = self.hd.integer(value::BUTTONS) as u32;
+        if !self.is_calibrated && self.count.is_multiple_of(CALIBRATION_CYCLES) {
+            self.calibrate();
+        }
+        self.count = self.count.wrapping_add(1);
+        let is_clean = self.clean >= CLEAN_CYCLES;
+        self.exchange.set_state(match (is_clean, self.is_calibrated) {
+            (false, _) => DeviceState::Open,
+            (true, false) => DeviceState::Unhomed,
+            (true, true) => DeviceState::Homed,
+        });
+        let force_n = self.exchange.force_n(now_ns);
+        let force_n = if is_last { vec3::ZERO } else { force_n };
+        self.hd.set_force(force_n.map(f64::from));
+        self.hd.end(self.device);
+        let is_good = self.take_errors(now_ns, is_clean);
+        self.clean = if is_good {
+            self.clean.saturating_add(1)
+        } else if is_clean {
+            self.clean
+        } else {
+            0
+        };
+        if is_good && is_clean {
+            let orientation = rotation(&transform);
+            self.exchange.publish(&Measured {
+                t_ns: now_ns,
+                position_m,
+                orientation,
+                buttons,
+                rendered_n: None,
+            });
+        }
+        if is_last {
+            self.seen.has_stopped.store(true, Ordering::Release);
+        }
+        !is_last
+    }
+
+    /// The position jumps when a calibration is renewed: only without a force, which the state sees to.
+    fn calibrate(&mut self) {
+        let state = self.hd.calibration();
+        if state == value::NEEDS_UPDATE {
+            self.hd.calibrate(self.hd.integer(value::CALIBRATION_STYLE) as u32);
+        }
+        self.is_calibrated = state == value::CALIBRATED;
+        self.seen.needs_hand.store(state == value::NEEDS_HAND, Ordering::Relaxed);
+    }
+
+    /// Takes the errors of this frame off the stack; whether there was none.
+    fn take_errors(&mut self, now_ns: u64, is_clean: bool) -> bool {
+        let mut is_good = true;
+        for _ in 0..MOST_ERRORS {
+            let Some(error) = self.hd.next_error() else { break };
+            is_good = false;
+            self.seen.error.store(error.code, Ordering::Relaxed);
+            if let Some(fault) = fault(error.code).filter(|_| is_clean) {
+                self.exchange.latch(now_ns, fault);
+            }
+        }
+        is_good
+    }
+}
+
+impl Touch {
+    /// Opens a device and puts the cycle into the library's scheduler. There is no force before the loop sends one.
+    pub fn start(
+        hd: Hd,
+        name: Option<CString>,
+        exchange: impl FnOnce(&TouchInfo) -> Exchange,
+        clock: Box<dyn Fn() -> u64 + Send>,
+    ) -> Result<Self, TouchError> {
+        // Errors of an earlier session.
+        while hd.next_error().is_some() {}
+        let device = hd.open(name.as_deref()).ok_or_else(|| {
+            let code = hd.next_error().map_or(0, |error| error.code);
+            TouchError::NoDevice { code, text: hd.error_text(code) }
+        })?;
+        if let Some(error) = hd.next_error().filter(|error| error.code != ALREADY_STARTED) {
+            let text = hd.error_text(error.code);
+            hd.close(device);
+            return Err(TouchError::NoDevice { code: error.code, text });
+        }
+        let number = |value: u32| hd.doubles::<1>(value)[0] as f32;
+        let info = TouchInfo {
+            name: format!(
+                "{} {} (OpenHaptics {})",
+                hd.text(value::MODEL),
+                hd.text(value::SERIAL),
+                hd.text(value::VERSION)
+            ),
+            max_force_n: number(value::FORCE),
+            continuous_n: number(value::CONTINUOUS_FORCE),
+            max_stiffness_n_m: 1e3 * number(value::STIFFNESS),
+        };
+        hd.set_enabled(value::FORCE_OUTPUT, true);
+        hd.set_rate(RATE_HZ);
+        let seen = Arc::new(Seen::default());
+        let mut cycle = Cycle {
+            hd,
+            device,
+            exchange: exchange(&info),
+            clock,
+            seen: seen.clone(),
+            clean: 0,
+            count: 0,
+            is_calibrated: false,
+        };
+        let running = Running::begin(hd, device, Box::new(move || cycle.run()));
+        hd.start();
+        Ok(Self { hd, device, info, seen, running: Some(running) })
+    }
+
+    /// What the device says of itself.
+    #[must_use]
+    pub const fn info(&self) -> &TouchInfo {
+        &self.info
+    }
+
+    /// What the cycles have met.
+    #[must_use]
+    pub fn seen(&self) -> &Seen {
+        &self.seen
+    }
+
+    /// An error of the library in words.
+    #[must_use]
+    pub fn error_text(&self, code: u32) -> String {
+        self.hd.error_text(code)
+    }
+
+    /// Sends a last zero and ends the cycle: a library that calls no cycle any more is waited for only so long.
+    pub fn stop(&mut self) {
+        self.seen.stopping.store(true, Ordering::Release);
+        let give_up = Instant::now() + STOP_TIMEOUT;
+        while !self.seen.has_stopped.load(Ordering::Acquire) && Instant::now() < give_up {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        if self.running.take().is_some() {
+            self.hd.close(self.device);
+        }
+    }
+}
+
+impl Drop for Touch {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
