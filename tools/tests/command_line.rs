@@ -405,7 +405,7 @@ fn mistakes_are_refused_in_one_line() {
     let points = folder.path().join("in.csv");
     std::fs::write(&points, "x_m,y_m,z_m\n").expect("written");
     let points = text(&points);
-    let mistakes: [(&[&str], &[&str]); 24] = [
+    let mistakes: [(&[&str], &[&str]); 23] = [
         (&["dmeo"], &["demo", "palpate --help"]),
         (&["compare", scene], &["compare", "palpate --help"]),
         (&["run"], &["<BLOB>", "palpate run --help"]),
@@ -416,18 +416,6 @@ fn mistakes_are_refused_in_one_line() {
         (&["run", BLOB, "--frame-rate", "-1"], &["-1", "not within 0 and 1000"]),
         (&["run", BLOB, "--uncertified", "--device", "flacon"], &["no device `flacon`", "falcon"]),
         (&["run", BLOB, "--uncertified", "--profile", "delta"], &["delta.3"]),
-        (
-            &[
-                "run",
-                BLOB,
-                "--uncertified",
-                "--motors-off",
-                "--headless",
-                "--device",
-                "touch:/nowhere/libHD.so",
-            ],
-            &["OpenHaptics (libHD) cannot be loaded", "/nowhere/libHD.so", "install it"],
-        ),
         (&["run", dir], &["is a folder"]),
         (&["run", scene], &["beam.toml", "blob"]),
         (&["query", BLOB, "--method", "magic"], &["magic", "trilinear", "palpate query --help"]),

@@ -349,13 +349,18 @@ fn with_the_motors_off_no_force_ever_leaves() {
 fn a_device_that_cannot_be_opened_is_one_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let (blob, _) = files(folder.path());
-    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
-    let device = ["--uncertified", "--headless", "--device", "polhem:/dev/no-such-port"];
-    let output = run(command.arg("run").arg(&blob).args(device));
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{text}");
-    assert!(text.contains("/dev/no-such-port") && text.contains("check port and power"), "{text}");
-    assert_eq!(text.lines().filter(|line| line.starts_with("palpate: /dev")).count(), 1, "{text}");
+    for (device, begin, words) in [
+        ("polhem:/dev/no-such-port", "palpate: /dev", ["/dev/no-such-port", "check port and power"]),
+        ("touch:/nowhere/libHD.so", "palpate: OpenHaptics (libHD)", ["/nowhere/libHD.so", "install it"]),
+    ] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        let device = ["--uncertified", "--headless", "--device", device];
+        let output = run(command.arg("run").arg(&blob).args(device));
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(words.iter().all(|word| text.contains(word)), "{text}");
+        assert_eq!(text.lines().filter(|line| line.starts_with(begin)).count(), 1, "{text}");
+    }
 }
 
 /// The first session keeps the port locked.
