@@ -73,14 +73,19 @@ fn sound(names: &[String]) -> Vec<u8> {
 }
 
 fn files(folder: &Path) -> (PathBuf, PathBuf) {
+    files_of(folder, "polhem")
+}
+
+/// A blob, and the bundled profile of a device whose z axis is the normal at the first active node, where its origin is.
+pub(super) fn files_of(folder: &Path, device: &str) -> (PathBuf, PathBuf) {
     let bytes = synthetic::certified_organ(&synthetic::Shape::default(), sound);
     let organ: Organ<'_> = Organ::read(&bytes).expect("a sound blob");
     let normal = organ.spaces[0].active.outward_normal;
     let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
     let second = vec3::cross(normal, first);
     let axes = [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]);
-    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/devices/polhem.toml");
-    let own = std::fs::read_to_string(own).expect("the bundled profile");
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/devices");
+    let own = std::fs::read_to_string(own.join(device).with_extension("toml")).expect("the bundled profile");
     let (head, _) = own.split_once("[mapping]").unwrap_or((&own, ""));
     let profile = format!(
         "{head}\n[mapping]\naxes = {axes:?}\nmodel_origin_m = {:?}\n",

@@ -16,6 +16,7 @@ mod report;
 mod scenes;
 mod second;
 mod space_faults;
+mod touch;
 
 use std::path::Path;
 use std::process::{Command, Output};

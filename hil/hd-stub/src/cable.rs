@@ -1,0 +1,103 @@
+//! The device behind the stand-in: numbers in a file.
+
+use nix::time::{ClockId, clock_gettime};
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+/// Environment variable with the name of the file.
+pub const VARIABLE: &str = "PALPATE_FAKE_HD";
+
+/// A number of the device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Field {
+    /// Position along an axis, mm.
+    Position(u64),
+    /// Bits of the buttons.
+    Buttons,
+    /// State of the calibration; 0 for good.
+    Calibration,
+    /// Error that the next frames find, and how often it was set.
+    Error,
+    /// See [`Field::Error`].
+    Errors,
+    /// Whether the scheduler stands still.
+    Stalled,
+    /// Error of the opening; 0 for none.
+    Refused,
+    /// Force of the last frame along an axis, N.
+    Force(u64),
+    /// Number of frames.
+    Frames,
+    /// CLOCK_MONOTONIC of the last frame with a force, ns.
+    Forced,
+}
+
+impl Field {
+    const fn place(self) -> u64 {
+        8 * match self {
+            Self::Position(axis) => axis,
+            Self::Buttons => 3,
+            Self::Calibration => 4,
+            Self::Error => 5,
+            Self::Errors => 6,
+            Self::Stalled => 7,
+            Self::Refused => 8,
+            Self::Force(axis) => 9 + axis,
+            Self::Frames => 12,
+            Self::Forced => 13,
+        }
+    }
+}
+
+/// Either end of the cable.
+#[derive(Debug)]
+pub struct Cable(File);
+
+impl Cable {
+    /// A new device whose numbers are zero.
+    pub fn create(file: &Path) -> io::Result<Self> {
+        let device = File::options().read(true).write(true).create_new(true).open(file)?;
+        device.set_len(128)?;
+        Ok(Self(device))
+    }
+
+    /// The library's end.
+    pub fn open(file: &Path) -> io::Result<Self> {
+        File::options().read(true).write(true).open(file).map(Self)
+    }
+
+    /// A whole number; zero if the cable is cut.
+    #[must_use]
+    pub fn whole(&self, field: Field) -> u64 {
+        let mut bytes = [0; 8];
+        match self.0.read_exact_at(&mut bytes, field.place()) {
+            Ok(()) => u64::from_le_bytes(bytes),
+            Err(_) => 0,
+        }
+    }
+
+    /// Sets a whole number.
+    pub fn set_whole(&self, field: Field, number: u64) {
+        let _ = self.0.write_all_at(&number.to_le_bytes(), field.place());
+    }
+
+    /// A quantity.
+    #[must_use]
+    pub fn quantity(&self, field: Field) -> f64 {
+        f64::from_bits(self.whole(field))
+    }
+
+    /// Sets a quantity.
+    pub fn set_quantity(&self, field: Field, number: f64) {
+        self.set_whole(field, number.to_bits());
+    }
+
+    /// Time of all processes, ns.
+    #[must_use]
+    pub fn now_ns() -> u64 {
+        let time = clock_gettime(ClockId::CLOCK_MONOTONIC).expect("it has one");
+        time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64
+    }
+}
