@@ -18,11 +18,18 @@ pub struct Library {
 /// Why a library does not serve, in one line with the fix.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LibraryError {
-    /// No file of these names is found, or it cannot be loaded.
+    /// No file of these names is found.
     Missing {
         /// Name of the library for the user.
         what: &'static str,
-        /// What the loader says of the first name, or of the last one that exists.
+        /// What the loader says of the first name.
+        why: String,
+    },
+    /// A file is found and cannot be loaded.
+    Broken {
+        /// Name of the library for the user.
+        what: &'static str,
+        /// What the loader says.
         why: String,
     },
     /// A function is missing: the library is another one, or too old.
@@ -38,10 +45,11 @@ impl fmt::Display for LibraryError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Missing { what, why } => {
-                write!(
-                    f,
-                    "{what} cannot be loaded ({why}); install it from its maker, or give its file after the device and a colon"
-                )
+                let fix = "install it from its maker, or give its file after the device and a colon";
+                write!(f, "{what} is not there ({why}); {fix}")
+            }
+            Self::Broken { what, why } => {
+                write!(f, "{what} cannot be loaded ({why}); install what it needs, or another version of it")
             }
             Self::Symbol { file, symbol } => {
                 write!(f, "{}: it has no `{symbol}`; install a newer version from its maker", file.display())
@@ -66,18 +74,22 @@ impl Library {
     ) -> Result<(Self, PathBuf), LibraryError> {
         let given: Vec<PathBuf> = given.map(Path::to_path_buf).into_iter().collect();
         let names = if given.is_empty() { names } else { &given };
-        let mut why: Option<String> = None;
+        let mut missing: Option<String> = None;
         for name in names {
             // SAFETY: loading runs the initialisers of a library that the user has installed for this purpose. NOW shows
             // missing dependencies here, and LOCAL keeps its symbols to itself.
-            match unsafe { Loaded::open(Some(name), RTLD_NOW | RTLD_LOCAL) } {
+            let why = match unsafe { Loaded::open(Some(name), RTLD_NOW | RTLD_LOCAL) } {
                 Ok(loaded) => return Ok((Self { loaded: Box::leak(Box::new(loaded)) }, name.clone())),
-                // One that is there and cannot be loaded says more than one that is not there.
-                Err(error) if why.is_none() || name.exists() => why = Some(words(&error)),
-                Err(_) => {}
+                Err(error) => words(&error),
+            };
+            // Of a library that it needs, the loader gives the name of that one.
+            let is_missing = why.starts_with(&*name.to_string_lossy()) && why.contains("No such file");
+            if !is_missing {
+                return Err(LibraryError::Broken { what, why });
             }
+            missing.get_or_insert(why);
         }
-        Err(LibraryError::Missing { what, why: why.unwrap_or_else(|| "no name to look for".into()) })
+        Err(LibraryError::Missing { what, why: missing.unwrap_or_else(|| "no name to look for".into()) })
     }
 
     /// The address of a function.
@@ -172,6 +184,6 @@ mod tests {
         let file = folder.path().join("text.so");
         std::fs::write(&file, "no library").expect("written");
         let broken = Library::load("OpenHaptics", Some(&file), &[]).expect_err("text").to_string();
-        assert!(broken.contains("text.so"), "{broken}");
+        assert!(broken.contains("OpenHaptics cannot be loaded (") && broken.contains("text.so"), "{broken}");
     }
 }

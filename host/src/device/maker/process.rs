@@ -199,7 +199,7 @@ mod tests {
         let profile = Profile::bundled("touch").expect("bundled");
         let refused = at(ours, (None, ended), Maker::Touch { library }, &profile).expect_err("no library");
         let line = refused.to_string();
-        assert!(line.contains("OpenHaptics (libHD) cannot be loaded (/nowhere/libHD.so"), "{line}");
+        assert!(line.contains("OpenHaptics (libHD) is not there (/nowhere/libHD.so"), "{line}");
         proxy.join().expect("no panic").expect("it has answered");
     }
 }
