@@ -177,7 +177,7 @@ mod tests {
             Library::load("OpenHaptics", None, &["libnothing-of-ours.so".into()]).expect_err("none");
         let line = missing.to_string();
         assert!(
-            line.contains("OpenHaptics cannot be loaded (libnothing-of-ours.so") && line.contains("install"),
+            line.contains("OpenHaptics is not there (libnothing-of-ours.so") && line.contains("install"),
             "{line}"
         );
         let folder = tempfile::tempdir().expect("a folder");
