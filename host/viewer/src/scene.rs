@@ -133,7 +133,7 @@ impl Scene {
         self.smooth.refine(&mut self.vertices);
         raster.draw(&self.vertices, self.smooth.triangles(), Material::Tissue);
 
-        for (i, space) in organ.spaces.iter().enumerate() {
+        for (i, space) in places(organ) {
             let Some(radius) = marker(i, organ.spaces.len(), record) else { continue };
             let at_m = self.marker_m(surface, i, space);
             let radius_m = radius * self.radius_m;
@@ -282,7 +282,7 @@ impl Scene {
         found: &mut Vec<Option<Vec2>>,
     ) {
         found.clear();
-        found.extend(organ.spaces.iter().enumerate().map(|(i, space)| {
+        found.extend(places(organ).map(|(i, space)| {
             let touched = record.engaged.is_some_and(|index| usize::from(index) == i);
             let (pixel, inverse_depth) = projection.project(self.marker_m(surface, i, space))?;
             let front = raster.inverse_depth_at(pixel.x as i32, pixel.y as i32);
@@ -295,6 +295,12 @@ impl Scene {
     pub(super) fn draw_tool(&mut self, view: (&Raster, &Projection), touched: &Touched, image: &mut Image) {
         self.tool.draw_translucent(touched, view, &mut self.mask, image);
     }
+}
+
+/// The active nodes, which are places of the body. The one space of a live sphere is none.
+fn places<'o, 'a, const N: usize>(organ: &'o Organ<'a, N>) -> impl Iterator<Item = (usize, &'o Space<'a>)> {
+    let is_of_sphere = organ.tool.sphere().is_some() && organ.contact.triangles.is_empty();
+    organ.spaces.iter().enumerate().filter(move |_| !is_of_sphere)
 }
 
 /// Radius of the marker of active node `index` of `count`, in radii of the organ; `None` where the tool stands.

@@ -273,7 +273,10 @@ impl<const N: usize> Observer for Screen<'_, '_, N> {
     }
 
     fn show(&mut self, newest: &TickRecord, controls: &Controls) -> ControlFlow<()> {
-        match self.draw(newest, controls) {
+        // Before the first tick there is no place of the tool.
+        let waiting =
+            self.organs.first().filter(|_| *newest == TickRecord::EMPTY).map(|organ| at_rest(organ));
+        match self.draw(waiting.as_ref().unwrap_or(newest), controls) {
             Ok(false) => ControlFlow::Continue(()),
             Ok(true) => ControlFlow::Break(()),
             Err(error) => {
