@@ -88,6 +88,21 @@ fn after_a_jump_of_the_body_it_takes_no_longer() {
     }
 }
 
+/// Where a tool has gone through a wall, or onto another one: a tenth of that speed.
+#[test]
+fn a_large_step_takes_a_hundred_milliseconds() {
+    for (step_n, time_ms) in [(3.9, 10.0), (4.1, 100.0)] {
+        let mut tool = OnePoint::new(&[(0, 1.0)]);
+        let (near, far) = (flat(0, [0.0; 3], [6.0, 0.0, 0.0]), [6.0 - step_n, 0.0, 0.0]);
+        tool.learn([near, flat(0, [0.01, 0.0, 0.0], far)]);
+        forces(&mut tool, 0.002, 3);
+        for (tick, force_n) in forces(&mut tool, 0.008, 60).into_iter().enumerate() {
+            let exact_n = 6.0 - step_n * (1.0 - (-(tick as f32) / time_ms).exp());
+            assert!((force_n - exact_n).abs() < 1e-4, "{step_n} N, tick {tick}: {force_n} {exact_n}");
+        }
+    }
+}
+
 #[test]
 fn a_new_touch_begins_without_an_offset() {
     let mut tool = OnePoint::new(&[(0, 1.0)]);

@@ -4,8 +4,6 @@ use super::setup::{Ready, Setup};
 use super::watch::{Action, Watch};
 use crate::device::fence::{GuardPath, Page};
 use crate::sys::{self, Policy, RtRequest};
-use nix::sys::prctl;
-use nix::sys::signal::{SigSet, Signal};
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
@@ -34,14 +32,7 @@ pub struct GuardSummary {
 ///
 /// An error means that no session has started this process.
 pub fn guard_stdin() -> io::Result<GuardSummary> {
-    // A signal to the session's group ends the session; then this process must zero the force. The kernel hangs
-    // up a stopped process that its parent's death orphans (and resumes it).
-    SigSet::all().thread_block()?;
-    // Where the kernel does not, because a parent of the session adopts this process, the session's death does.
-    prctl::set_pdeathsig(Signal::SIGCONT)?;
-    // A name of its own: what ends every `palpate` must not end the guard too.
-    prctl::set_name(c"haptic-guard")?;
-    guard(UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?))
+    guard(sys::outlive_signals(c"haptic-guard")?)
 }
 
 /// As [`guard_stdin`], on a socket.

@@ -9,8 +9,7 @@ use std::io::{self, Read};
 use std::net::Shutdown;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
-use std::os::unix::process::CommandExt;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -22,8 +21,6 @@ pub const DEFAULT_LIMIT_MS: u32 = 10;
 const READY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest wait for the guard to exit, so that the device can be opened again.
 const EXIT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Period of checking for its exit.
-const EXIT_CHECK: Duration = Duration::from_millis(1);
 
 /// How a guard is started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,19 +79,13 @@ pub(super) struct Guard {
 impl Guard {
     /// Starts `command` with one end of a socket pair as its standard input, and waits until it guards the
     /// device. `page` and `fence` are the shared page.
-    ///
-    /// The process gets its own process group: a Ctrl-C or Ctrl-Z of the terminal reaches the session only.
     pub(super) fn start(
-        mut command: Command,
+        command: Command,
         options: GuardOptions,
         page: &OwnedFd,
         path: &GuardPath,
     ) -> io::Result<Self> {
-        let (ours, theirs) = UnixStream::pair()?;
-        command.arg0("haptic-guard").stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).process_group(0);
-        let child = command.spawn()?;
-        // The command holds the other end; only the guard may hold it.
-        drop(command);
+        let (ours, child) = sys::start_beside(command, "haptic-guard")?;
         let ended = sys::pidfd(child.id())?;
         Self::handshake(ours, Some(child), ended, options, page, path)
     }
@@ -146,12 +137,8 @@ impl Drop for Guard {
     /// Lets the guard zero the device once more and exit.
     fn drop(&mut self) {
         let _ = self.socket.shutdown(Shutdown::Both);
-        let give_up = Instant::now() + EXIT_TIMEOUT;
         if let Some(child) = &mut self.child {
-            // One that does not exit may still be zeroing the device; it is not killed.
-            while Instant::now() < give_up && matches!(child.try_wait(), Ok(None)) {
-                std::thread::sleep(EXIT_CHECK);
-            }
+            sys::wait_exit(child, EXIT_TIMEOUT);
         }
     }
 }

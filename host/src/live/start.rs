@@ -10,8 +10,7 @@ use std::fs::File;
 use std::io::{self, ErrorKind};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
-use std::os::unix::process::CommandExt;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 use std::time::Duration;
 
 /// How often a wait checks the stop flag.
@@ -83,12 +82,8 @@ pub struct SolverProcess {
 /// # Errors
 ///
 /// [`StartError`]; the process has then ended.
-pub fn start(mut command: Command, stop: &AtomicBool, line: impl FnMut(&str)) -> Result<Ready, StartError> {
-    let (ours, theirs) = UnixStream::pair()?;
-    command.arg0("palpate-solver").stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).process_group(0);
-    let child = command.spawn()?;
-    // The command holds the other end; only the solver may hold it.
-    drop(command);
+pub fn start(command: Command, stop: &AtomicBool, line: impl FnMut(&str)) -> Result<Ready, StartError> {
+    let (ours, child) = sys::start_beside(command, "palpate-solver")?;
     // From here on a failure drops the process, which ends it.
     let mut process = SolverProcess { inbox: Inbox::new(ours), child: Some(child), ended: Ended::default() };
     let pid = process.pid().expect("it was started");

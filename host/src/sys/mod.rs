@@ -205,8 +205,8 @@ pub mod usb;
 use linux as platform;
 pub use linux::{allowed_cpus, cpu_ns, lower_priority, monotonic_ns, sleep_until_ns, timer_resolution_ns};
 pub use process::{
-    Ended, FDS, duplicate_non_blocking, pidfd, receive_fds, send_fds, send_now, wait_any, wait_readable,
-    write,
+    Ended, FDS, duplicate_non_blocking, outlive_signals, pidfd, receive_fds, send_fds, send_now,
+    start_beside, wait_any, wait_exit, wait_readable, write,
 };
 pub use shared::SharedWords;
 pub use socket::listen;

@@ -3,18 +3,23 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::poll::{PollFd, PollFlags, ppoll};
+use nix::sys::prctl;
+use nix::sys::signal::{SigSet, Signal};
 use rustix::io::Errno;
 use rustix::net::{
     RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer, SendAncillaryMessage,
     SendFlags, recvmsg, send, sendmsg,
 };
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use std::ffi::CStr;
 use std::io::{self, IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Largest number of descriptors in a message.
 pub const FDS: usize = 3;
@@ -25,6 +30,39 @@ pub fn pidfd(pid: u32) -> io::Result<OwnedFd> {
     let pid = Pid::from_raw(pid as i32).ok_or(io::ErrorKind::InvalidInput)?;
     Ok(pidfd_open(pid, PidfdFlags::empty())?)
 }
+
+/// Starts `command` under another name with one end of a socket pair as its standard input; the other end, and the process.
+///
+/// It gets its own process group: a Ctrl-C or Ctrl-Z of the terminal reaches the caller only.
+pub fn start_beside(mut command: Command, name: &str) -> io::Result<(UnixStream, Child)> {
+    let (ours, theirs) = UnixStream::pair()?;
+    command.arg0(name).stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).process_group(0);
+    // The command holds the other end until it is dropped; only the process may hold it.
+    Ok((ours, command.spawn()?))
+}
+
+/// The socket on the standard input of a process that [`start_beside`] has started, which from now on ends with its session
+/// alone, and under a name of its own: what ends every `palpate` must not end it too.
+pub fn outlive_signals(name: &CStr) -> io::Result<UnixStream> {
+    // A signal to the session's group ends the session; then this process must zero the force. The kernel hangs
+    // up a stopped process that its parent's death orphans (and resumes it).
+    SigSet::all().thread_block()?;
+    // Where the kernel does not, because a parent of the session adopts this process, the session's death does.
+    prctl::set_pdeathsig(Signal::SIGCONT)?;
+    prctl::set_name(name)?;
+    Ok(UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?))
+}
+
+/// Waits for a process to exit, at most this long. One that does not may still be zeroing its device; it is not killed.
+pub fn wait_exit(child: &mut Child, longest: Duration) {
+    let give_up = Instant::now() + longest;
+    while Instant::now() < give_up && matches!(child.try_wait(), Ok(None)) {
+        std::thread::sleep(EXIT_CHECK);
+    }
+}
+
+/// Period of checking for an exit.
+const EXIT_CHECK: Duration = Duration::from_millis(1);
 
 /// How often a watching thread checks whether it is still needed.
 const WATCH_CHECK: Duration = Duration::from_secs(1);

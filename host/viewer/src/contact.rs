@@ -219,11 +219,15 @@ mod tests {
             let largest_pa = 2.0 * force_n / (core::f32::consts::PI * h * (reach_m - h));
             let [area, pressure] = [found.area_m2 / area_m2, found.largest_pa / largest_pa];
             assert!((area - 1.0).abs() < 0.03 && (pressure - 1.0).abs() < 0.03, "h {h}: {area}, {pressure}");
-            assert!(found.area_m2 > before_m2, "the area grows with the depth");
+            assert!(found.area_m2 > before_m2 && !found.is_coarse, "the area grows with the depth");
             before_m2 = found.area_m2;
         }
         let (triangles, places) = net(1.5e-3, |_, _| -1.001 * reach_m);
         assert_eq!(patch(&triangles, &places, force_n), None, "beside the sphere");
+        // Edges of 6 mm, diagonals of 8.5.
+        let (triangles, places) = net(6e-3, |_, _| -0.0095);
+        let coarse = patch(&triangles, &places, force_n).expect("it presses");
+        assert!(coarse.is_coarse && coarse.to_string().ends_with(" kPa, coarse"), "{coarse}");
     }
 
     /// On a bowl round the sphere the pressure is uniform, and its resultant is the pressure on the disc of the rim: only

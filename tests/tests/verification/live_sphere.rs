@@ -241,6 +241,24 @@ fn of_fixed_end(scene: &ResolvedScene, from_end_m: f64) -> (Vector3<f64>, Vector
     (scene.mesh.nodes_m[node as usize].into(), normal.into())
 }
 
+/// Free, and nearer than a touch begins: at rest on the skin, or inside.
+#[test]
+fn a_tool_that_overlaps_the_body_and_is_free_is_told() {
+    let scene = scene();
+    let solver = LiveSolver::new(&scene).expect("it can be touched");
+    let node = 199;
+    let surface = palpate_precompute::mesh::Surface::of(&scene.mesh);
+    let normal = Vector3::from(surface.normal(node).expect("on the skin"));
+    let at = |height_m: f64| Vector3::from(scene.mesh.nodes_m[node as usize]) + height_m * normal;
+    let touch = Touch { contacts: [(0, 1.0), (0, 0.0), (0, 0.0)], control_m: [0.0; 3] };
+    for (height_m, touch, is_told) in
+        [(0.013, None, false), (0.009, None, true), (-0.01, None, true), (0.009, Some(touch), false)]
+    {
+        let hand = Hand { hip_m: at(height_m).into(), touch, ..Hand::default() };
+        assert_eq!(solver.overlaps_unfelt(&hand), is_told, "{height_m} m");
+    }
+}
+
 /// The deeper a hand presses on the fixed part, the more it feels, up to the largest force. Where it pushes the axis through,
 /// the force fades, and there is none until the tool has left; afterwards it feels the same.
 #[test]

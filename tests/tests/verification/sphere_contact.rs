@@ -159,3 +159,19 @@ fn beyond_a_snap_the_body_comes_to_rest() {
     assert!(here.configuration.switched && error_n.norm() < 1e-6 * reference_n.norm(), "{error_n}");
     assert_eq!((here.configuration.unstable_modes, here.contacts()), (Some(0), 4));
 }
+
+/// A small sphere in the middle of a block touches no skin. It is not beside it.
+#[test]
+fn a_state_with_the_sphere_inside_does_not_count() {
+    let mesh = beam();
+    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+    let body = Arc::new(Body::new(&mesh, &Model::uniform(mooney_rivlin(), &fixed)).expect("it has volume"));
+    let free = Problem::with(body.clone(), None, Constraints::Elimination);
+    let radius_m = 0.004;
+    let coated = CoatedSphere::new(&body, radius_m, Layer::of(radius_m), [0.0; 3]);
+    let mut solver = Solver::new(Arc::new(free.at(coated)));
+    let (middle_m, beside_m) = ([0.06, 0.02, 0.02], [0.06, 0.02, 0.05]);
+    let inside = solver.solve_at(&Pose::translation(middle_m), &body.rest_state).expect_err("inside");
+    assert_eq!(inside.reason, FailureReason::Pierced);
+    solver.solve_at(&Pose::translation(beside_m), &body.rest_state).expect("beside");
+}

@@ -1,10 +1,10 @@
 //! The proxy's process as the session holds it.
 
-use crate::sys::Ended;
+use crate::sys::{self, Ended};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::process::Child;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Longest wait for the proxy to exit, so that the device can be opened again.
 const EXIT_TIMEOUT: Duration = Duration::from_secs(2);
@@ -29,11 +29,8 @@ impl Drop for Process {
     /// Lets the proxy send its last zero and close the device.
     fn drop(&mut self) {
         let _ = self.socket.shutdown(Shutdown::Both);
-        let give_up = Instant::now() + EXIT_TIMEOUT;
         if let Some(child) = &mut self.child {
-            while Instant::now() < give_up && matches!(child.try_wait(), Ok(None)) {
-                std::thread::sleep(Duration::from_millis(1));
-            }
+            sys::wait_exit(child, EXIT_TIMEOUT);
         }
     }
 }

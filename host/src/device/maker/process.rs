@@ -12,16 +12,13 @@ use crate::device::DeviceInfo;
 use crate::device::profile::Profile;
 use crate::sys::{self, Ended};
 use core::fmt;
-use nix::sys::prctl;
-use nix::sys::signal::{SigSet, Signal};
 use serde::{Deserialize, Serialize};
 use std::ffi::CString;
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
-use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 use std::time::Duration;
 
 /// Longest wait for the device to be opened.
@@ -88,13 +85,8 @@ impl From<io::Error> for StartError {
 }
 
 /// Starts `command` as the proxy of a device, and waits until that is open.
-pub fn start(mut command: Command, maker: Maker, profile: &Profile) -> Result<Proxied, StartError> {
-    let (ours, theirs) = UnixStream::pair()?;
-    // A process group of its own: a Ctrl-C or Ctrl-Z of the terminal reaches the session only.
-    command.arg0("haptic-device").stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).process_group(0);
-    let child = command.spawn()?;
-    // The command holds the other end; only the proxy may hold it.
-    drop(command);
+pub fn start(command: Command, maker: Maker, profile: &Profile) -> Result<Proxied, StartError> {
+    let (ours, child) = sys::start_beside(command, "haptic-device")?;
     let ended = sys::pidfd(child.id())?;
     at(ours, (Some(child), ended), maker, profile)
 }
@@ -117,7 +109,7 @@ fn at(
     let answer: Answer =
         postcard::from_bytes(&bytes[..count]).map_err(|_| io::Error::from(ErrorKind::UnexpectedEof))?;
     let opened = answer.map_err(StartError::Refused)?;
-    let cap_n_m = profile.cap().n_m.min(opened.max_stiffness_n_m);
+    let cap_n_m = lower(opened.max_stiffness_n_m, profile.cap().n_m);
     let info = DeviceInfo {
         name: opened.name,
         self_arming: false,
@@ -133,11 +125,7 @@ fn at(
 ///
 /// An error means that no session has started this process.
 pub fn serve_stdin() -> io::Result<()> {
-    // A signal to the session's group ends the session; then this process must zero the force.
-    SigSet::all().thread_block()?;
-    prctl::set_pdeathsig(Signal::SIGCONT)?;
-    prctl::set_name(c"haptic-device")?;
-    serve(UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?))
+    serve(sys::outlive_signals(c"haptic-device")?)
 }
 
 /// As [`serve_stdin`], on a socket.
@@ -151,11 +139,8 @@ fn serve(mut socket: UnixStream) -> io::Result<()> {
     let answer: Answer = match &opened {
         Ok(touch) => {
             let info = touch.info();
-            Ok(Opened {
-                name: info.name.clone(),
-                max_force_n: info.max_force_n.min(setup.max_force_n),
-                max_stiffness_n_m: info.max_stiffness_n_m,
-            })
+            let max_force_n = lower(info.max_force_n, setup.max_force_n);
+            Ok(Opened { name: info.name.clone(), max_force_n, max_stiffness_n_m: info.max_stiffness_n_m })
         }
         Err(line) => Err(line.clone()),
     };
@@ -175,11 +160,16 @@ fn serve(mut socket: UnixStream) -> io::Result<()> {
     Ok(())
 }
 
+/// The lower of a limit that the device states, if it states one, and that of the profile.
+fn lower(stated: f32, profile: f32) -> f32 {
+    if stated > 0.0 { stated.min(profile) } else { profile }
+}
+
 /// Opens the device; an error is the line for the user.
 fn open(setup: &Setup, page: Page) -> Result<Touch, String> {
     let Maker::Touch { library } = &setup.maker;
     let (hd, _) = Hd::load(library.as_deref()).map_err(|error| error.to_string())?;
-    let exchange = |max_force_n: f32| Exchange::new(page.proxy(), max_force_n.min(setup.max_force_n));
+    let exchange = |max_force_n: f32| Exchange::new(page.proxy(), lower(max_force_n, setup.max_force_n));
     let no_name: Option<CString> = None;
     Touch::start(hd, no_name, |info| exchange(info.max_force_n), Box::new(sys::monotonic_ns))
         .map_err(|error| error.to_string())

@@ -42,9 +42,9 @@ impl Proxied {
         Self { end, workspace, info, clock, process, seen_ns: 0, is_reported: false }
     }
 
-    /// The rotation of the grip in the model frame: R q, whose axis is turned like a position.
+    /// The rotation of the grip in the model frame, R q R^T with the rotation R from the device frame: the same angle about the
+    /// axis there.
     fn in_model(&self, grip: Orientation) -> Orientation {
-        // With the rotation R of the frames the model sees R q R^T.
         Orientation { w: grip.w, xyz: self.workspace.axes.map(|axis| vec3::dot(axis, grip.xyz)) }
     }
 }

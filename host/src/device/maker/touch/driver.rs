@@ -217,8 +217,12 @@ impl Cycle {
         for _ in 0..MOST_ERRORS {
             let Some(error) = self.hd.next_error() else { break };
             is_good = false;
+            // Those just after the start are nobody's concern.
+            if !is_clean {
+                continue;
+            }
             self.seen.error.store(error.code, Ordering::Relaxed);
-            if let Some(fault) = fault(error.code).filter(|_| is_clean) {
+            if let Some(fault) = fault(error.code) {
                 self.exchange.latch(now_ns, fault);
             }
         }

@@ -224,6 +224,7 @@ fn damaged_first_frames_and_a_missing_calibration_give_no_force() {
         assert_eq!(bench.after(1, [1.0, 0.0, 0.0]), [0.0; 3]);
     }
     assert_eq!((bench.session.health().state, bench.session.measured().t_ns), (DeviceState::Open, 0));
+    assert_eq!(bench.touch.seen().take_error(), None);
     assert!((0..50).all(|_| bench.after(1, [1.0, 0.0, 0.0]) == [0.0; 3]));
     assert_eq!(bench.session.health().state, DeviceState::Unhomed);
     assert!(bench.touch.seen().needs_hand());
