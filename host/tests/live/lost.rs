@@ -72,11 +72,14 @@ fn state(record: &TickRecord) -> Solver {
     record.live.expect("a live tick").solver
 }
 
-/// Largest change of the force between two ticks from `begin_us` on, N; ticks that were late excluded.
+/// Largest change of the force between two ticks from `begin_us` on, N. A machine that stands still for a moment
+/// makes a longer step, and the velocity by which the tool is damped changes until its 15 positions are new:
+/// these ticks do not count.
 fn largest_step_n(records: &[TickRecord], begin_us: u64) -> f32 {
-    let pairs =
-        records.windows(2).filter(|pair| pair[0].t_us >= begin_us && pair[1].tick == pair[0].tick + 1);
-    pairs.map(|pair| vec3::distance(pair[0].hand_force_n, pair[1].hand_force_n)).fold(0.0, f32::max)
+    let steady = records.windows(17).filter(|ticks| {
+        ticks[15].t_us >= begin_us && ticks.windows(2).all(|pair| pair[1].t_us - pair[0].t_us < 2_000)
+    });
+    steady.map(|ticks| vec3::distance(ticks[15].hand_force_n, ticks[16].hand_force_n)).fold(0.0, f32::max)
 }
 
 /// The fade after a loss: without a step, and complete 800 ms after the first tick in which the solver was not
@@ -88,11 +91,12 @@ fn assert_soft_fade(records: &[TickRecord], lost: &TickRecord) {
     let before = records.iter().rfind(|record| record.t_us < lost.t_us).expect("a touch");
     let force_n = vec3::norm(before.hand_force_n);
     assert!(force_n > 1.5, "{force_n} N at the loss");
-    // The whole force in 300 ms is 1/300 of it a tick; a late tick takes the share of its time.
+    // The whole force in 300 ms is 1/300 of it a tick.
     let step_n = largest_step_n(records, before.t_us);
     assert!(step_n < 0.05 * force_n, "{step_n} N of {force_n} N");
     let last = records.iter().rfind(|record| record.phase == Phase::Active).expect("it faded");
-    assert!(vec3::norm(last.hand_force_n) < 0.05, "{last:?}");
+    let left_n = force_n * (latched.t_us - last.t_us) as f32 / 300e3;
+    assert!(vec3::norm(last.hand_force_n) < 0.05 + 2.0 * left_n, "{last:?}");
 }
 
 #[test]
@@ -111,7 +115,9 @@ fn a_hung_solver_ends_in_a_soft_fade_and_a_fault() {
     let silent = first(&records, "silent", |record| state(record) == Solver::Silent);
     let gone = first(&records, "gone", |record| state(record) == Solver::Gone);
     assert!((1_095_000..1_250_000).contains(&silent.t_us), "silent at {} us", silent.t_us);
-    assert!((395_000..420_000).contains(&(gone.t_us - silent.t_us)), "{silent:?} {gone:?}");
+    assert!(gone.t_us - silent.t_us >= 395_000, "{silent:?} {gone:?}");
+    let late = records.iter().find(|r| r.t_us > silent.t_us + 405_000 && state(r) != Solver::Gone);
+    assert!(late.is_none(), "{silent:?} {late:?}");
     assert_soft_fade(&records, &silent);
     assert_eq!(summary.phase, Phase::SafeZero(Fault::Solver), "{summary}");
 }
