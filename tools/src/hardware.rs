@@ -50,7 +50,7 @@ fn open_device(
         Hardware::Touch { library } => {
             let maker = Maker::Touch { library: library.clone() };
             let command = own_command("proxy").map_err(|error| Failure::work(error.to_string()))?;
-            match maker::start(command, maker, profile) {
+            match maker::start(command, maker, profile, fifo_priority) {
                 Ok(device) => Ok(Box::new(device)),
                 Err(error @ StartError::Refused(_)) => Err(Failure::input(error)),
                 Err(error) => Err(Failure::work(error.to_string())),

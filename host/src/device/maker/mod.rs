@@ -8,15 +8,19 @@
 //! Nothing of a maker is linked or shipped. The library is the one that the user has installed, loaded at run time.
 
 mod child;
+pub mod cycles;
+pub mod driven;
 pub mod exchange;
 pub mod library;
 pub mod page;
 mod process;
 mod proxied;
+mod rotation;
 pub mod touch;
 
+pub use driven::{Driven, Opened};
 pub use exchange::Exchange;
 pub use library::{Library, LibraryError};
 pub use page::{Health, Measured};
-pub use process::{Maker, StartError, serve_stdin, start};
+pub use process::{Maker, ProxyPart, StartError, beside, serve_stdin, start};
 pub use proxied::{Clock, Proxied};

@@ -131,7 +131,6 @@ pub(super) struct Page(Arc<SharedWords>);
 
 impl Page {
     /// A page in this process.
-    #[cfg(test)]
     pub(super) fn local() -> Self {
         Self::prepared(SharedWords::local(WORDS))
     }

@@ -4,9 +4,10 @@
 //! with what it is, or with the line for the user. Both are the same program.
 
 use super::child::Process;
+use super::driven::{Driven, Opened, lower};
 use super::exchange::Exchange;
 use super::page::Page;
-use super::proxied::Proxied;
+use super::proxied::{Clock, Proxied};
 use super::touch::{Hd, Touch};
 use crate::device::DeviceInfo;
 use crate::device::profile::Profile;
@@ -45,18 +46,15 @@ pub enum Maker {
 struct Setup {
     maker: Maker,
     max_force_n: f32,
-}
-
-/// What the device is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Opened {
-    name: String,
-    max_force_n: f32,
-    max_stiffness_n_m: f32,
+    /// Real-time priority of the proxy's own threads.
+    fifo_priority: Option<i32>,
 }
 
 /// The proxy's answer: the device, or the line for the user.
 type Answer = Result<Opened, String>;
+
+/// The proxy's end of the exchange, from the largest force that the device states, N.
+pub type ProxyPart = Box<dyn FnOnce(f32) -> Exchange + Send>;
 
 /// Why a device behind a proxy cannot be used.
 #[derive(Debug)]
@@ -85,22 +83,29 @@ impl From<io::Error> for StartError {
 }
 
 /// Starts `command` as the proxy of a device, and waits until that is open.
-pub fn start(command: Command, maker: Maker, profile: &Profile) -> Result<Proxied, StartError> {
+///
+/// `fifo_priority` is the real-time priority of its own threads.
+pub fn start(
+    command: Command,
+    maker: Maker,
+    profile: &Profile,
+    fifo_priority: Option<i32>,
+) -> Result<Proxied, StartError> {
     let (ours, child) = sys::start_beside(command, "haptic-device")?;
     let ended = sys::pidfd(child.id())?;
-    at(ours, (Some(child), ended), maker, profile)
+    let setup = Setup { maker, max_force_n: profile.max_force_n, fifo_priority };
+    at(ours, (Some(child), ended), &setup, profile)
 }
 
 /// As [`start`], with a proxy that already waits at the other end of `socket`.
 fn at(
     mut socket: UnixStream,
     (child, ended): (Option<Child>, OwnedFd),
-    maker: Maker,
+    setup: &Setup,
     profile: &Profile,
 ) -> Result<Proxied, StartError> {
     let (page, fd) = Page::shared()?;
-    let setup = Setup { maker, max_force_n: profile.max_force_n };
-    let setup = postcard::to_allocvec(&setup).map_err(|_| io::Error::from(ErrorKind::InvalidInput))?;
+    let setup = postcard::to_allocvec(setup).map_err(|_| io::Error::from(ErrorKind::InvalidInput))?;
     let session = sys::pidfd(std::process::id())?;
     sys::send_fds(&socket, &setup, &[fd.as_fd(), session.as_fd()])?;
     socket.set_read_timeout(Some(OPEN_TIMEOUT))?;
@@ -109,16 +114,33 @@ fn at(
     let answer: Answer =
         postcard::from_bytes(&bytes[..count]).map_err(|_| io::Error::from(ErrorKind::UnexpectedEof))?;
     let opened = answer.map_err(StartError::Refused)?;
+    let process = Process { socket, child, ended: Ended::watch(ended, "palpate-device")? };
+    let info = info(opened, profile);
+    Ok(Proxied::new(page.session(), profile.workspace, info, Box::new(sys::monotonic_ns), Some(process)))
+}
+
+/// Both ends of a device in one process, on a clock of the caller's: for emulators.
+#[must_use]
+pub fn beside(profile: &Profile, clock: Clock) -> (ProxyPart, impl FnOnce(Opened) -> Proxied) {
+    let page = Page::local();
+    let (proxy, session) = (page.clone().proxy(), page.session());
+    let (limit_n, profile) = (profile.max_force_n, profile.clone());
+    let part = move |stated_n: f32| Exchange::new(proxy, lower(stated_n, limit_n));
+    (Box::new(part), move |opened: Opened| {
+        Proxied::new(session, profile.workspace, info(opened, &profile), clock, None)
+    })
+}
+
+/// The device in the loop: the lower of its own limits and those of the profile.
+fn info(opened: Opened, profile: &Profile) -> DeviceInfo {
     let cap_n_m = lower(opened.max_stiffness_n_m, profile.cap().n_m);
-    let info = DeviceInfo {
+    DeviceInfo {
         name: opened.name,
         self_arming: false,
-        max_force_n: opened.max_force_n,
+        max_force_n: lower(opened.max_force_n, profile.max_force_n),
         max_stiffness_n_m: cap_n_m / profile.workspace.scale,
         resolution_m: profile.mechanism.encoder_quantum_m.unwrap_or(0.0) * profile.workspace.scale,
-    };
-    let process = Process { socket, child, ended: Ended::watch(ended, "palpate-device")? };
-    Ok(Proxied::new(page.session(), profile.workspace, info, Box::new(sys::monotonic_ns), Some(process)))
+    }
 }
 
 /// Holds the device of the session whose socket is this process's standard input, until that ends.
@@ -136,43 +158,29 @@ fn serve(mut socket: UnixStream) -> io::Result<()> {
     let [page, session] = <[OwnedFd; 2]>::try_from(fds).map_err(|_| ErrorKind::InvalidData)?;
     let setup: Setup = postcard::from_bytes(&bytes[..count]).map_err(|_| ErrorKind::InvalidData)?;
     let opened = open(&setup, Page::map(&page)?);
-    let answer: Answer = match &opened {
-        Ok(touch) => {
-            let info = touch.info();
-            let max_force_n = lower(info.max_force_n, setup.max_force_n);
-            Ok(Opened { name: info.name.clone(), max_force_n, max_stiffness_n_m: info.max_stiffness_n_m })
-        }
-        Err(line) => Err(line.clone()),
-    };
+    let answer: Answer = opened.as_ref().map(|device| device.opened().clone()).map_err(Clone::clone);
     let answer = postcard::to_allocvec(&answer).map_err(|_| ErrorKind::InvalidData)?;
     socket.write_all(&answer)?;
-    let Ok(touch) = opened else { return Ok(()) };
-    let mut told_hand = false;
+    let Ok(mut device) = opened else { return Ok(()) };
     while !sys::wait_any([session.as_fd(), socket.as_fd()], LOOK) {
-        if let Some(code) = touch.seen().take_error() {
-            eprintln!("palpate: {}: {} ({code:#x})", touch.info().name, touch.error_text(code));
+        while let Some(line) = device.news() {
+            eprintln!("palpate: {line}");
         }
-        if touch.seen().needs_hand() && !told_hand {
-            eprintln!("palpate: put the stylus of {} into its inkwell to calibrate it", touch.info().name);
-        }
-        told_hand = touch.seen().needs_hand();
     }
     Ok(())
 }
 
-/// The lower of a limit that the device states, if it states one, and that of the profile.
-fn lower(stated: f32, profile: f32) -> f32 {
-    if stated > 0.0 { stated.min(profile) } else { profile }
-}
-
 /// Opens the device; an error is the line for the user.
-fn open(setup: &Setup, page: Page) -> Result<Touch, String> {
-    let Maker::Touch { library } = &setup.maker;
-    let (hd, _) = Hd::load(library.as_deref()).map_err(|error| error.to_string())?;
-    let exchange = |max_force_n: f32| Exchange::new(page.proxy(), lower(max_force_n, setup.max_force_n));
-    let no_name: Option<CString> = None;
-    Touch::start(hd, no_name, |info| exchange(info.max_force_n), Box::new(sys::monotonic_ns))
-        .map_err(|error| error.to_string())
+fn open(setup: &Setup, page: Page) -> Result<Box<dyn Driven>, String> {
+    let exchange = |stated_n: f32| Exchange::new(page.proxy(), lower(stated_n, setup.max_force_n));
+    match &setup.maker {
+        Maker::Touch { library } => {
+            let (hd, _) = Hd::load(library.as_deref()).map_err(|error| error.to_string())?;
+            let no_name: Option<CString> = None;
+            let touch = Touch::start(hd, no_name, exchange, Box::new(sys::monotonic_ns));
+            Ok(Box::new(touch.map_err(|error| error.to_string())?))
+        }
+    }
 }
 
 #[cfg(test)]
@@ -187,7 +195,8 @@ mod tests {
         let ended = OwnedFd::from(ours.try_clone().expect("a descriptor"));
         let library = Some("/nowhere/libHD.so".into());
         let profile = Profile::bundled("touch").expect("bundled");
-        let refused = at(ours, (None, ended), Maker::Touch { library }, &profile).expect_err("no library");
+        let setup = Setup { maker: Maker::Touch { library }, max_force_n: 3.0, fifo_priority: None };
+        let refused = at(ours, (None, ended), &setup, &profile).expect_err("no library");
         let line = refused.to_string();
         assert!(line.contains("OpenHaptics (libHD) is not there (/nowhere/libHD.so"), "{line}");
         proxy.join().expect("no panic").expect("it has answered");

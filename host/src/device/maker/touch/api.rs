@@ -73,8 +73,6 @@ pub mod value {
     pub const STIFFNESS: u32 = 0x2602;
     /// Largest force, double, N.
     pub const FORCE: u32 = 0x2603;
-    /// Largest force for long, double, N.
-    pub const CONTINUOUS_FORCE: u32 = 0x2604;
     /// The force of this frame, 3 doubles, N.
     pub const CURRENT_FORCE: u32 = 0x2700;
     /// Capability: forces.

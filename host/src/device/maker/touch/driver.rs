@@ -8,11 +8,13 @@
 use super::api::{Hd, value};
 use super::running::Running;
 use crate::device::DeviceState;
+use crate::device::maker::driven::{Driven, Opened};
 use crate::device::maker::exchange::Exchange;
 use crate::device::maker::page::Measured;
+use crate::device::maker::rotation::orientation_of;
 use core::fmt;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use palpate_core::{Orientation, Vec3, vec3};
+use palpate_core::{Vec3, vec3};
 use palpate_link::DeviceFault;
 use std::ffi::CString;
 use std::sync::Arc;
@@ -64,22 +66,9 @@ impl fmt::Display for TouchError {
 
 impl core::error::Error for TouchError {}
 
-/// What the device says of itself.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TouchInfo {
-    /// Model, serial number and version of the library.
-    pub name: String,
-    /// Largest force, N.
-    pub max_force_n: f32,
-    /// Largest force for long, N.
-    pub continuous_n: f32,
-    /// Largest stiffness, N/m.
-    pub max_stiffness_n_m: f32,
-}
-
 /// What the thread beside the cycles sees of them.
 #[derive(Debug, Default)]
-pub struct Seen {
+struct Seen {
     /// The cycle is to end.
     stopping: AtomicBool,
     /// It has sent its last zero.
@@ -90,27 +79,16 @@ pub struct Seen {
     needs_hand: AtomicBool,
 }
 
-impl Seen {
-    /// The newest error of the library that was not taken yet.
-    pub fn take_error(&self) -> Option<u32> {
-        Some(self.error.swap(0, Ordering::Relaxed)).filter(|code| *code != 0)
-    }
-
-    /// Whether the user has to calibrate it: the stylus into the inkwell.
-    #[must_use]
-    pub fn needs_hand(&self) -> bool {
-        self.needs_hand.load(Ordering::Relaxed)
-    }
-}
-
 /// The open device.
 #[derive(Debug)]
 pub struct Touch {
     hd: Hd,
     device: u32,
-    info: TouchInfo,
+    opened: Opened,
     seen: Arc<Seen>,
     running: Option<Running>,
+    /// The user has been told to calibrate it.
+    told_hand: bool,
 }
 
 /// One cycle after another.
@@ -136,32 +114,13 @@ fn fault(code: u32) -> Option<DeviceFault> {
     }
 }
 
-/// The rotation in a transform by columns: of the larger of the four squares.
-fn rotation(transform: &[f64; 16]) -> Orientation {
-    let at = |row: usize, column: usize| transform[4 * column + row];
-    let (x, y, z) = (at(0, 0), at(1, 1), at(2, 2));
-    let squares = [1.0 + x + y + z, 1.0 + x - y - z, 1.0 - x + y - z, 1.0 - x - y + z];
-    let largest = (0..4).max_by(|a, b| squares[*a].total_cmp(&squares[*b])).unwrap_or(0);
-    let (a, b, c) = (at(2, 1) - at(1, 2), at(0, 2) - at(2, 0), at(1, 0) - at(0, 1));
-    let (d, e, f) = (at(0, 1) + at(1, 0), at(0, 2) + at(2, 0), at(1, 2) + at(2, 1));
-    let four = match largest {
-        0 => [squares[0], a, b, c],
-        1 => [a, squares[1], d, e],
-        2 => [b, d, squares[2], f],
-        _ => [c, e, f, squares[3]],
-    };
-    let length = four.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let [w, x, y, z] = four.map(|x| (x / length) as f32);
-    Orientation { w, xyz: [x, y, z] }
-}
-
 impl Cycle {
     fn run(&mut self) -> bool {
         let now_ns = (self.clock)();
         let is_last = self.seen.stopping.load(Ordering::Acquire);
         self.hd.begin(self.device);
         let position_m: Vec3 = self.hd.doubles(value::POSITION).map(|mm: f64| (1e-3 * mm) as f32);
-        let transform = self.hd.doubles(value::TRANSFORM);
+        let transform: [f64; 16] = self.hd.doubles(value::TRANSFORM);
         let buttons = self.hd.integer(value::BUTTONS) as u32;
         if !self.is_calibrated && self.count.is_multiple_of(CALIBRATION_CYCLES) {
             self.calibrate();
@@ -186,7 +145,8 @@ impl Cycle {
             0
         };
         if is_good && is_clean {
-            let orientation = rotation(&transform);
+            let rows = [0, 1, 2].map(|row| [0, 1, 2].map(|column| transform[4 * column + row]));
+            let orientation = orientation_of(rows);
             self.exchange.publish(&Measured {
                 t_ns: now_ns,
                 position_m,
@@ -232,10 +192,12 @@ impl Cycle {
 
 impl Touch {
     /// Opens a device and puts the cycle into the library's scheduler. There is no force before the loop sends one.
+    ///
+    /// `exchange` gets the largest force that the device states, N.
     pub fn start(
         hd: Hd,
         name: Option<CString>,
-        exchange: impl FnOnce(&TouchInfo) -> Exchange,
+        exchange: impl FnOnce(f32) -> Exchange,
         clock: Box<dyn Fn() -> u64 + Send>,
     ) -> Result<Self, TouchError> {
         // Errors of an earlier session.
@@ -250,7 +212,7 @@ impl Touch {
             return Err(TouchError::NoDevice { code: error.code, text });
         }
         let number = |value: u32| hd.doubles::<1>(value)[0] as f32;
-        let info = TouchInfo {
+        let opened = Opened {
             name: format!(
                 "{} {} (OpenHaptics {})",
                 hd.text(value::MODEL),
@@ -258,7 +220,6 @@ impl Touch {
                 hd.text(value::VERSION)
             ),
             max_force_n: number(value::FORCE),
-            continuous_n: number(value::CONTINUOUS_FORCE),
             max_stiffness_n_m: 1e3 * number(value::STIFFNESS),
         };
         hd.set_enabled(value::FORCE_OUTPUT, true);
@@ -267,7 +228,7 @@ impl Touch {
         let mut cycle = Cycle {
             hd,
             device,
-            exchange: exchange(&info),
+            exchange: exchange(opened.max_force_n),
             clock,
             seen: seen.clone(),
             clean: 0,
@@ -276,25 +237,7 @@ impl Touch {
         };
         let running = Running::begin(hd, device, Box::new(move || cycle.run()));
         hd.start();
-        Ok(Self { hd, device, info, seen, running: Some(running) })
-    }
-
-    /// What the device says of itself.
-    #[must_use]
-    pub const fn info(&self) -> &TouchInfo {
-        &self.info
-    }
-
-    /// What the cycles have met.
-    #[must_use]
-    pub fn seen(&self) -> &Seen {
-        &self.seen
-    }
-
-    /// An error of the library in words.
-    #[must_use]
-    pub fn error_text(&self, code: u32) -> String {
-        self.hd.error_text(code)
+        Ok(Self { hd, device, opened, seen, running: Some(running), told_hand: false })
     }
 
     /// Sends a last zero and ends the cycle: a library that calls no cycle any more is waited for only so long.
@@ -307,6 +250,23 @@ impl Touch {
         if self.running.take().is_some() {
             self.hd.close(self.device);
         }
+    }
+}
+
+impl Driven for Touch {
+    fn opened(&self) -> &Opened {
+        &self.opened
+    }
+
+    fn news(&mut self) -> Option<String> {
+        let name = &self.opened.name;
+        let code = self.seen.error.swap(0, Ordering::Relaxed);
+        if code != 0 {
+            return Some(format!("{name}: {} ({code:#x})", self.hd.error_text(code)));
+        }
+        let needs_hand = self.seen.needs_hand.load(Ordering::Relaxed);
+        let is_told = core::mem::replace(&mut self.told_hand, needs_hand);
+        (needs_hand && !is_told).then(|| format!("put the stylus of {name} into its inkwell to calibrate it"))
     }
 }
 

@@ -7,4 +7,4 @@ mod running;
 mod tests;
 
 pub use api::Hd;
-pub use driver::{Touch, TouchError, TouchInfo};
+pub use driver::{Touch, TouchError};
