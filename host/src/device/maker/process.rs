@@ -120,7 +120,6 @@ fn at(
 }
 
 /// Both ends of a device in one process, on a clock of the caller's: for emulators.
-#[must_use]
 pub fn beside(profile: &Profile, clock: Clock) -> (ProxyPart, impl FnOnce(Opened) -> Proxied) {
     let page = Page::local();
     let (proxy, session) = (page.clone().proxy(), page.session());
