@@ -50,7 +50,7 @@ fn dependencies_point_one_way() {
     assert_eq!(ours("palpate-hil", &LINKED), set(&["palpate-core", "palpate-host", "palpate-link"]));
     assert_eq!(ours("palpate-hil", &TESTED), set(&[]));
     // A library of its own, which the driver loads.
-    assert_eq!(ours("palpate-hd-stub", &LINKED), set(&[]));
+    assert_eq!(ours("palpate-maker-stub", &LINKED), set(&[]));
 }
 
 /// A driver author compiles the host alone, and the guest of the QEMU bench hil alone.

@@ -2,6 +2,7 @@
 
 use core::fmt;
 use core::str::FromStr;
+use palpate_host::device::maker::Family;
 use std::path::PathBuf;
 
 /// Speed of a serial line if the command line gives none.
@@ -59,6 +60,13 @@ pub(crate) enum Hardware {
         /// The file of its maker's library.
         library: Option<PathBuf>,
     },
+    /// `omega`, `delta`, `sigma`, `lambda` or `dhd-falcon`, each with `:LIBRARY` or without
+    ForceDimension {
+        /// Which of them.
+        family: Family,
+        /// The file of its maker's library.
+        library: Option<PathBuf>,
+    },
 }
 
 impl DeviceSpec {
@@ -76,7 +84,9 @@ impl DeviceSpec {
             Self::Simulated(Motion::Way(file))
             | Self::Replay { file }
             | Self::Hardware(
-                Hardware::Falcon { firmware: Some(file) } | Hardware::Touch { library: Some(file) },
+                Hardware::Falcon { firmware: Some(file) }
+                | Hardware::Touch { library: Some(file) }
+                | Hardware::ForceDimension { library: Some(file), .. },
             ) => Some(file),
             _ => None,
         }
@@ -91,6 +101,7 @@ impl Hardware {
             Self::Falcon { .. } => "falcon",
             Self::Link { .. } => "link",
             Self::Touch { .. } => "touch",
+            Self::ForceDimension { family, .. } => family.profile(),
         }
     }
 }
@@ -103,7 +114,7 @@ impl fmt::Display for NoDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], touch[:LIBRARY], link:PORT[@BAUD] or replay:FILE.mcap",
+            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], touch[:LIBRARY], omega, delta, sigma, lambda or dhd-falcon[:LIBRARY], link:PORT[@BAUD] or replay:FILE.mcap",
             self.0
         )
     }
@@ -143,13 +154,23 @@ impl FromStr for DeviceSpec {
                 let (port, baud) = with_baud.filter(|(_, baud)| *baud > 0).unwrap_or((place, LINK_BAUD));
                 Ok(Self::Hardware(Hardware::Link { port: port.into(), baud }))
             }
-            _ => Err(unknown()),
+            (kind, library) => {
+                let family = Family::ALL.into_iter().find(|family| family.name() == kind);
+                let library = library.map(PathBuf::from);
+                let of = |family| Self::Hardware(Hardware::ForceDimension { family, library });
+                family.map(of).ok_or_else(unknown)
+            }
         }
     }
 }
 
 impl Hardware {
-    /// Whether both are one device: a serial port by any of its names, or the Falcon with any firmware, or the Touch.
+    /// Whether a process of its own holds its maker's library.
+    pub(crate) const fn has_proxy(&self) -> bool {
+        matches!(self, Self::Touch { .. } | Self::ForceDimension { .. })
+    }
+
+    /// Whether both are one device: a serial port by any of its names, or a device of the same maker.
     pub(crate) fn is_same_device(&self, other: &Self) -> bool {
         match (self.port(), other.port()) {
             (None, None) => core::mem::discriminant(self) == core::mem::discriminant(other),
@@ -164,7 +185,7 @@ impl Hardware {
             Self::Polhem { port } | Self::Link { port, .. } => {
                 Some(std::fs::canonicalize(port).unwrap_or_else(|_| port.into()))
             }
-            Self::Falcon { .. } | Self::Touch { .. } => None,
+            Self::Falcon { .. } | Self::Touch { .. } | Self::ForceDimension { .. } => None,
         }
     }
 }
@@ -177,6 +198,10 @@ impl fmt::Display for Hardware {
             Self::Falcon { firmware: Some(file) } => write!(f, "falcon:{}", file.display()),
             Self::Touch { library: None } => f.write_str("touch"),
             Self::Touch { library: Some(file) } => write!(f, "touch:{}", file.display()),
+            Self::ForceDimension { family, library: None } => f.write_str(family.name()),
+            Self::ForceDimension { family, library: Some(file) } => {
+                write!(f, "{}:{}", family.name(), file.display())
+            }
             Self::Link { port, baud } if *baud == LINK_BAUD => write!(f, "link:{port}"),
             Self::Link { port, baud } => write!(f, "link:{port}@{baud}"),
         }
@@ -200,6 +225,11 @@ mod tests {
             ("falcon:a:b.bin", Hardware::Falcon { firmware: Some("a:b.bin".into()) }),
             ("touch", Hardware::Touch { library: None }),
             ("touch:/opt/libHD.so", Hardware::Touch { library: Some("/opt/libHD.so".into()) }),
+            ("sigma", Hardware::ForceDimension { family: Family::Sigma, library: None }),
+            (
+                "omega:/opt/libdrd.so.3",
+                Hardware::ForceDimension { family: Family::Omega, library: Some("/opt/libdrd.so.3".into()) },
+            ),
         ] {
             let spec: DeviceSpec = text.parse().expect("a device");
             assert_eq!(spec.hardware(), Some(&expected), "{text}");

@@ -1,5 +1,6 @@
 //! Real devices: opened in this process, with a guard that this process starts.
 
+use std::io::IsTerminal;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -48,13 +49,15 @@ fn open_device(
             }
         }
         Hardware::Touch { library } => {
-            let maker = Maker::Touch { library: library.clone() };
-            let command = own_command("proxy").map_err(|error| Failure::work(error.to_string()))?;
-            match maker::start(command, maker, profile, fifo_priority) {
-                Ok(device) => Ok(Box::new(device)),
-                Err(error @ StartError::Refused(_)) => Err(Failure::input(error)),
-                Err(error) => Err(Failure::work(error.to_string())),
-            }
+            open_maker(Maker::Touch { library: library.clone() }, profile, fifo_priority)
+        }
+        Hardware::ForceDimension { family, library } => {
+            let (family, library) = (*family, library.clone());
+            open_force_dimension(
+                |may_move| Maker::ForceDimension { family, may_move, library: library.clone() },
+                profile,
+                fifo_priority,
+            )
         }
         Hardware::Falcon { firmware } => {
             let image = firmware.as_ref().map(|path| {
@@ -105,6 +108,52 @@ fn polhem_config(profile: &Profile) -> PolhemConfig {
     }
 }
 
+/// Starts the process that holds the device of a maker.
+fn start_maker(
+    maker: Maker,
+    profile: &Profile,
+    fifo_priority: Option<i32>,
+) -> Result<Box<dyn Device>, StartError> {
+    let device = maker::start(own_command("proxy")?, maker, profile, fifo_priority)?;
+    Ok(Box::new(device))
+}
+
+fn maker_failure(error: StartError) -> Failure {
+    match error {
+        StartError::Refused(_) | StartError::MovesArm(_) => Failure::input(error),
+        StartError::Proxy(_) => Failure::work(error.to_string()),
+    }
+}
+
+/// Opens the device of a maker behind its process.
+fn open_maker(
+    maker: Maker,
+    profile: &Profile,
+    fifo_priority: Option<i32>,
+) -> Result<Box<dyn Device>, Failure> {
+    start_maker(maker, profile, fifo_priority).map_err(maker_failure)
+}
+
+/// As [`open_maker`]; an arm that has to move by itself does so with the consent of the user at the terminal.
+fn open_force_dimension(
+    maker: impl Fn(bool) -> Maker,
+    profile: &Profile,
+    fifo_priority: Option<i32>,
+) -> Result<Box<dyn Device>, Failure> {
+    match start_maker(maker(false), profile, fifo_priority) {
+        Err(StartError::MovesArm(line)) if std::io::stdin().is_terminal() => {
+            eprint!("palpate: {line}\nTake your hands off it. Type `yes` to let the arm move: ");
+            let mut typed = String::new();
+            std::io::stdin().read_line(&mut typed).map_err(|error| Failure::work(error.to_string()))?;
+            if typed.trim() != "yes" {
+                return Err(Failure::input("the arm stays where it is: no consent"));
+            }
+            open_maker(maker(true), profile, fifo_priority)
+        }
+        opened => opened.map_err(maker_failure),
+    }
+}
+
 /// The named profile, or that of the device.
 pub(crate) fn profile(device: &DeviceSpec, name: Option<&str>) -> Result<Option<Profile>, Failure> {
     let name = name.or_else(|| device.hardware().map(Hardware::own_profile));
@@ -134,7 +183,7 @@ pub(crate) fn open(
             (guarded, Some(status))
         }
         // The process that holds the maker's library is its guard.
-        Ok(Guarding::Unneeded(device)) if matches!(hardware, Hardware::Touch { .. }) => (device, None),
+        Ok(Guarding::Unneeded(device)) if hardware.has_proxy() => (device, None),
         Ok(Guarding::Unneeded(_)) => {
             return Err(Failure::work("the driver of this device offers its guard no path to the motors"));
         }
@@ -151,7 +200,7 @@ pub(crate) fn open(
         Hardware::Link { .. } => {
             eprintln!("palpate: home the device as its manual describes; it has no force before that");
         }
-        Hardware::Polhem { .. } | Hardware::Touch { .. } => {}
+        Hardware::Polhem { .. } | Hardware::Touch { .. } | Hardware::ForceDimension { .. } => {}
     }
     device.home(stop).map_err(|error| {
         Failure::input(format!("{hardware}: {error}; check cable and power and start again"))

@@ -11,6 +11,7 @@ mod child;
 pub mod cycles;
 pub mod driven;
 pub mod exchange;
+pub mod force_dimension;
 pub mod library;
 pub mod page;
 mod process;
@@ -20,6 +21,7 @@ pub mod touch;
 
 pub use driven::{Driven, Opened};
 pub use exchange::Exchange;
+pub use force_dimension::Family;
 pub use library::{Library, LibraryError};
 pub use page::{Health, Measured};
 pub use process::{Maker, ProxyPart, StartError, beside, serve_stdin, start};

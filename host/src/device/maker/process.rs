@@ -6,6 +6,7 @@
 use super::child::Process;
 use super::driven::{Driven, Opened, lower};
 use super::exchange::Exchange;
+use super::force_dimension::{Dhd, Exchanging, Family, ForceDimension, OpenError};
 use super::page::Page;
 use super::proxied::{Clock, Proxied};
 use super::touch::{Hd, Touch};
@@ -39,6 +40,15 @@ pub enum Maker {
         /// The library's file; `None` for the installed one.
         library: Option<PathBuf>,
     },
+    /// An omega, delta, sigma, lambda or Falcon through libdhd.
+    ForceDimension {
+        /// The family.
+        family: Family,
+        /// The user consents to a motion of the arm by itself.
+        may_move: bool,
+        /// The library's file; `None` for the installed one.
+        library: Option<PathBuf>,
+    },
 }
 
 /// What to open.
@@ -50,8 +60,23 @@ struct Setup {
     fifo_priority: Option<i32>,
 }
 
-/// The proxy's answer: the device, or the line for the user.
-type Answer = Result<Opened, String>;
+/// Why a device cannot be opened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Refusal {
+    /// The line for the user: why, and the fix.
+    line: String,
+    /// The user's consent to a motion of the arm would open it.
+    moves_arm: bool,
+}
+
+impl<E: fmt::Display> From<E> for Refusal {
+    fn from(error: E) -> Self {
+        Self { line: error.to_string(), moves_arm: false }
+    }
+}
+
+/// The proxy's answer.
+type Answer = Result<Opened, Refusal>;
 
 /// The proxy's end of the exchange, from the largest force that the device states, N.
 pub type ProxyPart = Box<dyn FnOnce(f32) -> Exchange + Send>;
@@ -61,6 +86,8 @@ pub type ProxyPart = Box<dyn FnOnce(f32) -> Exchange + Send>;
 pub enum StartError {
     /// The device cannot be opened; the line says why, and the fix.
     Refused(String),
+    /// It finds its position by a motion of its arm; the line says so.
+    MovesArm(String),
     /// The proxy cannot be started.
     Proxy(io::Error),
 }
@@ -68,7 +95,7 @@ pub enum StartError {
 impl fmt::Display for StartError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Refused(line) => f.write_str(line),
+            Self::Refused(line) | Self::MovesArm(line) => f.write_str(line),
             Self::Proxy(error) => write!(f, "the process for the device cannot be started ({error})"),
         }
     }
@@ -113,7 +140,10 @@ fn at(
     let count = socket.read(&mut bytes)?;
     let answer: Answer =
         postcard::from_bytes(&bytes[..count]).map_err(|_| io::Error::from(ErrorKind::UnexpectedEof))?;
-    let opened = answer.map_err(StartError::Refused)?;
+    let refused = |Refusal { line, moves_arm }| {
+        if moves_arm { StartError::MovesArm(line) } else { StartError::Refused(line) }
+    };
+    let opened = answer.map_err(refused)?;
     let process = Process { socket, child, ended: Ended::watch(ended, "palpate-device")? };
     let info = info(opened, profile);
     Ok(Proxied::new(page.session(), profile.workspace, info, Box::new(sys::monotonic_ns), Some(process)))
@@ -161,23 +191,37 @@ fn serve(mut socket: UnixStream) -> io::Result<()> {
     let answer = postcard::to_allocvec(&answer).map_err(|_| ErrorKind::InvalidData)?;
     socket.write_all(&answer)?;
     let Ok(mut device) = opened else { return Ok(()) };
-    while !sys::wait_any([session.as_fd(), socket.as_fd()], LOOK) {
+    loop {
+        let has_ended = sys::wait_any([session.as_fd(), socket.as_fd()], LOOK);
+        // A session that ends because the device is lost has its last line here.
         while let Some(line) = device.news() {
             eprintln!("palpate: {line}");
         }
+        if has_ended {
+            return Ok(());
+        }
     }
-    Ok(())
 }
 
-/// Opens the device; an error is the line for the user.
-fn open(setup: &Setup, page: Page) -> Result<Box<dyn Driven>, String> {
+/// Opens the device.
+fn open(setup: &Setup, page: Page) -> Result<Box<dyn Driven>, Refusal> {
     let exchange = |stated_n: f32| Exchange::new(page.proxy(), lower(stated_n, setup.max_force_n));
     match &setup.maker {
         Maker::Touch { library } => {
-            let (hd, _) = Hd::load(library.as_deref()).map_err(|error| error.to_string())?;
+            let (hd, _) = Hd::load(library.as_deref())?;
             let no_name: Option<CString> = None;
-            let touch = Touch::start(hd, no_name, exchange, Box::new(sys::monotonic_ns));
-            Ok(Box::new(touch.map_err(|error| error.to_string())?))
+            Ok(Box::new(Touch::start(hd, no_name, exchange, Box::new(sys::monotonic_ns))?))
+        }
+        Maker::ForceDimension { family, may_move, library } => {
+            let (dhd, _) = Dhd::load(library.as_deref())?;
+            let clock = Box::new(sys::monotonic_ns);
+            let with = (*family, *may_move);
+            let opened = Exchanging::open(dhd, with, setup.max_force_n, exchange, clock);
+            let opened = opened.map_err(|error| Refusal {
+                line: error.to_string(),
+                moves_arm: matches!(error, OpenError::MovesArm(_)),
+            })?;
+            Ok(Box::new(ForceDimension::start(opened, setup.fifo_priority)?))
         }
     }
 }

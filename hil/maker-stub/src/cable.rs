@@ -7,12 +7,12 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 /// Environment variable with the name of the file.
-pub const VARIABLE: &str = "PALPATE_FAKE_HD";
+pub const VARIABLE: &str = "PALPATE_FAKE_DEVICE";
 
 /// A number of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Field {
-    /// Position along an axis, mm.
+    /// Position along an axis: mm of a Touch, m of a Force Dimension device.
     Position(u64),
     /// Bits of the buttons.
     Buttons,
@@ -30,8 +30,32 @@ pub enum Field {
     Force(u64),
     /// Number of frames.
     Frames,
-    /// CLOCK_MONOTONIC of the last frame with a force, ns.
+    /// Time of the last frame with a force, ns.
     Forced,
+    /// Whether the time is that of [`Field::Now`], and [`crate::step`] takes the place of the library's threads.
+    Stepped,
+    /// Time of a device that is stepped, ns.
+    Now,
+    /// Type of a Force Dimension device; an omega.3 if it is 0.
+    Kind,
+    /// It has no power.
+    Unpowered,
+    /// Its position is not initialised.
+    Uninitialized,
+    /// Motions of the arm by itself.
+    Motions,
+    /// Why its motors go off, and how often that was set.
+    OffCause,
+    /// See [`Field::OffCause`].
+    Offs,
+    /// Positions come from the library's memory.
+    Cached,
+    /// Error of every call from now on; 0 for none.
+    Failing,
+    /// Its firmware has no watchdog.
+    Unwatched,
+    /// How the grip is turned about z, rad.
+    Turn,
 }
 
 impl Field {
@@ -47,6 +71,18 @@ impl Field {
             Self::Force(axis) => 9 + axis,
             Self::Frames => 12,
             Self::Forced => 13,
+            Self::Stepped => 14,
+            Self::Now => 15,
+            Self::Kind => 16,
+            Self::Unpowered => 17,
+            Self::Uninitialized => 18,
+            Self::Motions => 19,
+            Self::OffCause => 20,
+            Self::Offs => 21,
+            Self::Cached => 22,
+            Self::Failing => 23,
+            Self::Unwatched => 24,
+            Self::Turn => 25,
         }
     }
 }
@@ -59,7 +95,7 @@ impl Cable {
     /// A new device whose numbers are zero.
     pub fn create(file: &Path) -> io::Result<Self> {
         let device = File::options().read(true).write(true).create_new(true).open(file)?;
-        device.set_len(128)?;
+        device.set_len(256)?;
         Ok(Self(device))
     }
 
@@ -92,6 +128,18 @@ impl Cable {
     /// Sets a quantity.
     pub fn set_quantity(&self, field: Field, number: f64) {
         self.set_whole(field, number.to_bits());
+    }
+
+    /// Time of the device, ns.
+    #[must_use]
+    pub fn time_ns(&self) -> u64 {
+        if self.whole(Field::Stepped) == 0 { Self::now_ns() } else { self.whole(Field::Now) }
+    }
+
+    /// The cable that the environment names.
+    #[must_use]
+    pub fn of_environment() -> Option<Self> {
+        std::env::var_os(VARIABLE).and_then(|file| Self::open(Path::new(&file)).ok())
     }
 
     /// Time of all processes, ns.

@@ -1,9 +1,9 @@
 //! The functions of HDAPI that the driver uses.
 
-use super::cable::{Cable, Field, VARIABLE};
+use super::attached;
+use super::cable::{Cable, Field};
 use core::ffi::{c_char, c_double, c_int, c_uchar, c_uint, c_ulong, c_ushort, c_void};
 use core::sync::atomic::{AtomicBool, Ordering};
-use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -20,8 +20,8 @@ const CURRENT_FORCE: c_uint = 0x2700;
 const FORCE_OUTPUT: c_uint = 0x4000;
 /// Frames after the start that are damaged.
 const DAMAGED: u64 = 2;
-/// Time in which the amplifiers come back after an exceeded limit.
-const RAMP: Duration = Duration::from_millis(300);
+/// Time in which the amplifiers come back after an exceeded limit, ns.
+const RAMP_NS: f64 = 300e6;
 
 #[repr(C)]
 pub struct ErrorInfo {
@@ -48,7 +48,8 @@ struct Library {
     force_n: [f64; 3],
     gives_force: bool,
     frames: u64,
-    off_since: Option<Instant>,
+    /// Time of the last exceeded limit, ns.
+    off_since: Option<u64>,
     scheduled: Option<Scheduled>,
     scheduler: Option<JoinHandle<()>>,
 }
@@ -72,7 +73,8 @@ impl Library {
 
     /// The share of the force that the amplifiers give.
     fn gain(&self) -> f64 {
-        let share = |since: Instant| (since.elapsed().as_secs_f64() / RAMP.as_secs_f64()).min(1.0);
+        let now_ns = self.cable.as_ref().map_or(0, Cable::time_ns);
+        let share = |since: u64| (now_ns.saturating_sub(since) as f64 / RAMP_NS).min(1.0);
         if self.gives_force { self.off_since.map_or(1.0, share) } else { 0.0 }
     }
 
@@ -86,7 +88,7 @@ impl Library {
             cable.set_quantity(Field::Force(axis), gain * force_n);
         }
         if force_n.iter().any(|n| gain * n.abs() > 0.0) {
-            cable.set_whole(Field::Forced, Cable::now_ns());
+            cable.set_whole(Field::Forced, cable.time_ns());
         }
         cable.set_whole(Field::Frames, self.frames);
         let errors = cable.whole(Field::Errors);
@@ -95,7 +97,7 @@ impl Library {
             self.met = errors;
             self.errors.push(code);
             if (0x200..0x300).contains(&code) {
-                self.off_since = Some(Instant::now());
+                self.off_since = Some(cable.time_ns());
             }
         }
     }
@@ -104,7 +106,7 @@ impl Library {
 #[unsafe(no_mangle)]
 pub extern "C" fn hdInitDevice(_: *const c_char) -> c_uint {
     with(|library| {
-        let cable = std::env::var_os(VARIABLE).and_then(|file| Cable::open(Path::new(&file)).ok());
+        let cable = attached();
         let refused = cable.as_ref().map_or(0x302, |cable| cable.whole(Field::Refused) as u32);
         library.cable = cable;
         if refused != 0 {
@@ -258,7 +260,7 @@ pub extern "C" fn hdUnschedule(_: c_ulong) {
 }
 
 /// A cycle of the scheduler; false while it stands still or has nothing to call.
-fn cycle() -> bool {
+pub(crate) fn cycle() -> bool {
     let scheduled = with(|library| {
         let stands_still = library.cable.as_ref().is_some_and(|cable| cable.whole(Field::Stalled) != 0);
         if stands_still { None } else { library.scheduled.take() }
@@ -276,6 +278,9 @@ fn cycle() -> bool {
 
 #[unsafe(no_mangle)]
 pub extern "C" fn hdStartScheduler() {
+    if with(|library| library.cable.as_ref().is_some_and(|cable| cable.whole(Field::Stepped) != 0)) {
+        return;
+    }
     RUNS.store(true, Ordering::Release);
     let scheduler = std::thread::spawn(|| {
         let mut due = Instant::now();

@@ -1,0 +1,150 @@
+//! `palpate run --device omega`: a stand-in for libdrd, through the loading path of a user's.
+
+use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill};
+use palpate_maker_stub::{Cable, Field};
+
+use super::maker::{Hand, end, proxy_of, send};
+use super::quiet;
+
+fn hand() -> Hand {
+    Hand::on("omega", "omega", 1.0)
+}
+
+#[test]
+fn the_hand_feels_the_body_and_the_session_says_what_it_drives() {
+    let _quiet = quiet();
+    let hand = hand();
+    let session = hand.session();
+    hand.wait_pressing();
+    let output = end(session);
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("omega.3 (Force Dimension 3.16.0)"), "{said}");
+    assert_eq!((hand.force_n(), hand.cable.whole(Field::Motions)), (0.0, 0));
+    // It has a watchdog and a velocity threshold: nothing to remark.
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("omega.3:"), "{output:?}");
+}
+
+/// Killed or stopped: zero after 4 ms without a new force, 20 ms are allowed. A session that goes on stays without a force.
+#[test]
+fn a_session_that_is_killed_or_stopped_leaves_no_force() {
+    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
+        let _quiet = quiet();
+        let hand = hand();
+        let session = hand.session();
+        hand.wait_pressing();
+        let at_ns = Cable::now_ns();
+        send(&session, signal);
+        std::thread::sleep(Duration::from_millis(300));
+        let last_ms = hand.last_force_ms(at_ns);
+        println!("{signal}: the last force {last_ms:.1} ms after it");
+        assert!(last_ms < 20.0 && hand.force_n() == 0.0, "{signal}: {last_ms} ms, {} N", hand.force_n());
+        if signal == Signal::SIGSTOP {
+            send(&session, Signal::SIGCONT);
+            std::thread::sleep(Duration::from_millis(500));
+            assert!(hand.last_force_ms(at_ns) < 20.0, "it resumes without a force");
+            let said = end(session);
+            assert!(String::from_utf8_lossy(&said.stdout).contains("watchdog"), "{said:?}");
+        } else {
+            session.wait_with_output().expect("it has ended");
+        }
+    }
+}
+
+/// Every call fails: the firmware's watchdog of 10 ms takes the force, which stays off when the cable works again.
+#[test]
+fn a_cable_that_fails_leaves_the_force_to_the_firmware() {
+    let _quiet = quiet();
+    let hand = hand();
+    let session = hand.session();
+    hand.wait_pressing();
+    let proxy = proxy_of(&session);
+    hand.cable.set_whole(Field::Failing, 2);
+    std::thread::sleep(Duration::from_millis(100));
+    let at_ns = Cable::now_ns();
+    hand.cable.set_whole(Field::Failing, 0);
+    std::thread::sleep(Duration::from_millis(300));
+    println!("a cable that fails: the last force {:.1} ms before its end", -hand.last_force_ms(at_ns));
+    assert!(hand.last_force_ms(at_ns) < -80.0 && hand.force_n() == 0.0, "{}", hand.last_force_ms(at_ns));
+    kill(proxy, Signal::SIGKILL).expect("it runs");
+    let output = session.wait_with_output().expect("it ends");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("communication error (error 2)"), "{said}");
+    assert!(output.status.code() == Some(1) && said.contains("device lost"), "{said}");
+}
+
+/// Each cause for which the motors go off by themselves latches, with its words; nothing resumes.
+#[test]
+fn motors_that_go_off_stay_off() {
+    for (cause, words) in [
+        (1, "force button"),
+        (2, "velocity threshold"),
+        (3, "watchdog"),
+        (4, "software"),
+        (5, "USB connection"),
+        (6, "dead man"),
+    ] {
+        let _quiet = quiet();
+        let hand = hand();
+        let session = hand.session();
+        hand.wait_pressing();
+        let at_ns = Cable::now_ns();
+        hand.cable.set_whole(Field::OffCause, cause);
+        hand.cable.set_whole(Field::Offs, 1);
+        std::thread::sleep(Duration::from_millis(400));
+        let last_ms = hand.last_force_ms(at_ns);
+        let output = end(session);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(said.contains(words), "{cause}: {said}");
+        assert!(last_ms < 5.0 && hand.force_n() == 0.0, "{cause}: {last_ms} ms");
+    }
+}
+
+#[test]
+fn positions_of_the_librarys_memory_are_not_samples() {
+    let _quiet = quiet();
+    let hand = hand();
+    let session = hand.session();
+    hand.wait_pressing();
+    let at_ns = Cable::now_ns();
+    hand.cable.set_whole(Field::Cached, 1);
+    std::thread::sleep(Duration::from_millis(400));
+    let last_ms = hand.last_force_ms(at_ns);
+    let output = end(session);
+    println!("without samples: the last force {last_ms:.1} ms after the last one");
+    assert!(last_ms < 200.0 && hand.force_n() == 0.0, "{last_ms} ms");
+    assert!(String::from_utf8_lossy(&output.stdout).contains("latched"), "{output:?}");
+}
+
+/// The arm of a device that has not found its position does not move without consent: here there is no terminal.
+#[test]
+fn what_does_not_serve_is_one_line_with_the_fix() {
+    for (field, number, fix) in [
+        (Field::Uninitialized, 1, "run its maker's initialisation, or start this on a terminal and consent"),
+        (Field::Unpowered, 1, "omega.3 has no power; switch it on"),
+        (Field::Kind, 104, "the device is a sigma.7; use --device sigma"),
+        (Field::Refused, 20, "another program has the device; end it"),
+        (Field::Refused, 2, "opening the device fails (communication error, error 2); check the cable"),
+    ] {
+        let hand = hand();
+        hand.cable.set_whole(field, number);
+        let output = hand.session().wait_with_output().expect("it ends");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert_eq!(said.lines().filter(|line| line.contains(fix)).count(), 1, "{said}");
+        assert_eq!((hand.cable.whole(Field::Motions), hand.force_n()), (0, 0.0));
+    }
+}
+
+#[test]
+fn a_firmware_without_a_watchdog_is_told() {
+    let _quiet = quiet();
+    let hand = hand();
+    hand.cable.set_whole(Field::Unwatched, 1);
+    let session = hand.session();
+    hand.wait_pressing();
+    let output = end(session);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("its firmware has no watchdog"), "{said}");
+}

@@ -1,0 +1,122 @@
+//! A hand on a stand-in for the library of a maker, and a session that drives it through the loading path of a user's.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use palpate_maker_stub::{Cable, Field, VARIABLE};
+
+use super::guard::files_of;
+use super::text;
+
+/// The stand-in, which cargo builds for these tests.
+pub(super) fn library() -> PathBuf {
+    let tests = std::env::current_exe().expect("a test");
+    let library = tests.parent().expect("a folder").join("libpalpate_maker_stub.so");
+    assert!(library.exists(), "{}", library.display());
+    library
+}
+
+/// The device behind the stand-in with a hand that presses its button, then pushes and stays.
+pub(super) struct Hand {
+    pub(super) cable: Arc<Cable>,
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    folder: tempfile::TempDir,
+    /// As `--device` names it, and its bundled profile.
+    names: [&'static str; 2],
+}
+
+impl Hand {
+    /// A Touch counts in millimetres, other devices in metres.
+    pub(super) fn on(device: &'static str, profile: &'static str, unit_m: f64) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let cable = Arc::new(Cable::create(&folder.path().join("device")).expect("a file"));
+        let (ends, moved) = (Arc::new(AtomicBool::new(false)), cable.clone());
+        let has_ended = ends.clone();
+        let thread = std::thread::spawn(move || {
+            let mut begun: Option<Instant> = None;
+            while !has_ended.load(Ordering::Relaxed) {
+                if begun.is_none() && moved.whole(Field::Frames) > 100 {
+                    begun = Some(Instant::now());
+                }
+                let s = begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
+                let height_m = 0.008 - 0.014 * (s - 0.8).clamp(0.0, 1.0);
+                // Not quite still: a hand trembles.
+                moved.set_quantity(Field::Position(2), (height_m + 0.2e-3 * (40.0 * s).sin()) / unit_m);
+                moved.set_whole(Field::Buttons, u64::from((0.3..0.5).contains(&s)));
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        Self { cable, ends, thread: Some(thread), folder, names: [device, profile] }
+    }
+
+    pub(super) fn session(&self) -> Child {
+        let [device, profile] = self.names;
+        let (blob, profile) = files_of(self.folder.path(), profile);
+        Command::new(env!("CARGO_BIN_EXE_palpate"))
+            .args(["run", text(&blob), "--uncertified", "--profile", text(&profile)])
+            .args(["--device", &format!("{device}:{}", text(&library()))])
+            .args(["--headless", "--frame-rate", "0", "--seconds", "20"])
+            .env(VARIABLE, self.folder.path().join("device"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("it runs")
+    }
+
+    /// Size of the force on the motors, N.
+    pub(super) fn force_n(&self) -> f64 {
+        let squares = (0..3).map(|axis| self.cable.quantity(Field::Force(axis)).powi(2));
+        squares.sum::<f64>().sqrt()
+    }
+
+    /// Waits until the hand feels the body.
+    pub(super) fn wait_pressing(&self) {
+        let give_up = Instant::now() + Duration::from_secs(20);
+        while self.force_n() < 0.2 {
+            assert!(Instant::now() < give_up, "no force: {} frames", self.cable.whole(Field::Frames));
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Milliseconds from a time to the last frame with a force; negative before it.
+    pub(super) fn last_force_ms(&self, since_ns: u64) -> f64 {
+        (self.cable.whole(Field::Forced) as f64 - since_ns as f64) * 1e-6
+    }
+}
+
+impl Drop for Hand {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        self.thread.take().expect("it runs").join().expect("no panic");
+    }
+}
+
+pub(super) fn send(child: &Child, signal: Signal) {
+    kill(Pid::from_raw(child.id() as i32), signal).expect("it runs");
+}
+
+pub(super) fn end(child: Child) -> Output {
+    send(&child, Signal::SIGINT);
+    child.wait_with_output().expect("it ends")
+}
+
+/// The process that holds the library: a child of the session with its name.
+pub(super) fn proxy_of(child: &Child) -> Pid {
+    let is_proxy = |folder: &Path| {
+        let status = std::fs::read_to_string(folder.join("status")).unwrap_or_default();
+        let has = |line: &str| status.lines().any(|of| of.split_whitespace().eq(line.split_whitespace()));
+        has("Name: haptic-device") && has(&format!("PPid: {}", child.id()))
+    };
+    let all = std::fs::read_dir("/proc").expect("Linux").flatten().map(|entry| entry.path());
+    let found =
+        all.filter(|folder| is_proxy(folder)).find_map(|folder| folder.file_name()?.to_str()?.parse().ok());
+    Pid::from_raw(found.expect("a proxy"))
+}
