@@ -51,11 +51,30 @@ fn polhem_over_a_pseudo_terminal() {
 }
 
 #[test]
+fn touch_on_its_library() {
+    keeps_the_contract("touch-library");
+}
+
+#[test]
+fn omega_on_its_library() {
+    keeps_the_contract("omega-library");
+}
+
+#[test]
 fn every_rig_has_a_test() {
     let names: Vec<&str> = rig::all().iter().map(|kind| kind.name).collect();
     assert_eq!(
         names,
-        ["falcon-memory", "falcon-threads", "link-memory", "link-pty", "polhem-memory", "polhem-pty"],
+        [
+            "falcon-memory",
+            "falcon-threads",
+            "link-memory",
+            "link-pty",
+            "polhem-memory",
+            "polhem-pty",
+            "touch-library",
+            "omega-library"
+        ],
         "one test above for each"
     );
 }

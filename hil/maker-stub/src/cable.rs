@@ -50,7 +50,7 @@ pub enum Field {
     Offs,
     /// Positions come from the library's memory.
     Cached,
-    /// Error of every call from now on; 0 for none.
+    /// Error of every call, or of every frame of a Touch, from now on; 0 for none.
     Failing,
     /// Its firmware has no watchdog.
     Unwatched,
@@ -97,6 +97,15 @@ impl Cable {
         let device = File::options().read(true).write(true).create_new(true).open(file)?;
         device.set_len(256)?;
         Ok(Self(device))
+    }
+
+    /// The same for a file that is there: its numbers are zero again, and it is stepped.
+    pub fn renew(file: &Path) -> io::Result<Self> {
+        let cable = Self::open(file)?;
+        cable.0.set_len(0)?;
+        cable.0.set_len(256)?;
+        cable.set_whole(Field::Stepped, 1);
+        Ok(cable)
     }
 
     /// The library's end.

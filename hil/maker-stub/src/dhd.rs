@@ -42,6 +42,11 @@ fn with<T>(act: impl FnOnce(&mut Library) -> T) -> T {
     act(library.get_or_insert_with(Library::default))
 }
 
+/// The library as it was loaded.
+pub(crate) fn renew() {
+    with(|library| *library = Library::default());
+}
+
 impl Library {
     fn is(&self, field: Field) -> bool {
         self.cable.as_ref().is_some_and(|cable| cable.whole(field) != 0)

@@ -62,6 +62,11 @@ fn with<T>(act: impl FnOnce(&mut Library) -> T) -> T {
     act(library.get_or_insert_with(Library::default))
 }
 
+/// The library as it was loaded.
+pub(crate) fn renew() {
+    with(|library| *library = Library::default());
+}
+
 impl Library {
     /// Whether a frame is open; else the error of a call outside one.
     fn is_in_frame(&mut self) -> bool {
@@ -91,6 +96,10 @@ impl Library {
             cable.set_whole(Field::Forced, cable.time_ns());
         }
         cable.set_whole(Field::Frames, self.frames);
+        let failing = cable.whole(Field::Failing) as u32;
+        if failing != 0 {
+            self.errors.push(failing);
+        }
         let errors = cable.whole(Field::Errors);
         if errors != self.met {
             let code = cable.whole(Field::Error) as u32;

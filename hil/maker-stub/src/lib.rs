@@ -12,8 +12,10 @@
 mod cable;
 mod dhd;
 mod hd;
+mod loaded;
 
 pub use cable::{Cable, Field, VARIABLE};
+pub use loaded::Stub;
 
 use core::ffi::{CStr, c_char};
 use std::ffi::OsStr;
@@ -24,7 +26,7 @@ use std::sync::{Mutex, PoisonError};
 /// The file of the device, where the emulator has given it.
 static FILE: Mutex<Option<Box<Path>>> = Mutex::new(None);
 
-/// The emulator's device for this copy of the library, in place of that of the environment.
+/// A new device of the emulator for this copy of the library, in place of that of the environment.
 ///
 /// # Safety
 ///
@@ -35,6 +37,8 @@ pub unsafe extern "C" fn palpate_fake_attach(file: *const c_char) {
     let file = unsafe { CStr::from_ptr(file) };
     let file = Path::new(OsStr::from_bytes(file.to_bytes()));
     *FILE.lock().unwrap_or_else(PoisonError::into_inner) = Some(file.into());
+    hd::renew();
+    dhd::renew();
 }
 
 /// One cycle of the library's scheduler and of the firmware, on the caller's thread.

@@ -47,6 +47,8 @@ pub enum FaultKind {
     HomingLost,
     /// The device loses its power for a moment; in half of the runs it is silent for up to 150 ms.
     PowerCycle,
+    /// The device of a maker switches its motors off by itself, for one of its causes.
+    ForceOff,
     /// The boot loader echoes a wrong byte, stops, or does not start the firmware.
     WrongEcho,
     /// A USB transfer to the host is stalled.
@@ -73,7 +75,7 @@ impl FaultKind {
         [Self::HostKilled, Self::HostPaused, Self::GuardKilled, Self::GuardPaused];
 
     /// All kinds that run in lockstep. The others need USB ([`Self::BENCH`]) or processes.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::Drop,
         Self::Silence,
         Self::Delay,
@@ -92,6 +94,7 @@ impl FaultKind {
         Self::HomingLost,
         Self::PowerCycle,
         Self::WrongEcho,
+        Self::ForceOff,
     ];
 
     /// The kinds of the QEMU bench, in the order of its seeds from 1.

@@ -84,9 +84,11 @@ impl FaultKind {
             // A corrupted homing flag may report that the device is not homed.
             Self::CorruptReply | Self::Mixed => is_recovered || is_stale || is_not_ready,
             Self::EncoderJump => {
-                is_recovered || is_not_ready || matches!(ended, Ended::Latched(Fault::Watchdog))
+                let by_speed = matches!(ended, Ended::Latched(Fault::Watchdog | Fault::Overspeed));
+                is_recovered || is_not_ready || by_speed
             }
             Self::HomingLost => is_not_ready,
+            Self::ForceOff => matches!(ended, Ended::Latched(Fault::Watchdog)),
             Self::PowerCycle => is_stale || is_not_ready,
             Self::UnplugMidFrame | Self::Replug | Self::UnplugPower => matches!(ended, Ended::Lost),
             Self::WrongEcho => matches!(ended, Ended::Opened | Ended::Refused),

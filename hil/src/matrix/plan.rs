@@ -14,8 +14,22 @@ impl FaultKind {
     /// to the Falcon.
     #[must_use]
     pub fn applies_to(self, kind: RigKind) -> bool {
+        let behind_library = (kind.make)(0).traits().behind_library;
         match self {
-            Self::HomingLost | Self::PowerCycle => (kind.make)(0).inject(self),
+            Self::HomingLost | Self::PowerCycle | Self::ForceOff => (kind.make)(0).inject(self),
+            // A library hides what happens to single frames.
+            Self::Duplicate
+            | Self::Truncate
+            | Self::CorruptReply
+            | Self::CorruptRequest
+            | Self::Reorder
+            | Self::Noise
+            | Self::Mixed
+            | Self::UnplugMidFrame
+                if behind_library =>
+            {
+                false
+            }
             Self::WrongEcho => kind.name == "falcon-memory",
             // A serial line accepts all writes or blocks.
             Self::Refuse => kind.name.starts_with("falcon"),

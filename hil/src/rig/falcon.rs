@@ -198,6 +198,7 @@ impl Rig for FalconRig {
             checked_requests: false,
             numbered_replies: false,
             has_watchdog: false,
+            behind_library: false,
         }
     }
 

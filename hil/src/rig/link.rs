@@ -53,6 +53,7 @@ impl SerialDevice for EmulatedLink {
             checked_requests: true,
             numbered_replies: true,
             has_watchdog: true,
+            behind_library: false,
         }
     }
 

@@ -13,11 +13,15 @@
 
 mod falcon;
 mod link;
+mod maker;
+mod makers;
 mod polhem;
 mod serial;
 
 pub use falcon::FalconRig;
 pub use link::on_gantry;
+pub use maker::{MakerDevice, MakerDriver, MakerRig};
+pub use makers::{OmegaDevice, TouchDevice};
 pub use serial::{SerialDevice, SerialRig, Wire};
 
 use crate::fault::{FaultCounts, FaultKind, Faults};
@@ -61,6 +65,8 @@ pub struct Traits {
     pub numbered_replies: bool,
     /// It has a watchdog of its own.
     pub has_watchdog: bool,
+    /// Its maker's library hides the frames of its link, and the process that holds the library is its guard.
+    pub behind_library: bool,
 }
 
 /// Why a driver could not be opened.
@@ -192,6 +198,16 @@ pub fn all() -> Vec<RigKind> {
             name: "polhem-pty",
             in_memory: false,
             make: |seed| Box::new(SerialRig::<EmulatedPolhem>::new(Wire::Pty, seed)),
+        },
+        RigKind {
+            name: "touch-library",
+            in_memory: true,
+            make: |seed| Box::new(MakerRig::<TouchDevice>::new(seed)),
+        },
+        RigKind {
+            name: "omega-library",
+            in_memory: true,
+            make: |seed| Box::new(MakerRig::<OmegaDevice>::new(seed)),
         },
     ]
 }

@@ -40,6 +40,7 @@ impl SerialDevice for EmulatedPolhem {
             checked_requests: false,
             numbered_replies: false,
             has_watchdog: false,
+            behind_library: false,
         }
     }
 

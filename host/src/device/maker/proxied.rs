@@ -42,6 +42,12 @@ impl Proxied {
         Self { end, workspace, info, clock, process, seen_ns: 0, is_reported: false }
     }
 
+    /// Whether the proxy, or a device that is ready, has given nothing for too long.
+    fn is_silent(&self, now_ns: u64, state: DeviceState) -> bool {
+        let is_old = |t_ns: u64| now_ns.saturating_sub(t_ns) >= SILENT_NS;
+        is_old(self.end.proxy_beat_ns()) || (state == DeviceState::Homed && is_old(self.seen_ns))
+    }
+
     /// The rotation of the grip in the model frame, R q R^T with the rotation R from the device frame: the same angle about the
     /// axis there.
     fn in_model(&self, grip: Orientation) -> Orientation {
@@ -73,9 +79,7 @@ impl Device for Proxied {
                 Err(DeviceError::new(DeviceErrorKind::Disconnected))
             }
             Some(fault) => Err(DeviceError::new(DeviceErrorKind::Faulted(fault))),
-            None if now_ns.saturating_sub(self.end.proxy_beat_ns()) >= SILENT_NS => {
-                Err(DeviceError::new(DeviceErrorKind::Timeout))
-            }
+            None if self.is_silent(now_ns, health.state) => Err(DeviceError::new(DeviceErrorKind::Timeout)),
             None => Ok(None),
         }
     }

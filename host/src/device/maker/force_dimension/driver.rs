@@ -147,18 +147,11 @@ impl Exchanging {
                 self.is_on = false;
                 self.latch(now_ns, fault, &format!("its motors went off: {why}"));
             }
-            Ok(status) => {
-                let is_homed = status.is_initialized && !self.is_lost;
-                self.exchange.set_state(match (self.is_lost, is_homed) {
-                    (true, _) => DeviceState::Disconnected,
-                    (false, true) => DeviceState::Homed,
-                    (false, false) => DeviceState::Unhomed,
-                });
+            Ok(Status { is_initialized, .. }) => {
+                let state = if is_initialized { DeviceState::Homed } else { DeviceState::Unhomed };
+                self.exchange.set_state(state);
             }
             Err(error) => self.fail(now_ns, &error),
-        }
-        if self.is_lost {
-            self.exchange.set_state(DeviceState::Disconnected);
         }
     }
 }
@@ -166,6 +159,12 @@ impl Exchanging {
 impl Cycle for Exchanging {
     fn run(&mut self) {
         let now_ns = (self.clock)();
+        // A device that comes back is another session's.
+        if self.is_lost {
+            self.exchange.set_state(DeviceState::Disconnected);
+            self.exchange.force_n(now_ns);
+            return;
+        }
         if self.count.is_multiple_of(STATUS_CYCLES) {
             self.check(now_ns);
         }

@@ -30,6 +30,10 @@ const MOST_ERRORS: u32 = 16;
 const RATE_HZ: u32 = 1_000;
 /// Longest wait for the last cycle.
 const STOP_TIMEOUT: Duration = Duration::from_millis(100);
+/// No connection to the device.
+const COMM_ERROR: u32 = 0x302;
+/// Cycles in a row without a connection that are a lost device.
+const MOST_LOST: u32 = 3;
 /// Already started: the library leaves it on the stack of a first start.
 const ALREADY_STARTED: u32 = 0x103;
 
@@ -101,6 +105,8 @@ struct Cycle {
     clean: u32,
     count: u32,
     is_calibrated: bool,
+    /// Cycles in a row without a connection.
+    lost: u32,
 }
 
 /// What an error of a frame means; `None` of one that may belong to another call.
@@ -155,10 +161,16 @@ impl Cycle {
                 rendered_n: None,
             });
         }
-        if is_last {
+        // The library would go on with a cable that is plugged in again; that device is another session's.
+        let is_lost = self.lost >= MOST_LOST;
+        if is_lost {
+            self.exchange.set_state(DeviceState::Disconnected);
+            self.exchange.check_loop(now_ns);
+        }
+        if is_last || is_lost {
             self.seen.has_stopped.store(true, Ordering::Release);
         }
-        !is_last
+        !is_last && !is_lost
     }
 
     /// The position jumps when a calibration is renewed: only without a force, which the state sees to.
@@ -173,10 +185,11 @@ impl Cycle {
 
     /// Takes the errors of this frame off the stack; whether there was none.
     fn take_errors(&mut self, now_ns: u64, is_clean: bool) -> bool {
-        let mut is_good = true;
+        let (mut is_good, mut is_connected) = (true, true);
         for _ in 0..MOST_ERRORS {
             let Some(error) = self.hd.next_error() else { break };
             is_good = false;
+            is_connected &= error.code != COMM_ERROR;
             // Those just after the start are nobody's concern.
             if !is_clean {
                 continue;
@@ -186,6 +199,7 @@ impl Cycle {
                 self.exchange.latch(now_ns, fault);
             }
         }
+        self.lost = if is_connected { 0 } else { self.lost + 1 };
         is_good
     }
 }
@@ -234,6 +248,7 @@ impl Touch {
             clean: 0,
             count: 0,
             is_calibrated: false,
+            lost: 0,
         };
         let running = Running::begin(hd, device, Box::new(move || cycle.run()));
         hd.start();
