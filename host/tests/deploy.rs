@@ -150,7 +150,7 @@ fn rules(text: &str) -> Result<Vec<Vec<Token<'_>>>, String> {
 #[test]
 fn every_rule_has_a_match_and_an_assignment() {
     let rules_read = rules(RULES).expect("every token is known");
-    assert_eq!(rules_read.len(), 6);
+    assert_eq!(rules_read.len(), 8);
     for rule in &rules_read {
         assert!(rule.contains(&("ACTION", "!=", "remove")), "{rule:?}");
         assert!(rule.iter().filter(|(_, operator, _)| *operator == "==").count() >= 2, "{rule:?}");
@@ -170,16 +170,19 @@ fn every_haptic_device_belongs_to_its_group_alone() {
     let text = RULES.replace("#ACTION", "ACTION");
     let all = rules(&text).expect("every token is known");
     let has = |rule: &[Token<'_>], name: &str| rule.iter().any(|(key, ..)| key.ends_with(name));
-    let devices: Vec<_> = all.iter().filter(|rule| has(rule, "{idProduct}")).collect();
-    assert_eq!(devices.len(), 5, "Falcon and Teensy on USB and as ports, and a user's own");
+    let devices: Vec<_> = all.iter().filter(|rule| has(rule, "{idVendor}")).collect();
+    let names =
+        "Falcon and Teensy on USB and as ports, Force Dimension on USB, the Touch's port, and a user's own";
+    assert_eq!(devices.len(), 7, "{names}");
     for rule in devices {
         for token in [("GROUP", ":=", "palpate"), ("MODE", ":=", "0660"), ("TAG", "-=", "uaccess")] {
             assert!(rule.contains(&token), "{rule:?}");
         }
         assert!(!rule.contains(&("TAG", "+=", "uaccess")), "{rule:?}");
         // ModemManager opens every port that it does not know.
-        let is_falcon_on_usb = rule.contains(&("ATTR{idProduct}", "==", "cb48"));
-        assert!(is_falcon_on_usb || has(rule, "{ID_MM_DEVICE_IGNORE}"), "{rule:?}");
+        let has_no_port = rule.contains(&("ATTR{idProduct}", "==", "cb48"))
+            || rule.contains(&("ATTR{idVendor}", "==", "1451"));
+        assert!(has_no_port || has(rule, "{ID_MM_DEVICE_IGNORE}"), "{rule:?}");
     }
     assert!(!RULES.contains("plugdev") && !RULES.contains("dialout") && !SERVICE.contains("dialout"));
 }

@@ -6,7 +6,7 @@
 
 mod cpu;
 mod kernel;
-mod libraries;
+mod makers;
 mod measure;
 mod ports;
 mod probe;
@@ -15,7 +15,7 @@ mod system_info;
 #[cfg(all(test, unix))]
 mod tests;
 
-pub use libraries::openhaptics;
+pub use makers::makers;
 pub use measure::{Measurement, measure};
 pub use probe::Probe;
 pub use system_info::SystemInfo;

@@ -4,8 +4,9 @@ use super::Check;
 use super::Verdict::{Bad, Better, Good};
 use super::probe::Probe;
 
-/// Known USB devices by vendor and product.
-const KNOWN: [(&str, &str, &str); 1] = [("0403", "cb48", "Novint Falcon")];
+/// USB devices that this program or a maker's library opens, by vendor and product; any product if it is empty.
+const KNOWN: [(&str, &str, &str); 2] =
+    [("0403", "cb48", "Novint Falcon"), ("1451", "", "Force Dimension device")];
 
 /// The group that may open haptic devices.
 const GROUP: &str = "palpate";
@@ -35,9 +36,9 @@ pub(super) fn usb(probe: &Probe) -> Vec<Check> {
     for device in probe.list(BASE) {
         let of = |file: &str| probe.read(&format!("{BASE}/{device}/{file}"));
         let (vendor, product) = (of("idVendor").unwrap_or_default(), of("idProduct").unwrap_or_default());
-        let known = KNOWN
-            .iter()
-            .find(|(v, p, _)| v.eq_ignore_ascii_case(&vendor) && p.eq_ignore_ascii_case(&product));
+        let known = KNOWN.iter().find(|(v, p, _)| {
+            v.eq_ignore_ascii_case(&vendor) && (p.is_empty() || p.eq_ignore_ascii_case(&product))
+        });
         let Some((_, _, name)) = known else { continue };
         let number = |file: &str| of(file).and_then(|text| text.parse::<u32>().ok()).unwrap_or(0);
         let node = format!("/dev/bus/usb/{:03}/{:03}", number("busnum"), number("devnum"));

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args as ClapArgs;
 use palpate_host::doctor::{
-    Check, Measurement, Probe, SystemInfo, Verdict, examine, loop_cpu, measure, openhaptics,
+    Check, Measurement, Probe, SystemInfo, Verdict, examine, loop_cpu, makers, measure,
 };
 use palpate_host::guard::{DEFAULT_LIMIT_MS, GuardOptions};
 use palpate_host::rt::LatencyReport;
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let options =
             GuardOptions { limit_ms: DEFAULT_LIMIT_MS, fifo_priority, locks_memory: request.lock_memory };
         checks.push(guard(hardware::try_guard(options), fifo_priority));
-        checks.push(openhaptics());
+        checks.extend(makers(&probe));
     }
     let measured = if seconds > 0.0 {
         let stop = stop_flag()?;
