@@ -5,8 +5,9 @@ use std::time::Duration;
 use nix::sys::signal::{Signal, kill};
 use palpate_maker_stub::{Cable, Field};
 
+use super::guard::files_of;
 use super::maker::{Hand, end, proxy_of, send};
-use super::quiet;
+use super::{quiet, refused, text};
 
 fn hand() -> Hand {
     Hand::on("omega", "omega", 1.0)
@@ -59,7 +60,6 @@ fn a_cable_that_fails_leaves_the_force_to_the_firmware() {
     let hand = hand();
     let session = hand.session();
     hand.wait_pressing();
-    let proxy = proxy_of(&session);
     hand.cable.set_whole(Field::Failing, 2);
     std::thread::sleep(Duration::from_millis(100));
     let at_ns = Cable::now_ns();
@@ -67,11 +67,61 @@ fn a_cable_that_fails_leaves_the_force_to_the_firmware() {
     std::thread::sleep(Duration::from_millis(300));
     println!("a cable that fails: the last force {:.1} ms before its end", -hand.last_force_ms(at_ns));
     assert!(hand.last_force_ms(at_ns) < -80.0 && hand.force_n() == 0.0, "{}", hand.last_force_ms(at_ns));
-    kill(proxy, Signal::SIGKILL).expect("it runs");
-    let output = session.wait_with_output().expect("it ends");
+    let output = end(session);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("communication error (error 2)"), "{said}");
-    assert!(output.status.code() == Some(1) && said.contains("device lost"), "{said}");
+}
+
+/// The process that holds the library, killed or stopped: the firmware's watchdog of 10 ms takes the force.
+#[test]
+fn a_proxy_that_is_killed_or_stopped_leaves_the_force_to_the_firmware() {
+    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
+        let _quiet = quiet();
+        let hand = hand();
+        let session = hand.session();
+        hand.wait_pressing();
+        let proxy = proxy_of(&session);
+        let at_ns = Cable::now_ns();
+        kill(proxy, signal).expect("it runs");
+        std::thread::sleep(Duration::from_millis(400));
+        let last_ms = hand.last_force_ms(at_ns);
+        println!("proxy, {signal}: the last force {last_ms:.1} ms after it");
+        assert!(last_ms < 20.0 && hand.force_n() == 0.0, "{signal}: {last_ms} ms, {} N", hand.force_n());
+        if signal == Signal::SIGSTOP {
+            // Its motors are off, and latched.
+            kill(proxy, Signal::SIGCONT).expect("it runs");
+            std::thread::sleep(Duration::from_millis(300));
+            assert_eq!(hand.force_n(), 0.0);
+            end(session);
+        } else {
+            let output = session.wait_with_output().expect("it ends");
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.code() == Some(1) && said.contains("device lost"), "{said}");
+        }
+    }
+}
+
+/// Another library, for example of another maker.
+#[test]
+fn a_library_without_the_functions_is_one_line() {
+    for device in ["omega", "touch"] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (blob, profile) = files_of(folder.path(), device);
+        let maps = std::fs::read_to_string("/proc/self/maps").expect("Linux");
+        let libc = maps.split_whitespace().find(|word| word.ends_with("/libc.so.6")).expect("it is loaded");
+        let device = format!("{device}:{libc}");
+        let with = [
+            "run",
+            text(&blob),
+            "--uncertified",
+            "--profile",
+            text(&profile),
+            "--headless",
+            "--device",
+            &device,
+        ];
+        refused(&with, &["libc.so.6: it has no `", "install a newer version from its maker"]);
+    }
 }
 
 /// Each cause for which the motors go off by themselves latches, with its words; nothing resumes.

@@ -56,6 +56,10 @@ pub enum Field {
     Unwatched,
     /// How the grip is turned about z, rad.
     Turn,
+    /// Time of the last command to the firmware, ns.
+    Commanded,
+    /// The watchdog of the firmware, in steps of 125 us; 0 if it is off.
+    Watchdog,
 }
 
 impl Field {
@@ -83,6 +87,8 @@ impl Field {
             Self::Failing => 23,
             Self::Unwatched => 24,
             Self::Turn => 25,
+            Self::Commanded => 26,
+            Self::Watchdog => 27,
         }
     }
 }
@@ -143,6 +149,24 @@ impl Cable {
     #[must_use]
     pub fn time_ns(&self) -> u64 {
         if self.whole(Field::Stepped) == 0 { Self::now_ns() } else { self.whole(Field::Now) }
+    }
+
+    /// What the firmware of a Force Dimension device does by itself, whether or not the library still runs: without a command for
+    /// the time of its watchdog there is no force. Returns whether that is so.
+    #[must_use]
+    pub fn is_watched_off(&self) -> bool {
+        const STEP_NS: u64 = 125_000;
+        let (now_ns, limit_ns) = (self.time_ns(), STEP_NS * self.whole(Field::Watchdog));
+        if limit_ns == 0 || (0..3).all(|axis| self.quantity(Field::Force(axis)) == 0.0) {
+            return false;
+        }
+        let is_silent = now_ns.saturating_sub(self.whole(Field::Commanded)) > limit_ns;
+        if is_silent {
+            (0..3).for_each(|axis| self.set_quantity(Field::Force(axis), 0.0));
+        } else {
+            self.set_whole(Field::Forced, now_ns);
+        }
+        is_silent
     }
 
     /// The cable that the environment names.

@@ -13,8 +13,6 @@ const NOT_IMPLEMENTED: i32 = 10;
 const IN_USE: i32 = 20;
 /// The device's cause: its watchdog.
 const BY_WATCHDOG: u64 = 3;
-/// A step of the watchdog, ns.
-const WATCHDOG_STEP_NS: u64 = 125_000;
 /// Time between two looks of the firmware.
 const FIRMWARE: Duration = Duration::from_micros(500);
 
@@ -23,14 +21,11 @@ struct Library {
     cable: Option<Cable>,
     error: i32,
     is_expert: bool,
-    watchdog: u8,
     gives_force: bool,
     off_cause: u64,
     /// Causes of the cable that were met already.
     met: u64,
     force_n: [f64; 3],
-    /// Time of the last command, ns.
-    commanded_ns: u64,
     max_force_n: f64,
     has_firmware: bool,
 }
@@ -90,15 +85,12 @@ pub(crate) fn firmware() {
     with(|library| {
         let Some(cable) = &library.cable else { return };
         let (offs, cause) = (cable.whole(Field::Offs), cable.whole(Field::OffCause));
-        let silent_ns = cable.time_ns().saturating_sub(library.commanded_ns);
-        let limit_ns = u64::from(library.watchdog) * WATCHDOG_STEP_NS;
         if offs != library.met {
             library.met = offs;
             library.go_off(cause);
-        } else if library.gives_force && limit_ns > 0 && silent_ns > limit_ns {
+        } else if cable.is_watched_off() {
             library.go_off(BY_WATCHDOG);
         }
-        library.drive();
     });
 }
 
@@ -121,8 +113,10 @@ pub extern "C" fn dhdOpenID(_: c_char) -> c_int {
             return Err(library.fail(refused));
         }
         // Commands of an earlier session do not count.
-        library.commanded_ns = library.cable.as_ref().map_or(0, Cable::time_ns);
-        library.met = library.cable.as_ref().map_or(0, |cable| cable.whole(Field::Offs));
+        if let Some(cable) = &library.cable {
+            cable.set_whole(Field::Commanded, cable.time_ns());
+            library.met = cable.whole(Field::Offs);
+        }
         Ok(!library.is(Field::Stepped) && !core::mem::replace(&mut library.has_firmware, true))
     });
     match begins {
@@ -234,11 +228,12 @@ pub extern "C" fn dhdSetForce(x: c_double, y: c_double, z: c_double, _: c_char) 
         };
         if let Some(cable) = &library.cable {
             cable.set_whole(Field::Frames, frames + 1);
+            cable.set_whole(Field::Commanded, now_ns);
         }
         let size = (x * x + y * y + z * z).sqrt();
         let is_scaled = library.max_force_n > 0.0 && size > library.max_force_n;
         let gain = if is_scaled { library.max_force_n / size } else { 1.0 };
-        (library.force_n, library.commanded_ns) = ([gain * x, gain * y, gain * z], now_ns);
+        library.force_n = [gain * x, gain * y, gain * z];
         library.drive();
         if is_scaled { 2 } else { 0 }
     })
@@ -317,7 +312,9 @@ pub extern "C" fn dhdSetWatchdog(steps: c_uchar, _: c_char) -> c_int {
         if !library.is_expert {
             return library.fail(EXPERT_OFF);
         }
-        library.watchdog = steps;
+        if let Some(cable) = &library.cable {
+            cable.set_whole(Field::Watchdog, steps.into());
+        }
         0
     })
 }
@@ -328,7 +325,9 @@ pub extern "C" fn dhdSetWatchdog(steps: c_uchar, _: c_char) -> c_int {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn dhdGetWatchdog(to: *mut c_uchar, _: c_char) -> c_int {
     // SAFETY: the caller's.
-    unsafe { *to = with(|library| library.watchdog) }
+    unsafe {
+        *to = with(|library| library.cable.as_ref().map_or(0, |cable| cable.whole(Field::Watchdog) as u8))
+    }
     0
 }
 
