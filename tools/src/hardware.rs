@@ -142,7 +142,8 @@ fn open_force_dimension(
 ) -> Result<Box<dyn Device>, Failure> {
     match start_maker(maker(false), profile, fifo_priority) {
         Err(StartError::MovesArm(line)) if std::io::stdin().is_terminal() => {
-            eprint!("palpate: {line}\nTake your hands off it. Type `yes` to let the arm move: ");
+            let why = line.split_once(';').map_or(&*line, |(why, _)| why);
+            eprint!("palpate: {why}\nTake your hands off it. Type `yes` to let the arm move: ");
             let mut typed = String::new();
             std::io::stdin().read_line(&mut typed).map_err(|error| Failure::work(error.to_string()))?;
             if typed.trim() != "yes" {

@@ -1,9 +1,12 @@
 //! `palpate run --device omega`: a stand-in for libdrd, through the loading path of a user's.
 
+use std::fs::File;
+use std::io::Write;
 use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
 use palpate_maker_stub::{Cable, Field};
+use serialport::SerialPort;
 
 use super::guard::files_of;
 use super::maker::{Hand, end, proxy_of, send};
@@ -184,6 +187,28 @@ fn what_does_not_serve_is_one_line_with_the_fix() {
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert_eq!(said.lines().filter(|line| line.contains(fix)).count(), 1, "{said}");
         assert_eq!((hand.cable.whole(Field::Motions), hand.force_n()), (0, 0.0));
+    }
+}
+
+/// At a terminal the user is asked first.
+#[test]
+fn an_arm_moves_by_itself_only_after_a_yes() {
+    for (answer, code, motions) in [("no\n", 2, 0), ("yes\n", 0, 1)] {
+        let hand = hand();
+        hand.cable.set_whole(Field::Uninitialized, 1);
+        let (mut keyboard, terminal) = serialport::TTYPort::pair().expect("a terminal");
+        let name = terminal.name().expect("a name");
+        let input = File::options().read(true).write(true).open(name).expect("it is there");
+        keyboard.write_all(answer.as_bytes()).expect("typed");
+        let session = hand.session_at(input.into());
+        if code == 0 {
+            hand.wait_pressing();
+            send(&session, Signal::SIGINT);
+        }
+        let output = session.wait_with_output().expect("it ends");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(said.contains("moves its arm by itself\nTake your hands off it."), "{said}");
+        assert_eq!((output.status.code(), hand.cable.whole(Field::Motions)), (Some(code), motions), "{said}");
     }
 }
 

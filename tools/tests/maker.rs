@@ -59,6 +59,11 @@ impl Hand {
     }
 
     pub(super) fn session(&self) -> Child {
+        self.session_at(Stdio::null())
+    }
+
+    /// A session with this input.
+    pub(super) fn session_at(&self, input: Stdio) -> Child {
         let [device, profile] = self.names;
         let (blob, profile) = files_of(self.folder.path(), profile);
         Command::new(env!("CARGO_BIN_EXE_palpate"))
@@ -66,7 +71,7 @@ impl Hand {
             .args(["--device", &format!("{device}:{}", text(&library()))])
             .args(["--headless", "--frame-rate", "0", "--seconds", "20"])
             .env(VARIABLE, self.folder.path().join("device"))
-            .stdin(Stdio::null())
+            .stdin(input)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
