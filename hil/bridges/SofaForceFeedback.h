@@ -4,7 +4,11 @@
 //     <PalpateForceFeedback blob="organ.blob" metresPerUnit="0.001" maxForce="3" activate="0"/>
 //
 // Changing `activate` from 0 to 1 while the scene runs arms, 0 disarms. After a fault the force is zero until
-// `activate` has been 0 and 1 again. A scene that starts with 1 does not arm.
+// `activate` has been 0 and 1 again. A scene that starts with 1 does not arm. With the flags of SOFA's own build in
+// $SOFA this is a plug-in:
+//
+//     c++ -std=c++17 -shared -fPIC -I firmware-like-core/c-api/include hil/bridges/SofaForceFeedback.cpp $SOFA
+//         -L target/firmware -lpalpate_c -o libPalpate.so
 #pragma once
 
 #include <atomic>

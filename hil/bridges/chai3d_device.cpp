@@ -11,7 +11,10 @@
 // The host sees a gantry in its own axes: x right, y up, z towards the user. CHAI3D has x towards the user,
 // y right, z up. This side keeps the rules of the link: a torque ends after its validity, the watchdog and
 // every failed call latch zero force until a new session. It cannot act while a call of CHAI3D blocks, or
-// after a kill -9; then the rule of the device itself decides. Start it with `chrt -f 50`.
+// after a kill -9; then the rule of the device itself decides. Start it with `chrt -f 50`. With the flags of
+// CHAI3D's own build in $CHAI3D:
+//
+//     c++ -std=c++17 hil/bridges/chai3d_device.cpp $CHAI3D -o chai3d_device
 #include <cerrno>
 #include <cmath>
 #include <csignal>

@@ -1,10 +1,14 @@
 // Feels an organ of Palpate from the haptic thread of a CHAI3D program, through the C functions.
 //
-//     chai3d_touch [--device N] [--at X,Y,Z] [--scale S] ORGAN.blob
+//     chai3d_touch [--device N] [--at X,Y,Z] [--scale S] [--max-force N] ORGAN.blob
 //
 // --at is the place of the model (m) in the centre of the device's workspace, the first active node if not
-// given; --scale the metres of the model per metre of the device. The first button arms, and clears a fault;
-// then press it again. Ctrl-C ends. The force is zero before arming, after every fault and at the end.
+// given; --scale the metres of the model per metre of the device; --max-force a limit below that of the device,
+// 1 N for the first touch. The first button arms, and clears a fault; then press it again. Ctrl-C ends. The force
+// is zero before arming, after every fault and at the end. With the flags of CHAI3D's own build in $CHAI3D:
+//
+//     c++ -std=c++17 -I firmware-like-core/c-api/include hil/bridges/chai3d_touch.cpp $CHAI3D
+//         -L target/firmware -lpalpate_c -o chai3d_touch
 //
 // No second process guards this one: if it is killed or stopped, the rule of the device itself decides.
 #include <algorithm>
@@ -147,7 +151,7 @@ int fail(const std::string &what)
 
 // The controller's limits are those of the device. CHAI3D states the stiffness of a bare spring at 1 kHz; without
 // a measured damping, 1000 N/m at the hand is the usual cap.
-PalpateConfig configure(const PalpateOrgan *organ, const chai3d::cHapticDeviceInfo &info, double scale)
+PalpateConfig configure(const PalpateOrgan *organ, const chai3d::cHapticDeviceInfo &info, double scale, double max_force_n)
 {
     PalpateConfig config;
     PalpateOrganInfo about;
@@ -160,7 +164,7 @@ PalpateConfig configure(const PalpateOrgan *organ, const chai3d::cHapticDeviceIn
         if ((space.methods >> other & 1) != 0) method = other;
     }
     palpate_config(method, &config);
-    config.max_force_n = std::min({config.max_force_n, about.max_force_n, static_cast<float>(info.m_maxLinearForce)});
+    config.max_force_n = std::min({config.max_force_n, about.max_force_n, static_cast<float>(std::min(max_force_n, info.m_maxLinearForce))});
     config.max_stiffness_n_m = static_cast<float>(std::min(1000.0, info.m_maxLinearStiffness) / scale);
     config.workspace_scale = static_cast<float>(scale);
     // The first button arms, so it does not grasp as well; a second one does.
@@ -182,19 +186,21 @@ int main(int argc, char **argv)
 {
     unsigned int number = 0;
     const char *path = nullptr;
+    double max_force_n = 100;
     bool placed = false, understood = true;
     for (int i = 1; i < argc; ++i) {
         std::string word = argv[i];
         bool more = i + 1 < argc;
         if (word == "--device" && more) number = static_cast<unsigned int>(std::atoi(argv[++i]));
         else if (word == "--scale" && more) session.scale = std::atof(argv[++i]);
+        else if (word == "--max-force" && more) max_force_n = std::atof(argv[++i]);
         else if (word == "--at" && more)
             placed = std::sscanf(argv[++i], "%lf,%lf,%lf", &session.centre_m[0], &session.centre_m[1], &session.centre_m[2]) == 3;
         else if (word[0] != '-' && path == nullptr) path = argv[i];
         else understood = false;
     }
-    if (path == nullptr || !understood || !(session.scale > 0)) {
-        std::fprintf(stderr, "usage: chai3d_touch [--device N] [--at X,Y,Z] [--scale S] ORGAN.blob\n");
+    if (path == nullptr || !understood || !(session.scale > 0 && max_force_n > 0)) {
+        std::fprintf(stderr, "usage: chai3d_touch [--device N] [--at X,Y,Z] [--scale S] [--max-force N] ORGAN.blob\n");
         return 2;
     }
     Organ organ;
@@ -209,7 +215,7 @@ int main(int argc, char **argv)
     if (!handler.getDevice(session.device, number) || !session.device->open()) return fail("CHAI3D cannot open the device");
     // Some devices move their arm by themselves here, unless they are calibrated already.
     if (!session.device->calibrate()) return fail("the device is not calibrated");
-    wrong = organ.openController(configure(organ.organ, session.device->getSpecifications(), session.scale));
+    wrong = organ.openController(configure(organ.organ, session.device->getSpecifications(), session.scale, max_force_n));
     if (!wrong.empty()) return fail(std::string(path) + ": " + wrong);
     session.controller = organ.controller;
 
