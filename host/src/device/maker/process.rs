@@ -6,6 +6,7 @@
 use super::child::Process;
 use super::driven::{Driven, Opened, lower};
 use super::exchange::Exchange;
+use super::haply::{Address, Haply, HaplyError};
 use super::page::Page;
 use super::proxied::{Clock, Proxied};
 use super::touch::{Hd, Touch};
@@ -38,6 +39,11 @@ pub enum Maker {
     Touch {
         /// The library's file; `None` for the installed one.
         library: Option<PathBuf>,
+    },
+    /// An Inverse3 of Haply through its service.
+    Haply {
+        /// HOST:PORT of the service; `None` for the one of this machine.
+        address: Option<String>,
     },
 }
 
@@ -178,6 +184,13 @@ fn open(setup: &Setup, page: Page) -> Result<Box<dyn Driven>, String> {
             let no_name: Option<CString> = None;
             let touch = Touch::start(hd, no_name, exchange, Box::new(sys::monotonic_ns));
             Ok(Box::new(touch.map_err(|error| error.to_string())?))
+        }
+        Maker::Haply { address } => {
+            let haply =
+                address.as_deref().map_or(Ok(Address::default()), str::parse).and_then(|address: Address| {
+                    Haply::start(&address, exchange, Box::new(sys::monotonic_ns), setup.fifo_priority)
+                });
+            Ok(Box::new(haply.map_err(|error: HaplyError| error.to_string())?))
         }
     }
 }
