@@ -4,10 +4,11 @@
 //! the core does not read TOML. The texts are therefore a separate crate.
 
 /// Name and text of each profile.
-pub const PROFILES: [(&str, &str); 11] = [
+pub const PROFILES: [(&str, &str); 12] = [
     ("delta.3", include_str!("delta.3.toml")),
     ("desktop", include_str!("desktop.toml")),
     ("falcon", include_str!("falcon.toml")),
+    ("haply", include_str!("haply.toml")),
     ("link", include_str!("link.toml")),
     ("omega", include_str!("omega.toml")),
     ("omni", include_str!("omni.toml")),

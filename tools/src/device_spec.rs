@@ -4,6 +4,8 @@ use core::fmt;
 use core::str::FromStr;
 use std::path::PathBuf;
 
+use palpate_host::device::maker::haply;
+
 /// Speed of a serial line if the command line gives none.
 pub(crate) const LINK_BAUD: u32 = 1_000_000;
 
@@ -59,6 +61,11 @@ pub(crate) enum Hardware {
         /// The file of its maker's library.
         library: Option<PathBuf>,
     },
+    /// `haply` or `haply:HOST:PORT`
+    Haply {
+        /// Address of its maker's service.
+        address: Option<String>,
+    },
 }
 
 impl DeviceSpec {
@@ -91,6 +98,7 @@ impl Hardware {
             Self::Falcon { .. } => "falcon",
             Self::Link { .. } => "link",
             Self::Touch { .. } => "touch",
+            Self::Haply { .. } => "haply",
         }
     }
 }
@@ -103,7 +111,7 @@ impl fmt::Display for NoDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], touch[:LIBRARY], link:PORT[@BAUD] or replay:FILE.mcap",
+            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], touch[:LIBRARY], haply[:HOST:PORT], link:PORT[@BAUD] or replay:FILE.mcap",
             self.0
         )
     }
@@ -136,6 +144,10 @@ impl FromStr for DeviceSpec {
                 Ok(Self::Hardware(Hardware::Falcon { firmware: firmware.map(PathBuf::from) }))
             }
             ("touch", library) => Ok(Self::Hardware(Hardware::Touch { library: library.map(PathBuf::from) })),
+            ("haply", None) => Ok(Self::Hardware(Hardware::Haply { address: None })),
+            ("haply", Some(address)) if address.parse::<haply::Address>().is_ok() => {
+                Ok(Self::Hardware(Hardware::Haply { address: Some(address.into()) }))
+            }
             ("link", Some(place)) if !place.is_empty() => {
                 // The name of a port may contain an @.
                 let with_baud =
@@ -149,7 +161,7 @@ impl FromStr for DeviceSpec {
 }
 
 impl Hardware {
-    /// Whether both are one device: a serial port by any of its names, or the Falcon with any firmware, or the Touch.
+    /// Whether both are one device: a serial port by any of its names, or the Falcon with any firmware, or the Touch, or the Inverse3.
     pub(crate) fn is_same_device(&self, other: &Self) -> bool {
         match (self.port(), other.port()) {
             (None, None) => core::mem::discriminant(self) == core::mem::discriminant(other),
@@ -164,7 +176,7 @@ impl Hardware {
             Self::Polhem { port } | Self::Link { port, .. } => {
                 Some(std::fs::canonicalize(port).unwrap_or_else(|_| port.into()))
             }
-            Self::Falcon { .. } | Self::Touch { .. } => None,
+            Self::Falcon { .. } | Self::Touch { .. } | Self::Haply { .. } => None,
         }
     }
 }
@@ -177,6 +189,8 @@ impl fmt::Display for Hardware {
             Self::Falcon { firmware: Some(file) } => write!(f, "falcon:{}", file.display()),
             Self::Touch { library: None } => f.write_str("touch"),
             Self::Touch { library: Some(file) } => write!(f, "touch:{}", file.display()),
+            Self::Haply { address: None } => f.write_str("haply"),
+            Self::Haply { address: Some(address) } => write!(f, "haply:{address}"),
             Self::Link { port, baud } if *baud == LINK_BAUD => write!(f, "link:{port}"),
             Self::Link { port, baud } => write!(f, "link:{port}@{baud}"),
         }
@@ -199,6 +213,8 @@ mod tests {
             ("falcon", Hardware::Falcon { firmware: None }),
             ("falcon:a:b.bin", Hardware::Falcon { firmware: Some("a:b.bin".into()) }),
             ("touch", Hardware::Touch { library: None }),
+            ("haply", Hardware::Haply { address: None }),
+            ("haply:lab-pc:10001", Hardware::Haply { address: Some("lab-pc:10001".into()) }),
             ("touch:/opt/libHD.so", Hardware::Touch { library: Some("/opt/libHD.so".into()) }),
         ] {
             let spec: DeviceSpec = text.parse().expect("a device");
@@ -225,6 +241,8 @@ mod tests {
             "link",
             "replay:",
             "mouse:2",
+            "haply:",
+            "haply:lab-pc",
         ] {
             let refused = text.parse::<DeviceSpec>().expect_err(text).to_string();
             assert!(refused.starts_with(&format!("no device `{text}`")) && refused.contains("link:PORT"));
@@ -249,5 +267,6 @@ mod tests {
         assert!(falcon.is_same_device(&hardware("falcon:a.bin".into())));
         let touch = hardware("touch".into());
         assert!(touch.is_same_device(&hardware("touch:a.so".into())) && !touch.is_same_device(&falcon));
+        assert!(!touch.is_same_device(&hardware("haply".into())));
     }
 }

@@ -48,13 +48,10 @@ fn open_device(
             }
         }
         Hardware::Touch { library } => {
-            let maker = Maker::Touch { library: library.clone() };
-            let command = own_command("proxy").map_err(|error| Failure::work(error.to_string()))?;
-            match maker::start(command, maker, profile, fifo_priority) {
-                Ok(device) => Ok(Box::new(device)),
-                Err(error @ StartError::Refused(_)) => Err(Failure::input(error)),
-                Err(error) => Err(Failure::work(error.to_string())),
-            }
+            open_behind_proxy(Maker::Touch { library: library.clone() }, profile, fifo_priority)
+        }
+        Hardware::Haply { address } => {
+            open_behind_proxy(Maker::Haply { address: address.clone() }, profile, fifo_priority)
         }
         Hardware::Falcon { firmware } => {
             let image = firmware.as_ref().map(|path| {
@@ -65,6 +62,20 @@ fn open_device(
             let falcon = Falcon::open(config, image.transpose()?.as_ref()).map_err(Failure::input)?;
             Ok(Box::new(falcon))
         }
+    }
+}
+
+/// Opens a device whose library or service a process of its own holds.
+fn open_behind_proxy(
+    maker: Maker,
+    profile: &Profile,
+    fifo_priority: Option<i32>,
+) -> Result<Box<dyn Device>, Failure> {
+    let command = own_command("proxy").map_err(|error| Failure::work(error.to_string()))?;
+    match maker::start(command, maker, profile, fifo_priority) {
+        Ok(device) => Ok(Box::new(device)),
+        Err(error @ StartError::Refused(_)) => Err(Failure::input(error)),
+        Err(error) => Err(Failure::work(error.to_string())),
     }
 }
 
@@ -133,8 +144,12 @@ pub(crate) fn open(
             let status = guarded.status();
             (guarded, Some(status))
         }
-        // The process that holds the maker's library is its guard.
-        Ok(Guarding::Unneeded(device)) if matches!(hardware, Hardware::Touch { .. }) => (device, None),
+        // The process that holds the maker's library or service is its guard.
+        Ok(Guarding::Unneeded(device))
+            if matches!(hardware, Hardware::Touch { .. } | Hardware::Haply { .. }) =>
+        {
+            (device, None)
+        }
         Ok(Guarding::Unneeded(_)) => {
             return Err(Failure::work("the driver of this device offers its guard no path to the motors"));
         }
@@ -151,7 +166,7 @@ pub(crate) fn open(
         Hardware::Link { .. } => {
             eprintln!("palpate: home the device as its manual describes; it has no force before that");
         }
-        Hardware::Polhem { .. } | Hardware::Touch { .. } => {}
+        Hardware::Polhem { .. } | Hardware::Touch { .. } | Hardware::Haply { .. } => {}
     }
     device.home(stop).map_err(|error| {
         Failure::input(format!("{hardware}: {error}; check cable and power and start again"))

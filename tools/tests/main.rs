@@ -6,6 +6,7 @@ mod documents;
 mod extremes;
 mod fingertip;
 mod guard;
+mod haply;
 mod live;
 mod outputs;
 mod paper;

@@ -167,7 +167,10 @@ fn serve(mut socket: UnixStream) -> io::Result<()> {
     let answer = postcard::to_allocvec(&answer).map_err(|_| ErrorKind::InvalidData)?;
     socket.write_all(&answer)?;
     let Ok(mut device) = opened else { return Ok(()) };
-    while !sys::wait_any([session.as_fd(), socket.as_fd()], LOOK) {
+    let mut has_ended = false;
+    while !has_ended {
+        has_ended = sys::wait_any([session.as_fd(), socket.as_fd()], LOOK);
+        // Also the last ones: why a session has ended.
         while let Some(line) = device.news() {
             eprintln!("palpate: {line}");
         }
