@@ -33,6 +33,7 @@ pub mod fault;
 pub mod faulty;
 pub mod force_record;
 pub mod haply;
+pub mod haply_rate;
 pub mod hosts;
 pub mod link;
 pub mod matrix;

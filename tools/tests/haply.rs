@@ -269,10 +269,11 @@ fn replies_that_are_a_little_late_are_waited_for() {
     let hand = Hand::new();
     let session = hand.session();
     hand.wait_pressing();
-    hand.set(|world| world.reply = Reply::Late(3));
+    hand.set(|world| world.reply = Reply::Late(1));
     std::thread::sleep(Duration::from_millis(300));
-    assert!(hand.held().size_n() > 0.2, "{:?}", hand.held());
+    let held = hand.held();
     let output = end(session);
+    assert!(held.size_n() > 0.2, "{held:?}: {}{}", stdout(&output), stderr(&output));
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
 }
 
