@@ -1,5 +1,7 @@
 //! `palpate run --device haply` on an emulated Inverse Service.
 
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
@@ -9,7 +11,9 @@ use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+use palpate_core::vec3;
 use palpate_hil::haply::{Held, Reply, Service, World, now_ns};
+use palpate_record::Recording;
 
 use super::guard::files_of;
 use super::{quiet, text};
@@ -55,15 +59,16 @@ impl Hand {
     }
 
     fn session(&self) -> Child {
-        self.session_at(&self.service.address())
+        self.session_with(&self.service.address(), &[])
     }
 
-    fn session_at(&self, address: &str) -> Child {
+    fn session_with(&self, address: &str, more: &[&str]) -> Child {
         let (blob, profile) = files_of(self.folder.path(), "haply");
         Command::new(env!("CARGO_BIN_EXE_palpate"))
             .args(["run", text(&blob), "--uncertified", "--profile", text(&profile)])
             .args(["--device", &format!("haply:{address}")])
             .args(["--headless", "--frame-rate", "0", "--seconds", "20"])
+            .args(more)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -164,6 +169,27 @@ fn the_hand_feels_the_body_whatever_the_service_is_like() {
         std::thread::sleep(Duration::from_millis(50));
         assert_eq!(hand.held().force_n, [0.0; 3], "{version}");
     }
+}
+
+#[test]
+fn commanded_and_reported_force_are_recorded() {
+    let _quiet = quiet();
+    let hand = Hand::new();
+    let file = hand.folder.path().join("session.mcap");
+    let session = hand.session_with(&hand.service.address(), &["--record", text(&file)]);
+    hand.wait_pressing();
+    std::thread::sleep(Duration::from_millis(200));
+    let output = end(session);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let recording = Recording::open(BufReader::new(File::open(&file).expect("there"))).expect("sound");
+    let mut both = 0;
+    for record in recording.map(|record| record.expect("sound")) {
+        let Some(reported_n) = record.reported_n else { continue };
+        // A tick or two lie between a command and its report.
+        let off_n = vec3::distance(reported_n, record.hand_force_n);
+        both += u32::from(vec3::norm(record.hand_force_n) > 0.3 && off_n < 0.2);
+    }
+    assert!(both > 100, "{both} ticks");
 }
 
 /// Killed or stopped: zero after 4 ms without a new force, 20 ms are allowed. A session that goes on stays without a force.
@@ -307,7 +333,7 @@ fn a_device_that_cannot_be_used_is_one_line_with_the_fix() {
         (|world| world.flags.ready = false, "is not ready"),
     ];
     let refused = |hand: &Hand, address: &str, fix: &str| {
-        let output = hand.session_at(address).wait_with_output().expect("it ends");
+        let output = hand.session_with(address, &[]).wait_with_output().expect("it ends");
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert_eq!(said.lines().filter(|line| !line.contains("warning")).count(), 1, "one line, not: {said}");

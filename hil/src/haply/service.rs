@@ -9,7 +9,7 @@ use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tungstenite::{Error, Message, WebSocket};
 
 /// From the service's port to that of its events.
@@ -17,7 +17,7 @@ const TO_EVENTS: u16 = 19;
 /// Real-time priority of a session, if the system gives it: above that of the loop and the proxy.
 const PRIORITY: i32 = 80;
 /// Time between two looks for a message that comes before its reply.
-const EARLY_LOOK: Duration = Duration::from_millis(1);
+const EARLY_LOOK: Duration = Duration::from_micros(200);
 
 #[derive(Debug, Default)]
 struct Shared {
@@ -216,22 +216,21 @@ fn session(socket: &mut WebSocket<Split>, raw: &TcpStream, is_split: &AtomicBool
 
 /// Waits before a reply, and counts messages that come before it. False if the connection ends.
 fn wait(ms: u64, raw: &TcpStream, shared: &Arc<Shared>) -> bool {
-    let mut is_early = false;
-    let _ = raw.set_read_timeout(Some(EARLY_LOOK));
-    let until = std::time::Instant::now() + Duration::from_millis(ms);
-    while std::time::Instant::now() < until && !shared.ends() {
+    let until = Instant::now() + Duration::from_millis(ms);
+    let (mut is_early, mut is_open) = (false, true);
+    // A read timeout is rounded up to kernel ticks of 4 ms.
+    let _ = raw.set_nonblocking(true);
+    while is_open && Instant::now() < until && !shared.ends() {
         match raw.peek(&mut [0]) {
-            Ok(0) => return false,
-            Ok(_) => {
-                is_early = true;
-                std::thread::sleep(EARLY_LOOK);
-            }
+            Ok(0) => is_open = false,
+            Ok(_) => is_early = true,
             Err(_) => {}
         }
+        std::thread::sleep(EARLY_LOOK);
     }
-    let _ = raw.set_read_timeout(Some(LOOK));
+    let _ = raw.set_nonblocking(false);
     if is_early {
         shared.with(|world| world.pipelined += 1);
     }
-    true
+    is_open
 }
