@@ -73,7 +73,7 @@ mod tests {
         assert_eq!(found_ms([0.0, 0.0, 0.2], |_| vec3::ZERO), None, "too small to judge");
         let late = |ms: u64| if ms < 40 { vec3::ZERO } else { up };
         assert_eq!(found_ms(up, late), None, "the force comes late");
-        let at_times = |ms: u64| if ms % 20 == 0 { up } else { vec3::ZERO };
+        let at_times = |ms: u64| if ms.is_multiple_of(20) { up } else { vec3::ZERO };
         assert_eq!(found_ms(up, at_times), None);
     }
 }
