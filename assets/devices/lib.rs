@@ -4,11 +4,12 @@
 //! the core does not read TOML. The texts are therefore a separate crate.
 
 /// Name and text of each profile.
-pub const PROFILES: [(&str, &str); 13] = [
+pub const PROFILES: [(&str, &str); 14] = [
     ("delta.3", include_str!("delta.3.toml")),
     ("desktop", include_str!("desktop.toml")),
     ("dhd-falcon", include_str!("dhd-falcon.toml")),
     ("falcon", include_str!("falcon.toml")),
+    ("haply", include_str!("haply.toml")),
     ("lambda.7", include_str!("lambda.7.toml")),
     ("link", include_str!("link.toml")),
     ("omega", include_str!("omega.toml")),

@@ -4,6 +4,7 @@
 //! Polhem:      host driver <-> pseudo terminal, memory <-> faults (seeded) <-> emulated firmware <-> handle
 //! device link: host driver <-> pseudo terminal, memory <-> faults (seeded) <-> link::Device <-> handle
 //! Falcon:      host driver <-> FTDI transfers <-> faults (seeded) <-> chip, loader, firmware <-> grip
+//! Haply:       host driver <-> WebSocket <-> emulated service <-> handle
 //!
 //! contract | matrix | closed loop -> rig: a real driver on one of these
 //! ```
@@ -31,6 +32,8 @@ pub mod falcon;
 pub mod fault;
 pub mod faulty;
 pub mod force_record;
+pub mod haply;
+pub mod haply_rate;
 pub mod hosts;
 pub mod link;
 pub mod matrix;

@@ -11,7 +11,7 @@ use palpate_core::{Method, Organ};
 use palpate_hil::bench::{Options, serve};
 use palpate_hil::emulate::{self, Stroke};
 use palpate_hil::fault::FaultKind;
-use palpate_hil::{EmulatedLink, EmulatedPolhem, Faults, closed_loop, hosts, matrix, rig};
+use palpate_hil::{EmulatedLink, EmulatedPolhem, Faults, closed_loop, haply_rate, hosts, matrix, rig};
 use palpate_host::BlobFile;
 use palpate_host::device::profile::Profile;
 use palpate_host::guard::DEFAULT_LIMIT_MS;
@@ -63,6 +63,15 @@ enum Command {
     /// Ends with exit code 1 if a force is not the organ's, the grip oscillates in a resting hand, or a
     /// device adds energy to the hand.
     ClosedLoop(ClosedLoop),
+    /// Measure the exchanges of the driver of the Inverse Service, in turn with a bare echo over WebSocket.
+    ///
+    /// Ends with exit code 1 if there are fewer than 1000 in any second, or if their 99.9th percentile is more
+    /// than 1.5 times that of the echo.
+    HaplyRate {
+        /// Time of the measurement, seconds.
+        #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..))]
+        seconds: u64,
+    },
 }
 
 #[derive(Debug, Args)]
@@ -167,6 +176,11 @@ fn main() -> anyhow::Result<()> {
             Ok(())
         }
         Command::Emulate(arguments) => emulate(&arguments),
+        Command::HaplyRate { seconds } => {
+            let measured = haply_rate::measure(Duration::from_secs(seconds))?;
+            print!("{measured}");
+            measured.violation().map_or(Ok(()), |violation| bail!(violation))
+        }
     }
 }
 

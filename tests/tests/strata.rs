@@ -253,7 +253,7 @@ const RECORD: [&str; 11] = [
 ];
 
 /// The emulated devices and the tests on them, lowest stratum first.
-const HIL: [&str; 27] = [
+const HIL: [&str; 29] = [
     "tick",
     "fault",
     "transport",
@@ -264,6 +264,8 @@ const HIL: [&str; 27] = [
     "link",
     "polhem",
     "falcon",
+    "haply",
+    "haply_rate",
     "usbredir",
     "rig",
     "session",

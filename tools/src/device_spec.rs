@@ -2,8 +2,9 @@
 
 use core::fmt;
 use core::str::FromStr;
-use palpate_host::device::maker::Family;
 use std::path::PathBuf;
+
+use palpate_host::device::maker::{Family, haply};
 
 /// Speed of a serial line if the command line gives none.
 pub(crate) const LINK_BAUD: u32 = 1_000_000;
@@ -67,6 +68,11 @@ pub(crate) enum Hardware {
         /// The file of its maker's library.
         library: Option<PathBuf>,
     },
+    /// `haply` or `haply:HOST:PORT`
+    Haply {
+        /// Address of its maker's service.
+        address: Option<String>,
+    },
 }
 
 impl DeviceSpec {
@@ -102,6 +108,7 @@ impl Hardware {
             Self::Link { .. } => "link",
             Self::Touch { .. } => "touch",
             Self::ForceDimension { family, .. } => family.profile(),
+            Self::Haply { .. } => "haply",
         }
     }
 }
@@ -114,7 +121,7 @@ impl fmt::Display for NoDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], touch[:LIBRARY], omega, delta, sigma, lambda or dhd-falcon[:LIBRARY], link:PORT[@BAUD] or replay:FILE.mcap",
+            "no device `{}`; choose sim, sim:random:SEED, sim:FILE.csv, mouse, polhem:PORT, falcon[:FIRMWARE], touch[:LIBRARY], omega, delta, sigma, lambda or dhd-falcon[:LIBRARY], haply[:HOST:PORT], link:PORT[@BAUD] or replay:FILE.mcap",
             self.0
         )
     }
@@ -147,6 +154,10 @@ impl FromStr for DeviceSpec {
                 Ok(Self::Hardware(Hardware::Falcon { firmware: firmware.map(PathBuf::from) }))
             }
             ("touch", library) => Ok(Self::Hardware(Hardware::Touch { library: library.map(PathBuf::from) })),
+            ("haply", None) => Ok(Self::Hardware(Hardware::Haply { address: None })),
+            ("haply", Some(address)) if address.parse::<haply::Address>().is_ok() => {
+                Ok(Self::Hardware(Hardware::Haply { address: Some(address.into()) }))
+            }
             ("link", Some(place)) if !place.is_empty() => {
                 // The name of a port may contain an @.
                 let with_baud =
@@ -165,9 +176,9 @@ impl FromStr for DeviceSpec {
 }
 
 impl Hardware {
-    /// Whether a process of its own holds its maker's library.
+    /// Whether a process of its own holds its maker's library or service.
     pub(crate) const fn has_proxy(&self) -> bool {
-        matches!(self, Self::Touch { .. } | Self::ForceDimension { .. })
+        matches!(self, Self::Touch { .. } | Self::ForceDimension { .. } | Self::Haply { .. })
     }
 
     /// Whether both are one device: a serial port by any of its names, or a device of the same maker.
@@ -185,7 +196,9 @@ impl Hardware {
             Self::Polhem { port } | Self::Link { port, .. } => {
                 Some(std::fs::canonicalize(port).unwrap_or_else(|_| port.into()))
             }
-            Self::Falcon { .. } | Self::Touch { .. } | Self::ForceDimension { .. } => None,
+            Self::Falcon { .. } | Self::Touch { .. } | Self::ForceDimension { .. } | Self::Haply { .. } => {
+                None
+            }
         }
     }
 }
@@ -202,6 +215,8 @@ impl fmt::Display for Hardware {
             Self::ForceDimension { family, library: Some(file) } => {
                 write!(f, "{}:{}", family.name(), file.display())
             }
+            Self::Haply { address: None } => f.write_str("haply"),
+            Self::Haply { address: Some(address) } => write!(f, "haply:{address}"),
             Self::Link { port, baud } if *baud == LINK_BAUD => write!(f, "link:{port}"),
             Self::Link { port, baud } => write!(f, "link:{port}@{baud}"),
         }
@@ -224,6 +239,8 @@ mod tests {
             ("falcon", Hardware::Falcon { firmware: None }),
             ("falcon:a:b.bin", Hardware::Falcon { firmware: Some("a:b.bin".into()) }),
             ("touch", Hardware::Touch { library: None }),
+            ("haply", Hardware::Haply { address: None }),
+            ("haply:lab-pc:10001", Hardware::Haply { address: Some("lab-pc:10001".into()) }),
             ("touch:/opt/libHD.so", Hardware::Touch { library: Some("/opt/libHD.so".into()) }),
             ("sigma", Hardware::ForceDimension { family: Family::Sigma, library: None }),
             (
@@ -255,6 +272,8 @@ mod tests {
             "link",
             "replay:",
             "mouse:2",
+            "haply:",
+            "haply:lab-pc",
         ] {
             let refused = text.parse::<DeviceSpec>().expect_err(text).to_string();
             assert!(refused.starts_with(&format!("no device `{text}`")) && refused.contains("link:PORT"));
@@ -279,5 +298,6 @@ mod tests {
         assert!(falcon.is_same_device(&hardware("falcon:a.bin".into())));
         let touch = hardware("touch".into());
         assert!(touch.is_same_device(&hardware("touch:a.so".into())) && !touch.is_same_device(&falcon));
+        assert!(!touch.is_same_device(&hardware("haply".into())));
     }
 }

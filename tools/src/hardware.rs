@@ -59,6 +59,9 @@ fn open_device(
                 fifo_priority,
             )
         }
+        Hardware::Haply { address } => {
+            open_maker(Maker::Haply { address: address.clone() }, profile, fifo_priority)
+        }
         Hardware::Falcon { firmware } => {
             let image = firmware.as_ref().map(|path| {
                 let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
@@ -201,7 +204,10 @@ pub(crate) fn open(
         Hardware::Link { .. } => {
             eprintln!("palpate: home the device as its manual describes; it has no force before that");
         }
-        Hardware::Polhem { .. } | Hardware::Touch { .. } | Hardware::ForceDimension { .. } => {}
+        Hardware::Polhem { .. }
+        | Hardware::Touch { .. }
+        | Hardware::ForceDimension { .. }
+        | Hardware::Haply { .. } => {}
     }
     device.home(stop).map_err(|error| {
         Failure::input(format!("{hardware}: {error}; check cable and power and start again"))

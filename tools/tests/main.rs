@@ -7,6 +7,7 @@ mod extremes;
 mod fingertip;
 mod force_dimension;
 mod guard;
+mod haply;
 mod live;
 mod maker;
 mod outputs;

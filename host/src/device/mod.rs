@@ -247,6 +247,11 @@ pub trait Device: Send {
         false
     }
 
+    /// The force that the device said it rendered with the newest sample, model frame, N; `None` if it says nothing.
+    fn reported_n(&self) -> Option<Vec3> {
+        None
+    }
+
     /// Clears such a latch: after the user's reset, or while the controller is disarmed. False if it cannot be
     /// cleared now, because its cause lasts.
     fn reset(&mut self) -> bool {

@@ -66,6 +66,10 @@ impl<A: DeviceWrapper> Device for A {
         self.inner_mut().was_zeroed()
     }
 
+    fn reported_n(&self) -> Option<Vec3> {
+        self.inner().reported_n()
+    }
+
     fn reset(&mut self) -> bool {
         self.inner_mut().reset()
     }

@@ -116,6 +116,10 @@ impl<D: Device> Device for Guarded<D> {
         self.device.was_zeroed() || is_new
     }
 
+    fn reported_n(&self) -> Option<Vec3> {
+        self.device.reported_n()
+    }
+
     fn reset(&mut self) -> bool {
         // Behind a silent guard the fence stays closed, and was reported.
         if self.guard_is_silent(sys::monotonic_ns()) {

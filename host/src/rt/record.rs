@@ -67,6 +67,9 @@ pub struct TickRecord {
     /// Force for the hand after every limit, N.
     #[serde(with = "form::vector")]
     pub hand_force_n: Vec3,
+    /// The force that the device reported with the sample, model frame, N; absent if it reports none.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "form::reported")]
+    pub reported_n: Option<Vec3>,
     /// Coverage of the reaction.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "form::coverage")]
     pub coverage: Option<Coverage>,
@@ -132,6 +135,7 @@ impl TickRecord {
         reaction_n: vec3::ZERO,
         reaction_n_m: vec3::ZERO,
         hand_force_n: vec3::ZERO,
+        reported_n: None,
         coverage: None,
         phase: Phase::Disarmed,
         ramp: 0.0,

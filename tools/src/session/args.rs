@@ -15,7 +15,7 @@ use crate::touch;
 /// Arguments of a session.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct SessionArgs {
-    /// sim, mouse, polhem:PORT, falcon, touch, link:PORT or replay:FILE.mcap
+    /// sim, mouse, polhem:PORT, falcon, touch, haply, link:PORT or replay:FILE.mcap
     ///
     /// sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), sim:FILE.csv (on a way with the
     /// columns t_s,x_m,y_m,z_m), mouse (drags the
@@ -28,7 +28,7 @@ pub(crate) struct SessionArgs {
     /// Capabilities of the device: a bundled profile or a .toml file
     ///
     /// Bundled: delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7, simulated, touch.
-    /// With sim that device's mechanics are simulated; polhem:PORT, falcon, touch and link:PORT have their own.
+    /// With sim that device's mechanics are simulated; polhem:PORT, falcon, touch, haply and link:PORT have their own.
     #[arg(long, value_name = "NAME|FILE.toml")]
     pub(crate) profile: Option<String>,
     /// Seconds to run; until Ctrl-C if not given

@@ -5,13 +5,14 @@
 //! loop -> Proxied -> page (shared memory) -> Exchange, in the cycle of the maker's library -> device
 //! ```
 //!
-//! Nothing of a maker is linked or shipped. The library is the one that the user has installed, loaded at run time.
+//! Nothing of a maker is linked or shipped. The library or service is the one that the user has installed.
 
 mod child;
 pub mod cycles;
 pub mod driven;
 pub mod exchange;
 pub mod force_dimension;
+pub mod haply;
 pub mod library;
 pub mod page;
 mod process;

@@ -7,6 +7,7 @@ use super::child::Process;
 use super::driven::{Driven, Opened, lower};
 use super::exchange::Exchange;
 use super::force_dimension::{Dhd, Exchanging, Family, ForceDimension, OpenError};
+use super::haply::{Address, Haply};
 use super::page::Page;
 use super::proxied::{Clock, Proxied};
 use super::touch::{Hd, Touch};
@@ -48,6 +49,11 @@ pub enum Maker {
         may_move: bool,
         /// The library's file; `None` for the installed one.
         library: Option<PathBuf>,
+    },
+    /// An Inverse3 of Haply through its service.
+    Haply {
+        /// HOST:PORT of the service; `None` for the one of this machine.
+        address: Option<String>,
     },
 }
 
@@ -222,6 +228,13 @@ fn open(setup: &Setup, page: Page) -> Result<Box<dyn Driven>, Refusal> {
                 moves_arm: matches!(error, OpenError::MovesArm(_)),
             })?;
             Ok(Box::new(ForceDimension::start(opened, setup.fifo_priority)?))
+        }
+        Maker::Haply { address } => {
+            let haply =
+                address.as_deref().map_or(Ok(Address::default()), str::parse).and_then(|address: Address| {
+                    Haply::start(&address, exchange, Box::new(sys::monotonic_ns), setup.fifo_priority)
+                });
+            Ok(Box::new(haply.map_err(Refusal::from)?))
         }
     }
 }

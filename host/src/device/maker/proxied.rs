@@ -21,6 +21,8 @@ pub struct Proxied {
     process: Option<Process>,
     /// Time of the newest sample that was returned, ns.
     seen_ns: u64,
+    /// The force that the device reported with it, model frame, N.
+    reported_n: Option<Vec3>,
     /// Whether the loop has been told of the latched fault.
     is_reported: bool,
 }
@@ -39,7 +41,12 @@ impl Proxied {
         clock: Clock,
         process: Option<Process>,
     ) -> Self {
-        Self { end, workspace, info, clock, process, seen_ns: 0, is_reported: false }
+        Self { end, workspace, info, clock, process, seen_ns: 0, reported_n: None, is_reported: false }
+    }
+
+    /// A force or an axis of the device frame in the model frame.
+    fn turned(&self, vector: Vec3) -> Vec3 {
+        self.workspace.axes.map(|axis| vec3::dot(axis, vector))
     }
 
     /// Whether the proxy, or a device that is ready, has given nothing for too long.
@@ -51,7 +58,7 @@ impl Proxied {
     /// The rotation of the grip in the model frame, R q R^T with the rotation R from the device frame: the same angle about the
     /// axis there.
     fn in_model(&self, grip: Orientation) -> Orientation {
-        Orientation { w: grip.w, xyz: self.workspace.axes.map(|axis| vec3::dot(axis, grip.xyz)) }
+        Orientation { w: grip.w, xyz: self.turned(grip.xyz) }
     }
 }
 
@@ -66,6 +73,7 @@ impl Device for Proxied {
         let is_new = measured.t_ns > self.seen_ns;
         self.seen_ns = self.seen_ns.max(measured.t_ns);
         if is_new && health.state == DeviceState::Homed {
+            self.reported_n = measured.rendered_n.map(|force_n| self.turned(force_n));
             let age_us = now_ns.saturating_sub(measured.t_ns) / 1_000;
             return Ok(Some(Sample {
                 t_us: now_us.saturating_sub(age_us),
@@ -107,6 +115,10 @@ impl Device for Proxied {
         let is_new = is_latched && !self.is_reported;
         self.is_reported = is_latched;
         is_new
+    }
+
+    fn reported_n(&self) -> Option<Vec3> {
+        self.reported_n
     }
 
     fn reset(&mut self) -> bool {
@@ -177,6 +189,7 @@ mod tests {
                 t_ns: ms * MS - 500_000,
                 position_m,
                 orientation,
+                rendered_n: Some(sent_n),
                 ..Measured::default()
             });
             (self.device.exchange(1_000 * ms, force_n), sent_n)
@@ -189,6 +202,7 @@ mod tests {
         bench.at(1, [0.0; 3], [1.0, 2.0, -0.5]).0.expect("it works");
         let (sample, sent_n) = bench.at(2, [0.01, 0.02, 0.03], [0.0; 3]);
         assert_eq!(sent_n, [-0.5, 1.0, 2.0]);
+        assert_eq!(bench.device.reported_n(), Some([1.0, 2.0, -0.5]));
         let sample = sample.expect("it works").expect("a new one");
         assert_eq!((sample.t_us, sample.position_m), (1_500, [0.02, 0.03, 0.01]));
         let turned = Orientation::of_vector([0.3, 0.0, 0.0]);

@@ -230,7 +230,7 @@ mod tests {
             assert_eq!(profile.period_us(), 1_000, "{name}");
         }
         assert!(Profile::names().is_sorted(), "as `--profile` lists them");
-        for name in ["falcon", "polhem", "link", "touch", "omni"] {
+        for name in ["falcon", "polhem", "link", "touch", "omni", "haply"] {
             // The damping is not measured. Adding a value requires a change of this line and of the comment
             // in the profile.
             assert_eq!(Profile::bundled(name).expect("bundled").mechanism.damping, None, "{name}");

@@ -53,6 +53,27 @@ pub(super) mod sample {
     }
 }
 
+/// The reported force; absent without one.
+pub(super) mod reported {
+    use super::*;
+
+    #[derive(Serialize, Deserialize)]
+    struct Given(#[serde(with = "vector")] Vec3);
+
+    pub(in super::super) fn serialize<S: Serializer>(
+        force_n: &Option<Vec3>,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        force_n.map(Given).serialize(to)
+    }
+
+    pub(in super::super) fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<Option<Vec3>, D::Error> {
+        Ok(Option::<Given>::deserialize(from)?.map(|given| given.0))
+    }
+}
+
 /// A number. JSON has no NaN and no infinity: such a number is its bits in a string.
 mod component {
     use super::*;

@@ -170,7 +170,7 @@ enum Cell<'r> {
 /// active node and `fx_n` the force of the tool on the body.
 type Column = (&'static str, for<'r> fn(&'r TickRecord, &'r Header) -> Cell<'r>);
 
-const COLUMNS: [Column; 44] = [
+const COLUMNS: [Column; 47] = [
     ("tick", |r, _| Cell::Count(r.tick)),
     ("t_us", |r, _| Cell::Count(r.t_us)),
     ("active", |r, header| Cell::Text(r.engaged.map_or("", |space| node(header, space)))),
@@ -215,6 +215,9 @@ const COLUMNS: [Column; 44] = [
     ("grip_x", |r, _| sampled(r, |sample| Cell::Number(sample.orientation.xyz[0]))),
     ("grip_y", |r, _| sampled(r, |sample| Cell::Number(sample.orientation.xyz[1]))),
     ("grip_z", |r, _| sampled(r, |sample| Cell::Number(sample.orientation.xyz[2]))),
+    ("reported_fx_n", |r, _| reported(r, 0)),
+    ("reported_fy_n", |r, _| reported(r, 1)),
+    ("reported_fz_n", |r, _| reported(r, 2)),
 ];
 
 /// The name of an active node.
@@ -229,6 +232,11 @@ fn phase(record: &TickRecord) -> (&'static str, &'static str) {
         Phase::Active => ("active", ""),
         Phase::SafeZero(fault) => ("safe-zero", fault.name()),
     }
+}
+
+/// A component of the force that the device reported; empty if it reported none.
+fn reported(record: &TickRecord, axis: usize) -> Cell<'static> {
+    record.reported_n.map_or(Cell::Empty(()), |force_n| Cell::Number(force_n[axis]))
 }
 
 /// A value of the sample; empty if the device sent none.

@@ -1,0 +1,227 @@
+//! The device, the version of its service, and the faults of both.
+
+use super::now_ns;
+use serde_json::{Value, json};
+
+/// Readiness of the device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(clippy::struct_excessive_bools, reason = "the flags of the service")]
+pub struct Flags {
+    /// It is calibrated.
+    pub calibrated: bool,
+    /// A program uses it.
+    pub in_use: bool,
+    /// It has power.
+    pub power_supply: bool,
+    /// It is ready.
+    pub ready: bool,
+    /// The service has started it.
+    pub started: bool,
+}
+
+/// How the service replies to a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reply {
+    /// Once, at once.
+    Once,
+    /// Once, after this time, ms.
+    Late(u64),
+    /// Twice.
+    Twice,
+    /// Never.
+    Never,
+    /// By closing the connection.
+    Close,
+    /// With a ping before the state.
+    Ping,
+    /// Without the lane of the Inverse3.
+    NoLane,
+}
+
+/// The force that acts on the hand, and its record.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Held {
+    /// Device frame, N.
+    pub force_n: [f64; 3],
+    /// Time at which the last force other than zero ended, or now while it acts; 0 before the first, ns.
+    pub until_ns: u64,
+    /// Largest one, N.
+    pub largest_n: f64,
+}
+
+impl Held {
+    /// Size of the force, N.
+    #[must_use]
+    pub fn size_n(&self) -> f64 {
+        self.force_n.iter().map(|n| n * n).sum::<f64>().sqrt()
+    }
+
+    fn set(&mut self, force_n: [f64; 3]) {
+        if self.size_n() > 0.0 {
+            self.until_ns = now_ns();
+        }
+        self.force_n = force_n;
+        self.largest_n = self.largest_n.max(self.size_n());
+    }
+
+    /// As it is now.
+    pub(super) fn now(mut self) -> Self {
+        if self.size_n() > 0.0 {
+            self.until_ns = now_ns();
+        }
+        self
+    }
+}
+
+/// Everything that a test may change or look at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct World {
+    /// Version of the service.
+    pub version: String,
+    /// Whether HTTP answers are within an object with the keys `ok` and `data`.
+    pub has_envelope: bool,
+    /// Identity of the Inverse3.
+    pub device_id: String,
+    /// Whether the Inverse3 is there.
+    pub is_present: bool,
+    /// Whether another device comes before it in the list, once it has been chosen.
+    pub other_first: bool,
+    /// Its readiness.
+    pub flags: Flags,
+    /// Place of the handle, m.
+    pub position_m: [f64; 3],
+    /// How the grip is turned: w, x, y, z.
+    pub orientation: [f64; 4],
+    /// Whether button `a` of the grip is pressed.
+    pub button: bool,
+    /// How it replies.
+    pub reply: Reply,
+    /// Whether replies arrive in two TCP segments.
+    pub is_split: bool,
+    /// Whether forces of the messages are applied at all.
+    pub applies: bool,
+    /// The force on the hand as the last message set it; [`World::held`] is as of now.
+    pub set: Held,
+    /// Messages so far.
+    pub messages: u64,
+    /// Messages that came before the reply to the one before.
+    pub pipelined: u64,
+}
+
+impl Default for World {
+    fn default() -> Self {
+        Self {
+            version: "3.5.1".into(),
+            has_envelope: true,
+            device_id: "049D".into(),
+            is_present: true,
+            other_first: false,
+            flags: Flags { calibrated: true, in_use: false, power_supply: true, ready: true, started: true },
+            position_m: [0.0; 3],
+            orientation: [1.0, 0.0, 0.0, 0.0],
+            button: false,
+            reply: Reply::Once,
+            is_split: false,
+            applies: true,
+            set: Held::default(),
+            messages: 0,
+            pipelined: 0,
+        }
+    }
+}
+
+fn xyz([x, y, z]: [f64; 3]) -> Value {
+    json!({ "x": x, "y": y, "z": z })
+}
+
+impl World {
+    /// The force on the hand.
+    #[must_use]
+    pub fn held(&self) -> Held {
+        self.set.now()
+    }
+
+    /// Whether this version knows `vector`.
+    fn knows_vector(&self) -> bool {
+        let mut numbers = self.version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
+        (numbers.next(), numbers.next()) >= (Some(3), Some(5))
+    }
+
+    /// Applies the force of a message. A key of another version is ignored in silence.
+    pub(super) fn take(&mut self, text: &str) {
+        self.messages += 1;
+        let message: Value = serde_json::from_str(text).unwrap_or_default();
+        let empty = Vec::new();
+        let devices = message["inverse3"].as_array().unwrap_or(&empty);
+        let ours = devices.iter().find(|device| device["device_id"] == self.device_id.as_str());
+        let key = if self.knows_vector() { "vector" } else { "values" };
+        let vector = ours.map_or(&Value::Null, |device| &device["commands"]["set_cursor_force"][key]);
+        let force_n = ["x", "y", "z"].map(|axis| vector[axis].as_f64().unwrap_or(0.0));
+        self.set.set(if self.applies { force_n } else { [0.0; 3] });
+    }
+
+    /// The session of the force has ended.
+    pub(super) fn release(&mut self) {
+        self.set.set([0.0; 3]);
+    }
+
+    /// A state, or the inventory with the configuration.
+    pub(super) fn state(&self, is_inventory: bool) -> String {
+        let Flags { calibrated, in_use, power_supply, ready, started } = self.flags;
+        let mut device = json!({
+            "device_id": self.device_id,
+            "state": {
+                "cursor_position": xyz(self.position_m),
+                "cursor_velocity": xyz([0.0; 3]),
+                "current_cursor_force": xyz(self.set.force_n),
+                "current_cursor_position": xyz(self.position_m),
+                "angular_position": { "a0": 10.0, "a1": 45.5, "a2": 98.0 },
+                "control_domain": "cartesian",
+                "control_mode": "force",
+            },
+            "status": {
+                "calibrated": calibrated, "in_use": in_use, "power_supply": power_supply, "ready": ready, "started": started,
+            },
+        });
+        if is_inventory {
+            device["config"] = json!({
+                "type": "inverse3", "port": "/dev/ttyACM0", "handedness": "right", "mount": {},
+                "device_info": { "major_version": 9, "minor_version": 1, "id": 1181, "device_type": 4 },
+                "gravity_compensation": { "enabled": true, "scaling_factor": 1.0 },
+                "basis": { "permutation": "XYZ" },
+            });
+        }
+        let mut devices = if self.is_present { vec![device] } else { Vec::new() };
+        if self.other_first {
+            devices.insert(0, json!({ "device_id": "0001", "state": { "cursor_position": xyz([9.0; 3]) } }));
+        }
+        let [w, x, y, z] = self.orientation;
+        let grip = json!({
+            "device_id": "61CF",
+            "state": {
+                "orientation": { "w": w, "x": x, "y": y, "z": z },
+                "buttons": { "a": self.button, "b": false, "c": false },
+                "hall": 0, "battery_level": 0.9,
+            },
+            "status": { "connected": true, "awake": true, "ready": true },
+        });
+        let mut message = json!({
+            "session_id": 7, "inverse3": devices, "verse_grip": [], "wireless_verse_grip": [grip], "custom_verse_grip": [],
+        });
+        if self.reply == Reply::NoLane && !is_inventory {
+            message.as_object_mut().map(|lanes| lanes.remove("inverse3"));
+        }
+        message.to_string()
+    }
+
+    /// The answer to a question for the version.
+    pub(super) fn version_answer(&self) -> String {
+        let version = json!({ "project_version": self.version, "git_tag": "" });
+        let body = if self.has_envelope { json!({ "ok": true, "data": version }) } else { version };
+        let body = body.to_string();
+        format!(
+            "HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}",
+            body.len()
+        )
+    }
+}
