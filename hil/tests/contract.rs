@@ -61,6 +61,11 @@ fn omega_on_its_library() {
 }
 
 #[test]
+fn inverse3_on_its_service() {
+    keeps_the_contract("haply-service");
+}
+
+#[test]
 fn every_rig_has_a_test() {
     let names: Vec<&str> = rig::all().iter().map(|kind| kind.name).collect();
     assert_eq!(
@@ -73,7 +78,8 @@ fn every_rig_has_a_test() {
             "polhem-memory",
             "polhem-pty",
             "touch-library",
-            "omega-library"
+            "omega-library",
+            "haply-service"
         ],
         "one test above for each"
     );

@@ -6,7 +6,7 @@ use palpate_hil::matrix::{self, Ended, Run, Size, Table, matrix};
 use palpate_hil::{rig, session};
 
 /// Two runs of each cell in memory, one over each pseudo terminal; `tests/long` runs ten times as many.
-const SIZE: Size = Size { in_memory: 162, real: 31, seed: 1 };
+const SIZE: Size = Size { in_memory: 162, real: 39, seed: 1 };
 
 fn latched(end: Ended) -> bool {
     matches!(end, Ended::Latched(_))

@@ -1,7 +1,7 @@
-//! Devices behind the libraries of their makers, whose stand-in is loaded as a user's library is.
+//! Devices behind the libraries or services of their makers: a stand-in is loaded or connected as a user's is.
 //!
-//! The library hides the frames of its link. Here a fault of the link to the device lets a cycle of the library be missing, and one
-//! of the link to the host lets its measurement be missing.
+//! A library hides the frames of its link. Here a fault of the link to the device lets a cycle be missing, and one of the link to the
+//! host lets the measurement of a cycle be missing.
 
 use super::serial::held_in_the_middle;
 use super::{OpenError, Rig, Traits};
@@ -11,11 +11,9 @@ use crate::mechanism::{Handle, Waypoint};
 use core::sync::atomic::{AtomicU64, Ordering};
 use palpate_core::{Vec3, vec3};
 use palpate_host::Device;
-use palpate_host::device::maker::{Opened, ProxyPart, beside};
+use palpate_host::device::maker::{Clock, Opened, ProxyPart, beside};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
-use palpate_maker_stub::{Cable, Field, Stub};
-use std::path::Path;
 use std::sync::Arc;
 
 /// Time of a step, us.
@@ -23,50 +21,52 @@ const STEP_US: u64 = 250;
 /// Time in which a driver becomes ready that needs no hand, us.
 const READY_US: u64 = 10_000;
 
-/// A driver on its library.
-pub trait MakerDriver {
-    /// What it says of itself.
-    fn opened(&self) -> &Opened;
-
-    /// A cycle of its own, of a library without a scheduler. `true` if that has sent a force.
-    fn cycle(&mut self);
-}
-
-/// A device with a library.
-pub trait MakerDevice {
+/// A maker's device on its library or service, and the driver that is open.
+pub trait MakerDevice: Sized {
     /// Name of device and library, for display.
     const NAME: &'static str;
     /// Name of its bundled profile.
     const PROFILE: &'static str;
     /// Time between two cycles, and that of the first, us.
     const CYCLES_US: (u64, u64);
-    /// Unit of its positions, m.
-    const UNIT_M: f64;
     /// It has to be homed by hand.
     const HOMES: bool;
 
-    /// Opens its driver, as the process that holds a user's library does.
-    fn open(
-        library: &Path,
-        max_force_n: f32,
-        part: ProxyPart,
-        clock: Box<dyn Fn() -> u64 + Send>,
-    ) -> Result<Box<dyn MakerDriver>, OpenError>;
+    /// A device that was just plugged in.
+    fn new() -> Result<Self, OpenError>;
+
+    /// Opens its driver, as the process does that holds a user's library.
+    fn open(&mut self, max_force_n: f32, part: ProxyPart, clock: Clock) -> Result<Opened, OpenError>;
+
+    /// The process that held the driver has ended.
+    fn close(&mut self);
+
+    /// Sets the time and the position of the encoders.
+    fn place(&mut self, now_ns: u64, position_m: Vec3);
+
+    /// A cycle of library and driver. The measurement of one may be missing.
+    fn cycle(&mut self, is_measured: bool);
+
+    /// What the firmware does by itself.
+    fn firmware(&mut self) {}
+
+    /// Commands so far, and the force of the motors, N.
+    fn felt(&self) -> (u64, Vec3);
+
+    /// Presses these buttons.
+    fn press(&mut self, buttons: u8);
 
     /// The device before it is homed, and after it.
-    fn set_homed(cable: &Cable, is_homed: bool);
+    fn set_homed(&mut self, is_homed: bool);
 
-    /// Pulls the cable, or plugs it in.
-    fn set_plugged(cable: &Cable, is_plugged: bool);
-
-    /// Lets the measurement of the next cycles be missing.
-    fn set_measured(cable: &Cable, is_measured: bool);
+    /// Ends the connection, or plugs it in.
+    fn set_plugged(&mut self, is_plugged: bool);
 
     /// Lets the device switch its motors off by itself; `draw` chooses the cause.
-    fn switch_off(cable: &Cable, draw: u64);
+    fn switch_off(&mut self, draw: u64);
 
     /// Loses its homing. Returns false if the driver cannot see it.
-    fn lose_homing(cable: &Cable) -> bool;
+    fn lose_homing(&mut self) -> bool;
 }
 
 /// Faults of one direction, cycle by cycle.
@@ -98,9 +98,8 @@ impl Way {
 
 /// The rig of such a device, on virtual time.
 pub struct MakerRig<D> {
-    /// Dropped before its library, which another rig uses then.
-    driver: Option<Box<dyn MakerDriver>>,
-    stub: Stub,
+    device: D,
+    is_open: bool,
     profile: Profile,
     handle: Handle,
     /// Time of the device, us.
@@ -116,7 +115,6 @@ pub struct MakerRig<D> {
     to_host: Way,
     /// Cycles of the library so far.
     frames: u64,
-    _device: core::marker::PhantomData<D>,
 }
 
 impl<D: MakerDevice> MakerRig<D> {
@@ -129,13 +127,13 @@ impl<D: MakerDevice> MakerRig<D> {
     pub fn new(seed: u64) -> Self {
         let profile = Profile::bundled(D::PROFILE).expect("an emulated device has a bundled profile");
         Self {
-            stub: Stub::new().expect("cargo builds the stand-in"),
+            device: D::new().expect("cargo builds the stand-in, and there are free ports"),
+            is_open: false,
             handle: held_in_the_middle(&profile),
             profile,
             now_us: 0,
             clock_ns: Arc::default(),
             opened_us: 0,
-            driver: None,
             cable_in: true,
             is_homed: false,
             jump_m: vec3::ZERO,
@@ -143,7 +141,6 @@ impl<D: MakerDevice> MakerRig<D> {
             to_device: Way::default(),
             to_host: Way::default(),
             frames: 0,
-            _device: core::marker::PhantomData,
         }
     }
 
@@ -152,29 +149,20 @@ impl<D: MakerDevice> MakerRig<D> {
         let now_ns = 1_000 * self.now_us;
         self.clock_ns.store(now_ns, Ordering::Relaxed);
         self.handle.advance(self.now_us);
-        let cable = &self.stub.cable;
-        cable.set_whole(Field::Now, now_ns);
-        for (axis, m) in (0..).zip(self.reported_m()) {
-            cable.set_quantity(Field::Position(axis), f64::from(m) / D::UNIT_M);
-        }
+        self.device.place(now_ns, self.reported_m());
         let (period_us, first_us) = D::CYCLES_US;
         let draw = split_mix(self.seed, self.now_us);
         if self.now_us % period_us == first_us && !self.to_device.is_missing(self.now_us, draw) {
             let is_measured = !self.to_host.is_missing(self.now_us, split_mix(draw, 9));
-            D::set_measured(cable, is_measured);
-            if let Some(driver) = &mut self.driver {
-                driver.cycle();
-            }
-            self.stub.step();
+            self.device.cycle(is_measured);
         }
+        self.device.firmware();
         self.feel();
     }
 
     /// The force of the motors acts on the hand.
     fn feel(&mut self) {
-        let cable = &self.stub.cable;
-        let frames = cable.whole(Field::Frames);
-        let force_n: Vec3 = core::array::from_fn(|axis| cable.quantity(Field::Force(axis as u64)) as f32);
+        let (frames, force_n) = self.device.felt();
         let is_sent = core::mem::replace(&mut self.frames, frames) != frames;
         if !self.cable_in {
             return;
@@ -213,22 +201,22 @@ impl<D: MakerDevice> Rig for MakerRig<D> {
     }
 
     fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError> {
-        // A process that ends has closed its device.
-        self.driver = None;
+        self.device.close();
+        self.is_open = false;
         if !self.cable_in {
             return Err("the cable is out".into());
         }
         let profile = Profile { workspace, ..self.profile.clone() };
-        let clock = |clock_ns: &Arc<AtomicU64>| {
+        let clock = |clock_ns: &Arc<AtomicU64>| -> Clock {
             let clock_ns = clock_ns.clone();
             Box::new(move || clock_ns.load(Ordering::Relaxed))
         };
         let (part, session) = beside(&profile, clock(&self.clock_ns));
         self.is_homed = !D::HOMES;
-        D::set_homed(&self.stub.cable, self.is_homed);
-        let driver = D::open(&self.stub.library(), profile.max_force_n, part, clock(&self.clock_ns))?;
-        let device = session(driver.opened().clone());
-        self.driver = Some(driver);
+        self.device.set_homed(self.is_homed);
+        let opened = self.device.open(profile.max_force_n, part, clock(&self.clock_ns))?;
+        let device = session(opened);
+        self.is_open = true;
         self.opened_us = self.now_us;
         self.advance(if self.is_homed { READY_US } else { D::CYCLES_US.0 });
         self.opened_us = self.now_us;
@@ -240,9 +228,9 @@ impl<D: MakerDevice> Rig for MakerRig<D> {
             self.step();
         }
         // The hand puts the stylus into the inkwell.
-        if !self.is_homed && self.driver.is_some() && now_us > 50_000 {
+        if !self.is_homed && self.is_open && now_us > 50_000 {
             self.is_homed = true;
-            D::set_homed(&self.stub.cable, true);
+            self.device.set_homed(true);
         }
     }
 
@@ -273,7 +261,7 @@ impl<D: MakerDevice> Rig for MakerRig<D> {
     }
 
     fn press(&mut self, buttons: u8) {
-        self.stub.cable.set_whole(Field::Buttons, buttons.into());
+        self.device.press(buttons);
     }
 
     fn set_faults(&mut self, to_device: Faults, to_host: Faults) {
@@ -295,19 +283,19 @@ impl<D: MakerDevice> Rig for MakerRig<D> {
 
     fn replug(&mut self) {
         self.cable_in = true;
-        D::set_plugged(&self.stub.cable, true);
+        self.device.set_plugged(true);
     }
 
     fn inject(&mut self, fault: FaultKind) -> bool {
         match fault {
             FaultKind::UnplugMidFrame | FaultKind::Replug => {
                 self.cable_in = false;
-                D::set_plugged(&self.stub.cable, false);
+                self.device.set_plugged(false);
                 // Its maker's boards have no command from then on.
                 self.handle.release();
             }
-            FaultKind::HomingLost => return D::lose_homing(&self.stub.cable),
-            FaultKind::ForceOff => D::switch_off(&self.stub.cable, split_mix(self.seed, 77)),
+            FaultKind::HomingLost => return self.device.lose_homing(),
+            FaultKind::ForceOff => self.device.switch_off(split_mix(self.seed, 77)),
             _ => return false,
         }
         true

@@ -20,8 +20,8 @@ mod serial;
 
 pub use falcon::FalconRig;
 pub use link::on_gantry;
-pub use maker::{MakerDevice, MakerDriver, MakerRig};
-pub use makers::{OmegaDevice, TouchDevice};
+pub use maker::{MakerDevice, MakerRig};
+pub use makers::{InverseDevice, OmegaDevice, TouchDevice};
 pub use serial::{SerialDevice, SerialRig, Wire};
 
 use crate::fault::{FaultCounts, FaultKind, Faults};
@@ -208,6 +208,11 @@ pub fn all() -> Vec<RigKind> {
             name: "omega-library",
             in_memory: true,
             make: |seed| Box::new(MakerRig::<OmegaDevice>::new(seed)),
+        },
+        RigKind {
+            name: "haply-service",
+            in_memory: false,
+            make: |seed| Box::new(MakerRig::<InverseDevice>::new(seed)),
         },
     ]
 }

@@ -160,6 +160,12 @@ impl Driver {
         self.round_trip_ns
     }
 
+    /// Whether the connection has ended.
+    #[must_use]
+    pub const fn is_closed(&self) -> bool {
+        self.is_closed
+    }
+
     /// Tells the user, unless the last line was the same.
     fn tell(&mut self, line: String) {
         if line != self.told {
