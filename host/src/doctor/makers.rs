@@ -1,10 +1,11 @@
-//! Checks of the makers' libraries, and of their devices on USB. A library is loaded, and no device is opened.
+//! Checks of the makers' libraries and services, and of their devices on USB. No device is opened.
 
 use super::Check;
 use super::Verdict::{Bad, Better, Good};
 use super::probe::Probe;
 use crate::device::maker::LibraryError;
 use crate::device::maker::force_dimension::Dhd;
+use crate::device::maker::haply::{Address, Found, HaplyError, look};
 use crate::device::maker::touch::Hd;
 use std::path::Path;
 
@@ -76,10 +77,38 @@ impl Maker {
     }
 }
 
-/// One check for each maker whose library this program can load.
+/// The service of Haply, which has its devices.
+fn haply(found: Result<Found, HaplyError>) -> Check {
+    const NAME: &str = "haply";
+    match found {
+        Ok(Found { version, devices }) => {
+            let about = format!("Inverse Service {version}, for --device haply: ");
+            let blocked = devices.iter().find_map(|(name, why)| Some((name, why.as_ref()?)));
+            match (devices.first(), blocked) {
+                (None, _) => Check::new(NAME, Good, about + "it has no Inverse3"),
+                (Some(_), Some((name, why))) => {
+                    let (why, fix) = why.split_once("; ").unwrap_or((why, ""));
+                    Check::new(NAME, Better, format!("{about}{name} {why}")).fix([fix])
+                }
+                (Some((name, _)), None) => Check::new(NAME, Good, format!("{about}{name} is ready")),
+            }
+        }
+        Err(HaplyError::NoService { .. }) => {
+            Check::new(NAME, Good, "no Inverse Service runs: only --device haply (Inverse3) needs it")
+        }
+        Err(error) => {
+            let found = error.to_string();
+            let (found, fix) = found.split_once("; ").unwrap_or((&found, ""));
+            Check::new(NAME, Bad, found).fix([fix])
+        }
+    }
+}
+
+/// One check for each maker whose library or service this program uses.
 #[must_use]
 pub fn makers(probe: &Probe) -> Vec<Check> {
-    MAKERS.iter().map(|maker| maker.check(probe, None)).collect()
+    let libraries = MAKERS.iter().map(|maker| maker.check(probe, None));
+    libraries.chain([haply(look(&Address::default()))]).collect()
 }
 
 #[cfg(test)]
@@ -107,6 +136,21 @@ mod tests {
         assert!(hd.verdict == Good && hd.found.contains("only --device touch"), "{hd:?}");
         assert!(dhd.verdict == Better && dhd.found.contains("a device is on USB"), "{dhd:?}");
         assert!(dhd.fix.iter().any(|fix| fix.contains("install it from its maker")), "{dhd:?}");
+    }
+
+    #[test]
+    fn a_service_is_told_with_what_its_device_lacks() {
+        let with = |why: Option<&str>| {
+            let devices = vec![("inverse3 049D".into(), why.map(Into::into))];
+            haply(Ok(Found { version: "3.5.1".into(), devices }))
+        };
+        let ready = with(None);
+        assert!(ready.verdict == Good && ready.found.ends_with("inverse3 049D is ready"), "{ready:?}");
+        let off = with(Some("has no power; switch it on"));
+        assert!(off.verdict == Better && off.found.ends_with("has no power"), "{off:?}");
+        assert_eq!(off.fix, ["switch it on"]);
+        let old = haply(Err(HaplyError::OldVersion("2.9".into())));
+        assert!(old.verdict == Bad && old.fix == ["install 3.0 or newer"], "{old:?}");
     }
 
     #[test]

@@ -92,6 +92,15 @@ fn choose(inventory: &Message) -> Result<(&Inverse, String, Status), HaplyError>
     }
 }
 
+/// A connection to the service, and the inventory that it sends unasked.
+pub(super) fn inventory(address: &Address) -> Result<(Socket, Message), HaplyError> {
+    let other = |why: String| HaplyError::NotTheService { address: address.to_string(), why };
+    let mut socket = Socket::connect(address).map_err(|error| other(error.to_string()))?;
+    let text = socket.first().ok_or_else(|| other("it sends no inventory".into()))?;
+    let inventory = serde_json::from_str(&text);
+    Ok((socket, inventory.map_err(|error| other(format!("its inventory cannot be read: {error}")))?))
+}
+
 impl Driver {
     /// Connects to the service and chooses its first Inverse3; also what that is, and the lines for the user.
     pub fn open(
@@ -100,11 +109,7 @@ impl Driver {
         clock: Clock,
     ) -> Result<(Self, Opened, Receiver<String>), HaplyError> {
         let version = address.version()?;
-        let other = |why: String| HaplyError::NotTheService { address: address.to_string(), why };
-        let mut socket = Socket::connect(address).map_err(|error| other(error.to_string()))?;
-        let text = socket.first().ok_or_else(|| other("it sends no inventory".into()))?;
-        let inventory: Message = serde_json::from_str(&text)
-            .map_err(|error| other(format!("its inventory cannot be read: {error}")))?;
+        let (socket, inventory) = inventory(address)?;
         let (news, receiver) = sync_channel(NEWS);
         let events = Socket::connect(&address.events());
         if let Err(error) = &events {

@@ -26,6 +26,26 @@ use super::exchange::Exchange;
 use super::proxied::Clock;
 use std::sync::mpsc::Receiver;
 
+/// What a service has, without a command to it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Found {
+    /// Version of the service.
+    pub version: String,
+    /// Its devices: what each is, and what prevents a force, with the fix.
+    pub devices: Vec<(String, Option<String>)>,
+}
+
+/// Asks a service for its version and reads its inventory.
+pub fn look(address: &Address) -> Result<Found, HaplyError> {
+    let version = address.version()?;
+    let inventory = driver::inventory(address)?.1;
+    let devices = inventory.inverse3.iter().flatten().map(|device| {
+        let name = format!("{} {}", device.model(), device.device_id.as_deref().unwrap_or("?"));
+        (name, device.status().obstacle(true).map(|obstacle| obstacle.to_string()))
+    });
+    Ok(Found { version: version.text, devices: devices.collect() })
+}
+
 /// The open device.
 #[derive(Debug)]
 pub struct Haply {
