@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::BufReader;
-use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,12 +9,12 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
 use palpate_core::vec3;
 use palpate_hil::haply::{Held, Reply, Service, World, now_ns};
 use palpate_record::Recording;
 
 use super::guard::files_of;
+use super::maker::{end, proxy_of, send};
 use super::{quiet, text};
 
 /// Largest force of the bundled profile, N.
@@ -115,15 +114,6 @@ impl Drop for Hand {
     }
 }
 
-fn send(child: &Child, signal: Signal) {
-    kill(Pid::from_raw(child.id() as i32), signal).expect("it runs");
-}
-
-fn end(child: Child) -> Output {
-    send(&child, Signal::SIGINT);
-    child.wait_with_output().expect("it ends")
-}
-
 fn stdout(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
@@ -132,20 +122,8 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// The process that holds the connection: a child of the session with its name.
-fn proxy_of(child: &Child) -> Pid {
-    let is_proxy = |folder: &Path| {
-        let status = std::fs::read_to_string(folder.join("status")).unwrap_or_default();
-        let has = |line: &str| status.lines().any(|of| of.split_whitespace().eq(line.split_whitespace()));
-        has("Name: haptic-device") && has(&format!("PPid: {}", child.id()))
-    };
-    let all = std::fs::read_dir("/proc").expect("Linux").flatten().map(|entry| entry.path());
-    let found =
-        all.filter(|folder| is_proxy(folder)).find_map(|folder| folder.file_name()?.to_str()?.parse().ok());
-    Pid::from_raw(found.expect("a proxy"))
-}
-
-/// Both names of a force's vector, replies in two segments, pings between them, and another device first in the list.
+/// Both names of a force's vector, replies in two segments, in two frames and in a long one, pings between them, and another
+/// device first in the list.
 #[test]
 fn the_hand_feels_the_body_whatever_the_service_is_like() {
     for (version, has_envelope, is_split, reply) in [
@@ -153,6 +131,8 @@ fn the_hand_feels_the_body_whatever_the_service_is_like() {
         ("3.1.4", false, true, Reply::Once),
         ("4.0.0", true, false, Reply::Ping),
         ("3.5.1", true, false, Reply::Twice),
+        ("3.5.1", true, false, Reply::Fragmented),
+        ("3.5.1", true, false, Reply::Long),
     ] {
         let _quiet = quiet();
         let hand =

@@ -115,7 +115,7 @@ pub(super) fn end(child: Child) -> Output {
     child.wait_with_output().expect("it ends")
 }
 
-/// The process that holds the library: a child of the session with its name.
+/// The process that holds the library or the connection: a child of the session with its name.
 pub(super) fn proxy_of(child: &Child) -> Pid {
     let is_proxy = |folder: &Path| {
         let status = std::fs::read_to_string(folder.join("status")).unwrap_or_default();

@@ -10,6 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use tungstenite::protocol::frame::Frame;
+use tungstenite::protocol::frame::coding::{Data, OpCode};
 use tungstenite::{Error, Message, WebSocket};
 
 /// From the service's port to that of its events.
@@ -203,15 +205,28 @@ fn session(socket: &mut WebSocket<Split>, raw: &TcpStream, is_split: &AtomicBool
                 let _ = socket.send(Message::Ping(b"still there?".to_vec().into()));
                 1
             }
-            Reply::Once | Reply::NoLane => 1,
+            Reply::Once | Reply::NoLane | Reply::Fragmented | Reply::Long => 1,
         };
         for _ in 0..count {
             let state = shared.with(|world| world.state(false));
-            if socket.send(Message::text(state)).is_err() {
+            if frames(state, reply == Reply::Fragmented).into_iter().any(|frame| socket.send(frame).is_err())
+            {
                 return;
             }
         }
     }
+}
+
+/// A text as one message, or as a message in two frames.
+fn frames(text: String, is_fragmented: bool) -> Vec<Message> {
+    if !is_fragmented {
+        return vec![Message::text(text)];
+    }
+    let (first, rest) = text.as_bytes().split_at(text.len() / 2);
+    let frame = |part: &[u8], kind, is_last| {
+        Message::Frame(Frame::message(part.to_vec(), OpCode::Data(kind), is_last))
+    };
+    vec![frame(first, Data::Text, false), frame(rest, Data::Continue, true)]
 }
 
 /// Waits before a reply, and counts messages that come before it. False if the connection ends.

@@ -36,6 +36,10 @@ pub enum Reply {
     Ping,
     /// Without the lane of the Inverse3.
     NoLane,
+    /// In two frames of one message.
+    Fragmented,
+    /// In a frame with a length of 64 bits.
+    Long,
 }
 
 /// The force that acts on the hand, and its record.
@@ -210,6 +214,9 @@ impl World {
         });
         if self.reply == Reply::NoLane && !is_inventory {
             message.as_object_mut().map(|lanes| lanes.remove("inverse3"));
+        }
+        if self.reply == Reply::Long && !is_inventory {
+            message["unknown"] = " ".repeat(usize::from(u16::MAX) + 1).into();
         }
         message.to_string()
     }

@@ -32,7 +32,7 @@ const MAKERS: [Maker; 2] = [
         load: |given| Hd::load(given).map(|(_, file)| file.display().to_string()),
     },
     Maker {
-        name: "forcedimension",
+        name: "libdhd",
         library: "Force Dimension's SDK (libdrd, libdhd)",
         devices: "--device omega, delta, sigma, lambda, dhd-falcon",
         vendor: "1451",
