@@ -5,9 +5,11 @@ use crate::{core_blobs, fake_solver, synthetic};
 use assert_no_alloc::assert_no_alloc;
 use core::time::Duration;
 use palpate_core::{AlignedBytes, Config, Controller, Method, Organ, Phase, Sample, State, vec3};
+use palpate_host::device::DeviceState;
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::packet::{ALL_HOMED, Reply};
 use palpate_host::device::falcon::{Falcon, FalconConfig, Ftdi, Mode};
+use palpate_host::device::maker::{self, Measured, Opened};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
@@ -18,7 +20,33 @@ use palpate_host::settings::controller_config;
 use palpate_host::{Device, DeviceError, DeviceErrorKind};
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+/// The loop's side of a device behind a maker's library or service, and the proxy's exchange.
+#[test]
+fn exchanges_with_a_proxy_without_an_allocation() {
+    let profile = Profile::bundled("touch").expect("bundled");
+    let clock_ns = Arc::new(AtomicU64::new(0));
+    let now_ns = clock_ns.clone();
+    let (part, session) = maker::beside(&profile, Box::new(move || now_ns.load(Ordering::Relaxed)));
+    let mut exchange = part(0.0);
+    exchange.set_state(DeviceState::Homed);
+    let opened = Opened { name: "a maker's".into(), max_force_n: 0.0, max_stiffness_n_m: 0.0 };
+    let mut device = session(opened);
+    let mut felt_n = 0.0;
+    assert_no_alloc(|| {
+        for ms in 1..100_000_u64 {
+            clock_ns.store(ms * 1_000_000, Ordering::Relaxed);
+            felt_n += exchange.force_n(ms * 1_000_000)[0];
+            exchange.publish(&Measured { t_ns: ms * 1_000_000, ..Measured::default() });
+            let sample = device.exchange(1_000 * ms, [1.0, 0.0, 0.0]);
+            assert!(matches!(sample, Ok(Some(_))) && !device.was_zeroed());
+            let _ = device.reported_n();
+            device.reset();
+        }
+    });
+    assert!(felt_n > 99_000.0, "{felt_n}");
+}
 
 #[test]
 fn a_million_ticks_without_an_allocation() {
