@@ -210,11 +210,12 @@ impl Driver {
 
     /// Sends the force of this cycle. Texts that have come unasked are read first: as the reply to this command they would be
     /// older than it.
-    fn send(&mut self, now_ns: u64) -> Result<(), Closed> {
+    fn send(&mut self) -> Result<(), Closed> {
         while let Some(text) = self.line.receive(Duration::ZERO)? {
-            self.take(now_ns, &text, None);
+            self.take((self.clock)(), &text, None);
             self.tell("the Haply Inverse Service has sent a state unasked".into());
         }
+        let now_ns = (self.clock)();
         let force_n = self.exchange.force_n(now_ns);
         self.sent = Some(Sent { t_ns: now_ns, force_n });
         self.line.send(force_command(&self.target.device_id, self.target.force_key, force_n))
@@ -298,7 +299,7 @@ impl Cycle for Driver {
         let now_ns = (self.clock)();
         if !self.is_closed {
             self.read_events(now_ns);
-            let sent = if self.sent.is_none() { self.send(now_ns) } else { Ok(()) };
+            let sent = if self.sent.is_none() { self.send() } else { Ok(()) };
             let received = sent.and_then(|()| self.sent.map_or(Ok(()), |sent| self.receive(sent)));
             if received.is_err() {
                 self.shut((self.clock)(), "by the service");
