@@ -1,7 +1,8 @@
 //! The device, the version of its service, and the faults of both.
 
 use super::now_ns;
-use serde_json::{Value, json};
+use serde::Deserialize;
+use serde_json::json;
 
 /// Readiness of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,8 +135,51 @@ impl Default for World {
     }
 }
 
-fn xyz([x, y, z]: [f64; 3]) -> Value {
-    json!({ "x": x, "y": y, "z": z })
+/// What an inventory has beside a state.
+const CONFIG: &str = concat!(
+    r#""config":{"type":"inverse3","port":"/dev/ttyACM0","handedness":"right","mount":{},"#,
+    r#""device_info":{"major_version":9,"minor_version":1,"id":1181,"device_type":4},"#,
+    r#""gravity_compensation":{"enabled":true,"scaling_factor":1.0},"basis":{"permutation":"XYZ"}},"#,
+);
+
+fn xyz([x, y, z]: [f64; 3]) -> String {
+    format!(r#"{{"x":{x},"y":{y},"z":{z}}}"#)
+}
+
+/// The force of a message. Keys that are unknown are ignored.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Commands<'a> {
+    #[serde(borrow)]
+    inverse3: Vec<Commanded<'a>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Commanded<'a> {
+    device_id: &'a str,
+    commands: Command,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Command {
+    set_cursor_force: Force,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Force {
+    vector: Option<Xyz>,
+    values: Option<Xyz>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Xyz {
+    x: f64,
+    y: f64,
+    z: f64,
 }
 
 impl World {
@@ -154,13 +198,11 @@ impl World {
     /// Applies the force of a message. A key of another version is ignored in silence.
     pub(super) fn take(&mut self, text: &str) {
         self.messages += 1;
-        let message: Value = serde_json::from_str(text).unwrap_or_default();
-        let empty = Vec::new();
-        let devices = message["inverse3"].as_array().unwrap_or(&empty);
-        let ours = devices.iter().find(|device| device["device_id"] == self.device_id.as_str());
-        let key = if self.knows_vector() { "vector" } else { "values" };
-        let vector = ours.map_or(&Value::Null, |device| &device["commands"]["set_cursor_force"][key]);
-        let force_n = ["x", "y", "z"].map(|axis| vector[axis].as_f64().unwrap_or(0.0));
+        let message: Commands<'_> = serde_json::from_str(text).unwrap_or_default();
+        let force = message.inverse3.into_iter().find(|device| device.device_id == self.device_id);
+        let force = force.map(|device| device.commands.set_cursor_force).unwrap_or_default();
+        let vector = if self.knows_vector() { force.vector } else { force.values };
+        let force_n = vector.map_or([0.0; 3], |Xyz { x, y, z }| [x, y, z]);
         self.set.set(if self.applies { force_n } else { [0.0; 3] });
     }
 
@@ -172,55 +214,27 @@ impl World {
     /// A state, or the inventory with the configuration.
     pub(super) fn state(&self, is_inventory: bool) -> String {
         let Flags { calibrated, in_use, power_supply, ready, started } = self.flags;
-        let mut device = json!({
-            "device_id": self.device_id,
-            "state": {
-                "cursor_position": xyz(self.position_m),
-                "cursor_velocity": xyz([0.0; 3]),
-                "current_cursor_force": xyz(self.set.force_n),
-                "current_cursor_position": xyz(self.position_m),
-                "angular_position": { "a0": 10.0, "a1": 45.5, "a2": 98.0 },
-                "control_domain": "cartesian",
-                "control_mode": "force",
-            },
-            "status": {
-                "calibrated": calibrated, "in_use": in_use, "power_supply": power_supply, "ready": ready, "started": started,
-            },
-        });
-        if is_inventory {
-            device["config"] = json!({
-                "type": "inverse3", "port": "/dev/ttyACM0", "handedness": "right", "mount": {},
-                "device_info": { "major_version": 9, "minor_version": 1, "id": 1181, "device_type": 4 },
-                "gravity_compensation": { "enabled": true, "scaling_factor": 1.0 },
-                "basis": { "permutation": "XYZ" },
-            });
-        }
-        let mut devices = if self.is_present { vec![device] } else { Vec::new() };
-        if self.other_first {
-            devices.insert(0, json!({ "device_id": "0001", "state": { "cursor_position": xyz([9.0; 3]) } }));
-        }
-        let [w, x, y, z] = self.orientation;
-        let grip = json!({
-            "device_id": "61CF",
-            "state": {
-                "orientation": { "w": w, "x": x, "y": y, "z": z },
-                "buttons": { "a": self.button, "b": false, "c": false },
-                "hall": 0, "battery_level": 0.9,
-            },
-            "status": { "connected": true, "awake": true, "ready": true },
-        });
-        let mut message = json!({
-            "session_id": 7, "inverse3": devices, "verse_grip": [], "wireless_verse_grip": [grip], "custom_verse_grip": [],
-        });
-        if self.reply == Reply::NoLane && !is_inventory {
-            message.as_object_mut().map(|lanes| lanes.remove("inverse3"));
-        }
-        if self.reply == Reply::Long && !is_inventory {
-            message["unknown"] = " ".repeat(usize::from(u16::MAX) + 1).into();
-        }
-        message.to_string()
+        let (id, place, force) = (&self.device_id, xyz(self.position_m), xyz(self.set.force_n));
+        let config = if is_inventory { CONFIG } else { "" };
+        let device = format!(
+            r#"{{"device_id":"{id}",{config}"state":{{"cursor_position":{place},"cursor_velocity":{{"x":0,"y":0,"z":0}},"current_cursor_force":{force},"current_cursor_position":{place},"angular_position":{{"a0":10.0,"a1":45.5,"a2":98.0}},"control_domain":"cartesian","control_mode":"force"}},"status":{{"calibrated":{calibrated},"in_use":{in_use},"power_supply":{power_supply},"ready":{ready},"started":{started}}}}}"#
+        );
+        let other = format!(r#"{{"device_id":"0001","state":{{"cursor_position":{}}}}}"#, xyz([9.0; 3]));
+        let all = [(self.other_first, &other), (self.is_present, &device)];
+        let all: Vec<&str> =
+            all.into_iter().filter(|(is, _)| *is).map(|(_, device)| device.as_str()).collect();
+        let lane = match self.reply {
+            Reply::NoLane if !is_inventory => String::new(),
+            _ => format!(r#""inverse3":[{}],"#, all.join(",")),
+        };
+        let ([w, x, y, z], button) = (self.orientation, self.button);
+        // An unknown key, for a long message.
+        let padding = if self.reply == Reply::Long && !is_inventory { usize::from(u16::MAX) + 1 } else { 0 };
+        format!(
+            r#"{{"session_id":7,{lane}"verse_grip":[],"wireless_verse_grip":[{{"device_id":"61CF","state":{{"orientation":{{"w":{w},"x":{x},"y":{y},"z":{z}}},"buttons":{{"a":{button},"b":false,"c":false}},"hall":0,"battery_level":0.9}},"status":{{"connected":true,"awake":true,"ready":true}}}}],"custom_verse_grip":[],"note":"{:padding$}"}}"#,
+            ""
+        )
     }
-
     /// The answer to a question for the version.
     pub(super) fn version_answer(&self) -> String {
         let version = json!({ "project_version": self.version, "git_tag": "" });
