@@ -229,12 +229,13 @@ impl World {
         };
         let ([w, x, y, z], button) = (self.orientation, self.button);
         // An unknown key, for a long message.
-        let padding = if self.reply == Reply::Long && !is_inventory { usize::from(u16::MAX) + 1 } else { 0 };
+        let is_long = self.reply == Reply::Long && !is_inventory;
+        let note = if is_long { " ".repeat(usize::from(u16::MAX)) } else { String::new() };
         format!(
-            r#"{{"session_id":7,{lane}"verse_grip":[],"wireless_verse_grip":[{{"device_id":"61CF","state":{{"orientation":{{"w":{w},"x":{x},"y":{y},"z":{z}}},"buttons":{{"a":{button},"b":false,"c":false}},"hall":0,"battery_level":0.9}},"status":{{"connected":true,"awake":true,"ready":true}}}}],"custom_verse_grip":[],"note":"{:padding$}"}}"#,
-            ""
+            r#"{{"session_id":7,{lane}"verse_grip":[],"wireless_verse_grip":[{{"device_id":"61CF","state":{{"orientation":{{"w":{w},"x":{x},"y":{y},"z":{z}}},"buttons":{{"a":{button},"b":false,"c":false}},"hall":0,"battery_level":0.9}},"status":{{"connected":true,"awake":true,"ready":true}}}}],"custom_verse_grip":[],"note":"{note}"}}"#
         )
     }
+
     /// The answer to a question for the version.
     pub(super) fn version_answer(&self) -> String {
         let version = json!({ "project_version": self.version, "git_tag": "" });
