@@ -124,7 +124,7 @@ struct Matrix {
     /// Number of runs in memory, over all devices and faults in turn.
     #[arg(long, default_value_t = 1_000)]
     runs: usize,
-    /// Number of runs over a pseudo terminal.
+    /// Number of runs over a pseudo terminal or the sockets of a service.
     #[arg(long, default_value_t = 50)]
     pty: usize,
     /// Number of runs with killed and stopped hosts and guards, over all devices in turn; each takes about a

@@ -56,6 +56,7 @@ pub fn run(kind: RigKind, fault: FaultKind, seed: u64, organ: &Organ<'_>) -> Res
     let run = Run {
         request_path_ok: plan.request_path_ok() && !pulled,
         checked_requests: traits.checked_requests,
+        behind_library: traits.behind_library,
         slew_n_per_s: has_slew.then_some(SLEW_N_PER_S),
         ..Run::empty(kind.name, fault, seed, limit_n)
     };

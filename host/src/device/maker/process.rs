@@ -30,6 +30,8 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(20);
 const SETUP_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time between two looks at the device's errors.
 const LOOK: Duration = Duration::from_millis(50);
+/// Longest time in which a device is closed.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest message.
 const MAX_LEN: usize = 4_096;
 
@@ -182,11 +184,17 @@ fn info(opened: Opened, profile: &Profile) -> DeviceInfo {
 ///
 /// An error means that no session has started this process.
 pub fn serve_stdin() -> io::Result<()> {
-    serve(sys::outlive_signals(c"haptic-device")?)
+    serve(sys::outlive_signals(c"haptic-device")?, || {
+        // A library that hangs must not keep the device from the next session.
+        std::thread::spawn(|| {
+            std::thread::sleep(CLOSE_TIMEOUT);
+            std::process::exit(1);
+        });
+    })
 }
 
-/// As [`serve_stdin`], on a socket.
-fn serve(mut socket: UnixStream) -> io::Result<()> {
+/// As [`serve_stdin`], on a socket. `ending` is called before the device is closed.
+fn serve(mut socket: UnixStream, ending: impl FnOnce()) -> io::Result<()> {
     socket.set_read_timeout(Some(SETUP_TIMEOUT))?;
     let mut bytes = vec![0; MAX_LEN];
     let (count, fds) = sys::receive_fds(&socket, &mut bytes)?;
@@ -204,6 +212,7 @@ fn serve(mut socket: UnixStream) -> io::Result<()> {
             eprintln!("palpate: {line}");
         }
         if has_ended {
+            ending();
             return Ok(());
         }
     }
@@ -247,7 +256,7 @@ mod tests {
     #[test]
     fn a_missing_library_is_the_answer() {
         let (ours, theirs) = UnixStream::pair().expect("sockets");
-        let proxy = std::thread::spawn(move || serve(theirs));
+        let proxy = std::thread::spawn(move || serve(theirs, || ()));
         let ended = OwnedFd::from(ours.try_clone().expect("a descriptor"));
         let library = Some("/nowhere/libHD.so".into());
         let profile = Profile::bundled("touch").expect("bundled");

@@ -19,6 +19,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 const STATUS_CYCLES: u32 = 4;
 /// Cycles in a row with an error that are a fault.
 const MOST_FAILURES: u32 = 3;
+/// Looks in a row that find the motors off without a cause, which are a fault: 50 ms, for they go on with a delay.
+const MOST_OFF: u32 = 25;
 /// The library has no such device any more.
 const NO_DEVICE: i32 = 5;
 
@@ -50,8 +52,10 @@ pub struct Exchanging {
     count: u32,
     failures: u32,
     is_lost: bool,
-    /// The motors are on.
+    /// The motors were switched on.
     is_on: bool,
+    /// Looks in a row that found them off.
+    off: u32,
 }
 
 impl core::fmt::Debug for Exchanging {
@@ -99,6 +103,7 @@ impl Exchanging {
             failures: 0,
             is_lost: false,
             is_on: false,
+            off: 0,
         };
         Ok((cycle, opened))
     }
@@ -119,7 +124,7 @@ impl Exchanging {
     /// Counts an error; several in a row are a fault.
     fn fail(&mut self, now_ns: u64, error: &DhdError) {
         self.failures += 1;
-        if error.code == NO_DEVICE || self.failures == MOST_FAILURES {
+        if error.code == NO_DEVICE || self.failures >= MOST_FAILURES {
             self.latch(now_ns, DeviceFault::Watchdog, &format!("{} (error {})", error.text, error.code));
             self.is_lost |= error.code == NO_DEVICE;
             // By another call, whether or not it arrives.
@@ -143,11 +148,15 @@ impl Exchanging {
                 self.latch(now_ns, DeviceFault::Watchdog, off(5).1);
             }
             Ok(Status { gives_force: false, off_cause, .. }) if self.is_on => {
-                let (fault, why) = off(off_cause);
-                self.is_on = false;
-                self.latch(now_ns, fault, &format!("its motors went off: {why}"));
+                self.off += 1;
+                if off_cause != 0 || self.off >= MOST_OFF {
+                    let (fault, why) = off(off_cause);
+                    self.is_on = false;
+                    self.latch(now_ns, fault, &format!("its motors went off: {why}"));
+                }
             }
             Ok(Status { is_initialized, .. }) => {
+                self.off = 0;
                 let state = if is_initialized { DeviceState::Homed } else { DeviceState::Unhomed };
                 self.exchange.set_state(state);
             }
