@@ -1,10 +1,10 @@
 // Feels an organ of Palpate from the haptic thread of a CHAI3D program, through the C functions.
 //
-//     chai3d_touch [--device N] [--at X,Y,Z] [--scale S] [--max-force N] ORGAN.blob
+//     chai3d_touch [--device N] [--calibrate] [--at X,Y,Z] [--scale S] [--max-force N] ORGAN.blob
 //
 // --at is the place of the model (m) in the centre of the device's workspace, the first active node if not
 // given; --scale the metres of the model per metre of the device; --max-force a limit below that of the device,
-// 1 N for the first touch. The first button arms, and clears a fault; then press it again. Ctrl-C ends. The force
+// 1 N for the first touch. --calibrate lets the device find its home: some move their arm by themselves. The first button arms, and clears a fault; then press it again. Ctrl-C ends. The force
 // is zero before arming, after every fault and at the end. With the flags of CHAI3D's own build in $CHAI3D:
 //
 //     c++ -std=c++17 -I firmware-like-core/c-api/include hil/bridges/chai3d_touch.cpp $CHAI3D
@@ -187,7 +187,7 @@ int main(int argc, char **argv)
     unsigned int number = 0;
     const char *path = nullptr;
     double max_force_n = 100;
-    bool placed = false, understood = true;
+    bool placed = false, calibrates = false, understood = true;
     for (int i = 1; i < argc; ++i) {
         std::string word = argv[i];
         bool more = i + 1 < argc;
@@ -196,11 +196,12 @@ int main(int argc, char **argv)
         else if (word == "--max-force" && more) max_force_n = std::atof(argv[++i]);
         else if (word == "--at" && more)
             placed = std::sscanf(argv[++i], "%lf,%lf,%lf", &session.centre_m[0], &session.centre_m[1], &session.centre_m[2]) == 3;
+        else if (word == "--calibrate") calibrates = true;
         else if (word[0] != '-' && path == nullptr) path = argv[i];
         else understood = false;
     }
     if (path == nullptr || !understood || !(session.scale > 0 && max_force_n > 0)) {
-        std::fprintf(stderr, "usage: chai3d_touch [--device N] [--at X,Y,Z] [--scale S] [--max-force N] ORGAN.blob\n");
+        std::fprintf(stderr, "usage: chai3d_touch [--device N] [--calibrate] [--at X,Y,Z] [--scale S] [--max-force N] ORGAN.blob\n");
         return 2;
     }
     Organ organ;
@@ -213,8 +214,7 @@ int main(int argc, char **argv)
     chai3d::cHapticDeviceHandler handler;
     if (number >= handler.getNumDevices()) return fail("CHAI3D lists " + std::to_string(handler.getNumDevices()) + " devices");
     if (!handler.getDevice(session.device, number) || !session.device->open()) return fail("CHAI3D cannot open the device");
-    // Some devices move their arm by themselves here, unless they are calibrated already.
-    if (!session.device->calibrate()) return fail("the device is not calibrated");
+    if (calibrates && !session.device->calibrate()) return fail("the device is not calibrated");
     wrong = organ.openController(configure(organ.organ, session.device->getSpecifications(), session.scale, max_force_n));
     if (!wrong.empty()) return fail(std::string(path) + ": " + wrong);
     session.controller = organ.controller;

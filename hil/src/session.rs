@@ -128,6 +128,8 @@ impl<'r> Session<'r> {
     /// One exchange, then the device advances.
     pub fn tick(&mut self, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let (now_us, before_us, start) = (self.now_us, self.rig.now_us(), Instant::now());
+        // There is no loop here that is armed.
+        self.device().set_armed(true);
         let exchanged = self.device().exchange(now_us, force_n);
         let waited_us = self.rig.now_us().saturating_sub(before_us);
         self.longest_wait_us = self.longest_wait_us.max(waited_us);

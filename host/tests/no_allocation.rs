@@ -33,6 +33,7 @@ fn exchanges_with_a_proxy_without_an_allocation() {
     exchange.set_state(DeviceState::Homed);
     let opened = Opened { name: "a maker's".into(), max_force_n: 0.0, max_stiffness_n_m: 0.0 };
     let mut device = session(opened);
+    device.set_armed(true);
     let mut felt_n = 0.0;
     assert_no_alloc(|| {
         for ms in 1..100_000_u64 {

@@ -1,11 +1,14 @@
 //! `palpate run --device omega`: a stand-in for libdrd, through the loading path of a user's.
 
 use std::fs::File;
-use std::io::Write;
-use std::time::Duration;
+use std::io::{BufReader, Write};
+use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
+use palpate_core::vec3;
+use palpate_host::device::profile::Profile;
 use palpate_maker_stub::{Cable, Field};
+use palpate_record::Recording;
 use serialport::SerialPort;
 
 use super::guard::files_of;
@@ -20,11 +23,28 @@ fn hand() -> Hand {
 fn the_hand_feels_the_body_and_the_session_says_what_it_drives() {
     let _quiet = quiet();
     let hand = hand();
-    let session = hand.session();
+    hand.cable.set_quantity(Field::Turn, 0.5);
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("session.mcap");
+    let session = hand.session_with(&["--record", text(&file)]);
     hand.wait_pressing();
+    std::thread::sleep(Duration::from_millis(200));
     let output = end(session);
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(said.contains("omega.3 (Force Dimension 3.16.0)"), "{said}");
+    assert_eq!(hand.cable.quantity(Field::MaxForce), 12.0);
+    // The grip is turned by +0.5 rad about the device's z, which is the model's normal here.
+    let recording = Recording::open(BufReader::new(File::open(&file).expect("there"))).expect("sound");
+    let turned = recording.filter_map(|tick| tick.expect("sound").sample).last().expect("a sample");
+    let axis = turned.orientation.xyz;
+    let angle = 2.0 * vec3::norm(axis).atan2(turned.orientation.w);
+    assert!((angle - 0.5).abs() < 1e-3, "{turned:?}");
+    let normal = {
+        let (_, profile) = files_of(folder.path(), "omega");
+        let profile = Profile::load(text(&profile)).expect("sound");
+        profile.workspace.axes.map(|row| row[2])
+    };
+    assert!(vec3::dot(axis, normal) > 0.99 * vec3::norm(axis), "{axis:?} about {normal:?}");
     assert_eq!((hand.force_n(), hand.cable.whole(Field::Motions)), (0.0, 0));
     // It has a watchdog and a velocity threshold: nothing to remark.
     assert!(!String::from_utf8_lossy(&output.stderr).contains("omega.3:"), "{output:?}");
@@ -154,6 +174,34 @@ fn motors_that_go_off_stay_off() {
     }
 }
 
+/// Motors that are off until the session is armed: with --motors-off they stay off, also after the device's own button.
+#[test]
+fn the_motors_are_off_until_the_session_is_armed() {
+    let _quiet = quiet();
+    let hand = hand();
+    let session = hand.session_with(&["--motors-off"]);
+    let give_up = Instant::now() + Duration::from_secs(20);
+    while hand.cable.whole(Field::Frames) < 4_000 {
+        assert!(Instant::now() < give_up, "{} frames", hand.cable.whole(Field::Frames));
+        assert_eq!(hand.cable.whole(Field::MotorsOn), 0);
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    let output = end(session);
+    assert!(String::from_utf8_lossy(&output.stdout).contains("motors off"), "{output:?}");
+    let hand = self::hand();
+    let session = hand.session();
+    hand.wait_pressing();
+    assert_eq!(hand.cable.whole(Field::MotorsOn), 1);
+    hand.cable.set_whole(Field::OffCause, 1);
+    hand.cable.set_whole(Field::Offs, 1);
+    std::thread::sleep(Duration::from_millis(20));
+    for _ in 0..200 {
+        assert_eq!(hand.cable.whole(Field::MotorsOn), 0, "they come back by themselves");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    end(session);
+}
+
 #[test]
 fn positions_of_the_librarys_memory_are_not_samples() {
     let _quiet = quiet();
@@ -178,6 +226,11 @@ fn what_does_not_serve_is_one_line_with_the_fix() {
         (Field::Unpowered, 1, "omega.3 has no power; switch it on"),
         (Field::Kind, 104, "the device is a sigma.7; use --device sigma"),
         (Field::Refused, 20, "another program has the device; end it"),
+        (
+            Field::FixedWatchdog,
+            250,
+            "omega.3 keeps its watchdog at 31.2 ms instead of 10 ms; update its firmware",
+        ),
         (Field::Refused, 2, "opening the device fails (communication error, error 2); check the cable"),
     ] {
         let hand = hand();
@@ -217,9 +270,14 @@ fn a_firmware_without_a_watchdog_is_told() {
     let _quiet = quiet();
     let hand = hand();
     hand.cable.set_whole(Field::Unwatched, 1);
+    hand.cable.set_whole(Field::Unbraked, 1);
     let session = hand.session();
     hand.wait_pressing();
     let output = end(session);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("its firmware has no watchdog"), "{said}");
+    assert!(
+        said.contains("has switched off its brake at high speed; switch the device off and on"),
+        "{said}"
+    );
 }

@@ -59,17 +59,27 @@ impl Hand {
     }
 
     pub(super) fn session(&self) -> Child {
-        self.session_at(Stdio::null())
+        self.spawn(Stdio::null(), &[])
     }
 
     /// A session with this input.
     pub(super) fn session_at(&self, input: Stdio) -> Child {
+        self.spawn(input, &[])
+    }
+
+    /// A session with more arguments.
+    pub(super) fn session_with(&self, more: &[&str]) -> Child {
+        self.spawn(Stdio::null(), more)
+    }
+
+    fn spawn(&self, input: Stdio, more: &[&str]) -> Child {
         let [device, profile] = self.names;
         let (blob, profile) = files_of(self.folder.path(), profile);
         Command::new(env!("CARGO_BIN_EXE_palpate"))
             .args(["run", text(&blob), "--uncertified", "--profile", text(&profile)])
             .args(["--device", &format!("{device}:{}", text(&library()))])
             .args(["--headless", "--frame-rate", "0", "--seconds", "20"])
+            .args(more)
             .env(VARIABLE, self.folder.path().join("device"))
             .stdin(input)
             .stdout(Stdio::piped())

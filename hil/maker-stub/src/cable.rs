@@ -56,6 +56,14 @@ pub enum Field {
     Unwatched,
     /// How the grip is turned about z, rad.
     Turn,
+    /// Whether the motors are on.
+    MotorsOn,
+    /// Largest force that the library lets through, N.
+    MaxForce,
+    /// Its watchdog cannot be set: the steps that it keeps.
+    FixedWatchdog,
+    /// Its brake at high speed is off.
+    Unbraked,
     /// Time of the last command to the firmware, ns.
     Commanded,
     /// The watchdog of the firmware, in steps of 125 us; 0 if it is off.
@@ -89,6 +97,10 @@ impl Field {
             Self::Turn => 25,
             Self::Commanded => 26,
             Self::Watchdog => 27,
+            Self::MotorsOn => 28,
+            Self::FixedWatchdog => 29,
+            Self::Unbraked => 30,
+            Self::MaxForce => 31,
         }
     }
 }
@@ -101,7 +113,7 @@ impl Cable {
     /// A new device whose numbers are zero.
     pub fn create(file: &Path) -> io::Result<Self> {
         let device = File::options().read(true).write(true).create_new(true).open(file)?;
-        device.set_len(256)?;
+        device.set_len(512)?;
         Ok(Self(device))
     }
 
@@ -109,7 +121,7 @@ impl Cable {
     pub fn renew(file: &Path) -> io::Result<Self> {
         let cable = Self::open(file)?;
         cable.0.set_len(0)?;
-        cable.0.set_len(256)?;
+        cable.0.set_len(512)?;
         cable.set_whole(Field::Stepped, 1);
         Ok(cable)
     }

@@ -65,6 +65,7 @@ impl Library {
     /// Writes the force of the motors to the cable.
     fn drive(&self) {
         let Some(cable) = &self.cable else { return };
+        cable.set_whole(Field::MotorsOn, u64::from(self.gives_force));
         let gain = if self.gives_force { 1.0 } else { 0.0 };
         for (axis, n) in (0..).zip(self.force_n) {
             cable.set_quantity(Field::Force(axis), gain * n);
@@ -249,6 +250,7 @@ pub extern "C" fn dhdEnableForce(is_enabled: c_uchar, _: c_char) -> c_int {
             library.go_off(4);
         } else {
             (library.gives_force, library.off_cause) = (true, 0);
+            library.drive();
         }
         0
     })
@@ -263,6 +265,9 @@ pub extern "C" fn dhdSetGravityCompensation(_: c_int, _: c_char) -> c_int {
 pub extern "C" fn dhdSetMaxForce(limit_n: c_double, _: c_char) -> c_int {
     with(|library| {
         library.max_force_n = limit_n;
+        if let Some(cable) = &library.cable {
+            cable.set_quantity(Field::MaxForce, limit_n);
+        }
         library.reach().map_or_else(|failed| failed, |_| 0)
     })
 }
@@ -313,7 +318,8 @@ pub extern "C" fn dhdSetWatchdog(steps: c_uchar, _: c_char) -> c_int {
             return library.fail(EXPERT_OFF);
         }
         if let Some(cable) = &library.cable {
-            cable.set_whole(Field::Watchdog, steps.into());
+            let fixed = cable.whole(Field::FixedWatchdog);
+            cable.set_whole(Field::Watchdog, if fixed == 0 { steps.into() } else { fixed });
         }
         0
     })
@@ -337,7 +343,7 @@ pub unsafe extern "C" fn dhdGetWatchdog(to: *mut c_uchar, _: c_char) -> c_int {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn dhdGetVelocityThreshold(to: *mut c_uint, _: c_char) -> c_int {
     // SAFETY: the caller's.
-    unsafe { *to = 20 }
+    unsafe { *to = if with(|library| library.is(Field::Unbraked)) { 0 } else { 20 } }
     0
 }
 

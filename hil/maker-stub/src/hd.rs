@@ -96,6 +96,7 @@ impl Library {
             cable.set_whole(Field::Forced, cable.time_ns());
         }
         cable.set_whole(Field::Frames, self.frames);
+        cable.set_whole(Field::MotorsOn, u64::from(self.gives_force));
         let failing = cable.whole(Field::Failing) as u32;
         if failing != 0 {
             self.errors.push(failing);

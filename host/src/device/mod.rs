@@ -247,6 +247,9 @@ pub trait Device: Send {
         false
     }
 
+    /// Whether the loop is armed, for the force of the next exchange. A device whose motors were off until then switches them on.
+    fn set_armed(&mut self, _is_armed: bool) {}
+
     /// The force that the device said it rendered with the newest sample, model frame, N; `None` if it says nothing.
     fn reported_n(&self) -> Option<Vec3> {
         None

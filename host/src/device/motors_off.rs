@@ -29,6 +29,9 @@ impl<D: Device> DeviceWrapper for MotorsOff<D> {
         self.0.exchange(now_us, vec3::ZERO)
     }
 
+    /// Motors that are off until the loop is armed stay off.
+    fn wrapped_set_armed(&mut self, _: bool) {}
+
     fn wrapped_info(&self) -> DeviceInfo {
         let info = self.0.info();
         DeviceInfo { name: format!("{}, motors off", info.name), ..info }

@@ -5,7 +5,7 @@ use super::{Device, DeviceError, DeviceInfo, DeviceState};
 use core::sync::atomic::AtomicBool;
 use palpate_core::{Sample, Vec3};
 
-/// A wrapper of a [`Device`]. It implements [`Device`]: its own methods override three functions and all
+/// A wrapper of a [`Device`]. It implements [`Device`]: its own methods override four functions and all
 /// others go to the inner device.
 ///
 /// A wrapper that implemented [`Device`] itself could omit a function and fall back to the trait's default,
@@ -24,6 +24,11 @@ pub trait DeviceWrapper: Send {
     /// [`Device::exchange`].
     fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.inner_mut().exchange(now_us, hand_force_n)
+    }
+
+    /// [`Device::set_armed`].
+    fn wrapped_set_armed(&mut self, is_armed: bool) {
+        self.inner_mut().set_armed(is_armed);
     }
 
     /// [`Device::info`].
@@ -64,6 +69,10 @@ impl<A: DeviceWrapper> Device for A {
 
     fn was_zeroed(&mut self) -> bool {
         self.inner_mut().was_zeroed()
+    }
+
+    fn set_armed(&mut self, is_armed: bool) {
+        self.wrapped_set_armed(is_armed);
     }
 
     fn reported_n(&self) -> Option<Vec3> {

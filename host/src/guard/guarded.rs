@@ -116,6 +116,10 @@ impl<D: Device> Device for Guarded<D> {
         self.device.was_zeroed() || is_new
     }
 
+    fn set_armed(&mut self, is_armed: bool) {
+        self.device.set_armed(is_armed);
+    }
+
     fn reported_n(&self) -> Option<Vec3> {
         self.device.reported_n()
     }

@@ -358,6 +358,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             }
         };
         self.sent_force_n = command.hand_force_n;
+        self.device.0.set_armed(command.phase == Phase::Active);
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
         let end_ns = self.clock.now_ns();
         let device_ns = exchanged_ns - start_ns;

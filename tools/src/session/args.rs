@@ -15,20 +15,22 @@ use crate::touch;
 /// Arguments of a session.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct SessionArgs {
-    /// sim, mouse, polhem:PORT, falcon, touch, haply, link:PORT or replay:FILE.mcap
+    /// sim, mouse, polhem:PORT, falcon, touch, omega, haply, link:PORT or replay:FILE.mcap (also delta, sigma, lambda)
     ///
     /// sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), sim:FILE.csv (on a way with the
     /// columns t_s,x_m,y_m,z_m), mouse (drags the
     /// organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or falcon:FIRMWARE
     /// (Novint Falcon on USB, with its firmware file for when it is silent), touch or touch:LIBRARY (3D Systems Touch or
-    /// Phantom through the OpenHaptics that is installed, or this file), link:PORT or link:PORT@BAUD (a
+    /// Phantom through the OpenHaptics that is installed, or this file), omega, delta, sigma, lambda or dhd-falcon, each
+    /// with :LIBRARY or without (Force Dimension, or a Falcon, through the libdrd that is installed, or this file), haply or
+    /// haply:HOST:PORT (Inverse3 through the Inverse Service), link:PORT or link:PORT@BAUD (a
     /// controller that speaks the device link), or replay:FILE.mcap (a recording).
     #[arg(long, value_name = "DEVICE", default_value = "sim")]
     pub(crate) device: DeviceSpec,
     /// Capabilities of the device: a bundled profile or a .toml file
     ///
-    /// Bundled: delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7, simulated, touch.
-    /// With sim that device's mechanics are simulated; polhem:PORT, falcon, touch, haply and link:PORT have their own.
+    /// Bundled: delta.3, desktop, dhd-falcon, falcon, haply, lambda.7, link, omega, omni, polhem, premium-1.5, sigma.7,
+    /// simulated, touch. With sim that device's mechanics are simulated; devices with motors have their own.
     #[arg(long, value_name = "NAME|FILE.toml")]
     pub(crate) profile: Option<String>,
     /// Seconds to run; until Ctrl-C if not given

@@ -26,8 +26,10 @@ pub struct Exchange {
     max_force_n: f32,
     state: DeviceState,
     fault: Option<DeviceFault>,
-    /// Resets that were seen.
-    resets: u64,
+    /// Number of the newest latch.
+    latch: u64,
+    /// The loop was armed with its newest force.
+    is_armed: bool,
     /// Forces up to this time were sent before the last fault, ns.
     old_ns: u64,
     /// Time of the last cycle, ns.
@@ -38,13 +40,22 @@ pub struct Exchange {
 
 impl Exchange {
     pub(super) fn new(end: ProxyEnd, max_force_n: f32) -> Self {
-        let resets = end.page().resets();
-        let state = DeviceState::Open;
-        end.beat(0, Health { state, fault: None });
-        Self { end, max_force_n, state, fault: None, resets, old_ns: 0, cycle_ns: None, forces: 0 }
+        let (state, latch) = (DeviceState::Open, 0);
+        end.beat(0, Health { state, fault: None, latch });
+        Self {
+            end,
+            max_force_n,
+            state,
+            fault: None,
+            latch,
+            is_armed: false,
+            old_ns: 0,
+            cycle_ns: None,
+            forces: 0,
+        }
     }
 
-    /// The force for the device in this cycle, device frame, N.
+    /// The force for the device in this cycle, device frame, N. `now_ns` is read just before: a call of a library takes its time.
     pub fn force_n(&mut self, now_ns: u64) -> Vec3 {
         if let Some(before_ns) = self.cycle_ns.replace(now_ns)
             && now_ns.saturating_sub(before_ns) >= SILENT_NS
@@ -52,10 +63,11 @@ impl Exchange {
             self.latch(now_ns, DeviceFault::Watchdog);
         }
         self.check_loop(now_ns);
-        let Force { t_ns, force_n } = self.end.force();
+        let Force { t_ns, force_n, is_armed } = self.end.force();
         let is_fresh = now_ns.saturating_sub(t_ns) < STALE_NS && t_ns > self.old_ns;
         let runs = self.end.page().loop_beat_ns().is_some();
-        let is_wanted = is_fresh && runs && self.fault.is_none() && self.state == DeviceState::Homed;
+        self.is_armed = is_armed && is_fresh && runs;
+        let is_wanted = self.is_armed && self.fault.is_none() && self.state == DeviceState::Homed;
         if !is_wanted || !vec3::is_finite(force_n) {
             return vec3::ZERO;
         }
@@ -74,9 +86,18 @@ impl Exchange {
         self.state = state;
     }
 
+    /// Whether the loop is armed, and no fault is latched: the motors may be on.
+    #[must_use]
+    pub const fn is_armed(&self) -> bool {
+        self.is_armed && self.fault.is_none()
+    }
+
     /// Latches a fault of the device: zero force until the user's reset.
     pub fn latch(&mut self, now_ns: u64, fault: DeviceFault) {
         self.old_ns = now_ns;
+        if self.fault.is_none() {
+            self.latch += 1;
+        }
         self.fault.get_or_insert(fault);
     }
 
@@ -86,13 +107,11 @@ impl Exchange {
         let is_silent = beat_ns.is_some_and(|beat_ns| now_ns.saturating_sub(beat_ns) >= SILENT_NS);
         if is_silent {
             self.latch(now_ns, DeviceFault::Watchdog);
-        } else {
-            let resets = self.end.page().resets();
-            if resets != self.resets {
-                (self.resets, self.fault) = (resets, None);
-            }
+        } else if self.fault.is_some() && self.end.page().resets() == self.latch {
+            // The loop has sent its force before this, and without knowing of it.
+            (self.fault, self.old_ns) = (None, now_ns);
         }
-        self.end.beat(now_ns, Health { state: self.state, fault: self.fault });
+        self.end.beat(now_ns, Health { state: self.state, fault: self.fault, latch: self.latch });
         is_silent
     }
 
@@ -118,7 +137,7 @@ mod tests {
     }
 
     fn force(t_ns: u64, x: f32) -> Force {
-        Force { t_ns, force_n: [x, 0.0, 0.0] }
+        Force { t_ns, force_n: [x, 0.0, 0.0], is_armed: true }
     }
 
     #[test]
@@ -174,16 +193,57 @@ mod tests {
             session.send(force(12 * MS, 1.0));
             assert_eq!(exchange.force_n(12 * MS), vec3::ZERO, "{what}: a new force alone");
             assert_eq!(session.health().fault, Some(fault), "{what}");
-            session.reset();
+            session.reset(session.health().latch);
             session.send(force(13 * MS, 2.0));
-            assert_eq!(exchange.force_n(13 * MS), [2.0, 0.0, 0.0], "{what}");
+            assert_eq!(
+                exchange.force_n(13 * MS),
+                vec3::ZERO,
+                "{what}: a force from before the end of the latch"
+            );
+            session.send(force(14 * MS, 2.0));
+            assert_eq!(exchange.force_n(14 * MS), [2.0, 0.0, 0.0], "{what}");
             assert_eq!(session.health().fault, None, "{what}");
         }
         // A force from before the fault does not come back with the reset.
         let (mut session, mut exchange) = ends();
         session.send(force(MS, 1.0));
         exchange.latch(2 * MS, DeviceFault::Overspeed);
-        session.reset();
+        session.reset(1);
         assert_eq!(exchange.force_n(2 * MS), vec3::ZERO);
+    }
+
+    /// A latch stays while nobody resets it, and a reset ends only the latch that it names.
+    #[test]
+    fn a_reset_does_not_end_a_latch_that_comes_after_it() {
+        let (mut session, mut exchange) = ends();
+        exchange.latch(MS, DeviceFault::Hardware);
+        for ms in 2..5_000 {
+            session.send(force(ms * MS, 1.0));
+            assert_eq!(exchange.force_n(ms * MS), vec3::ZERO, "{ms} ms");
+        }
+        session.reset(session.health().latch);
+        exchange.check_loop(5_000 * MS);
+        assert_eq!(exchange.fault(), None);
+        // The reset is still in the page when the next fault comes.
+        exchange.latch(5_001 * MS, DeviceFault::Overspeed);
+        exchange.check_loop(5_001 * MS);
+        session.send(force(5_002 * MS, 1.0));
+        assert_eq!(exchange.force_n(5_002 * MS), vec3::ZERO);
+        assert_eq!(
+            session.health(),
+            Health { state: DeviceState::Homed, fault: Some(DeviceFault::Overspeed), latch: 2 }
+        );
+    }
+
+    #[test]
+    fn a_loop_that_is_not_armed_has_no_force() {
+        let (mut session, mut exchange) = ends();
+        session.send(Force { is_armed: false, ..force(MS, 1.0) });
+        assert_eq!((exchange.force_n(MS), exchange.is_armed()), (vec3::ZERO, false));
+        session.send(force(2 * MS, 1.0));
+        assert_eq!((exchange.force_n(2 * MS), exchange.is_armed()), ([1.0, 0.0, 0.0], true));
+        assert!(exchange.force_n(7 * MS) == vec3::ZERO && !exchange.is_armed(), "a late tick");
+        exchange.latch(8 * MS, DeviceFault::Hardware);
+        assert!(!exchange.is_armed());
     }
 }

@@ -32,6 +32,8 @@ pub(super) struct Force {
     pub t_ns: u64,
     /// Device frame, N.
     pub force_n: Vec3,
+    /// Whether the loop is armed.
+    pub is_armed: bool,
 }
 
 /// What the device measured.
@@ -56,6 +58,8 @@ pub struct Health {
     pub state: DeviceState,
     /// The fault that it or the proxy has latched, until a reset.
     pub fault: Option<DeviceFault>,
+    /// Number of the latch; that of the last one if none is.
+    pub latch: u64,
 }
 
 fn pair(low: f32, high: f32) -> u64 {
@@ -73,11 +77,11 @@ fn high(word: u64) -> f32 {
 impl Force {
     fn words(&self) -> [u64; FORCE.len] {
         let [x, y, z] = self.force_n;
-        [self.t_ns, pair(x, y), pair(z, 0.0)]
+        [self.t_ns, pair(x, y), u64::from(z.to_bits()) | u64::from(self.is_armed) << 32]
     }
 
     fn of_words([t_ns, xy, z]: [u64; FORCE.len]) -> Self {
-        Self { t_ns, force_n: [low(xy), high(xy), low(z)] }
+        Self { t_ns, force_n: [low(xy), high(xy), low(z)], is_armed: z >> 32 != 0 }
     }
 }
 
@@ -113,7 +117,7 @@ impl Health {
         let place = |found: Option<usize>| found.map_or(0, |index| index as u64 + 1);
         let state = DeviceState::ALL.iter().position(|state| *state == self.state);
         let fault = self.fault.and_then(|fault| DeviceFault::ALL.iter().position(|of| *of == fault));
-        place(state) | place(fault) << 8
+        place(state) | place(fault) << 8 | self.latch << 16
     }
 
     /// Before the proxy has written one, the device is disconnected.
@@ -121,7 +125,7 @@ impl Health {
         let at = |byte: u64| usize::try_from(byte & 0xff).unwrap_or(0).checked_sub(1);
         let state = at(word).and_then(|index| DeviceState::ALL.get(index).copied());
         let fault = at(word >> 8).and_then(|index| DeviceFault::ALL.get(index).copied());
-        Self { state: state.unwrap_or(DeviceState::Disconnected), fault }
+        Self { state: state.unwrap_or(DeviceState::Disconnected), fault, latch: word >> 16 }
     }
 }
 
@@ -175,7 +179,7 @@ impl Page {
         Some(self.word(LOOP_BEAT).load(Ordering::Acquire)).filter(|beat| *beat != NOT_RUNNING)
     }
 
-    /// How often the user has reset.
+    /// Number of the newest latch that the user has reset.
     pub(super) fn resets(&self) -> u64 {
         self.word(RESETS).load(Ordering::Acquire)
     }
@@ -206,9 +210,9 @@ impl SessionEnd {
         self.page.word(LOOP_BEAT).store(NOT_RUNNING, Ordering::Release);
     }
 
-    /// Clears the faults of the proxy.
-    pub(super) fn reset(&self) {
-        self.page.word(RESETS).fetch_add(1, Ordering::AcqRel);
+    /// Ends the latch with this number: not one that has come since.
+    pub(super) fn reset(&self, latch: u64) {
+        self.page.word(RESETS).store(latch, Ordering::Release);
     }
 
     /// The newest measurement; with the time 0 before the first.
@@ -270,8 +274,8 @@ mod tests {
         let (page, fd) = Page::shared().expect("memory");
         let (mut session, mut proxy) = (page.session(), Page::map(&fd).expect("the same").proxy());
         assert_eq!((proxy.force(), proxy.page().loop_beat_ns()), (Force::default(), None));
-        let force = Force { t_ns: 7, force_n: [1.0, -2.0, 3.5] };
-        session.send(Force { t_ns: 6, force_n: [9.0; 3] });
+        let force = Force { t_ns: 7, force_n: [1.0, -2.0, 3.5], is_armed: true };
+        session.send(Force { t_ns: 6, force_n: [9.0; 3], is_armed: false });
         session.send(force);
         assert_eq!((proxy.force(), proxy.page().loop_beat_ns()), (force, Some(7)));
         let measured = Measured {
@@ -286,23 +290,25 @@ mod tests {
         proxy.publish(&Measured { rendered_n: None, ..measured });
         assert_eq!(session.measured(), Measured { rendered_n: None, ..measured }, "it says nothing");
         session.end_loop();
-        session.reset();
-        assert_eq!((proxy.page().loop_beat_ns(), proxy.page().resets()), (None, 1));
+        session.reset(7);
+        assert_eq!((proxy.page().loop_beat_ns(), proxy.page().resets()), (None, 7));
     }
 
     #[test]
     fn every_state_and_fault_crosses_the_page() {
         let page = Page::local();
-        assert_eq!(page.health(), Health { state: DeviceState::Disconnected, fault: None });
+        assert_eq!(page.health(), Health { state: DeviceState::Disconnected, fault: None, latch: 0 });
         let proxy = page.clone().proxy();
         for state in DeviceState::ALL {
             for fault in DeviceFault::ALL.map(Some).into_iter().chain([None]) {
-                proxy.beat(5, Health { state, fault });
-                assert_eq!(page.health(), Health { state, fault });
+                let health = Health { state, fault, latch: 70_000 };
+                proxy.beat(5, health);
+                assert_eq!(page.health(), health);
             }
         }
         // A damaged word is a state without a force.
         page.word(STATE).store(u64::MAX, Ordering::Relaxed);
-        assert_eq!(page.health(), Health { state: DeviceState::Disconnected, fault: None });
+        let Health { state, fault, .. } = page.health();
+        assert_eq!((state, fault), (DeviceState::Disconnected, None));
     }
 }

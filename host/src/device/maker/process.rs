@@ -15,6 +15,7 @@ use crate::device::DeviceInfo;
 use crate::device::profile::Profile;
 use crate::sys::{self, Ended};
 use core::fmt;
+use core::sync::atomic::{AtomicBool, Ordering};
 use serde::{Deserialize, Serialize};
 use std::ffi::CString;
 use std::io::{self, ErrorKind, Read, Write};
@@ -22,10 +23,11 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::{Child, Command};
+use std::sync::Arc;
 use std::time::Duration;
 
-/// Longest wait for the device to be opened.
-const OPEN_TIMEOUT: Duration = Duration::from_secs(20);
+/// Longest wait for the device to be opened: an arm may move through its workspace meanwhile.
+const OPEN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Wait of the proxy for the session's message.
 const SETUP_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time between two looks at the device's errors.
@@ -200,7 +202,9 @@ fn serve(mut socket: UnixStream, ending: impl FnOnce()) -> io::Result<()> {
     let (count, fds) = sys::receive_fds(&socket, &mut bytes)?;
     let [page, session] = <[OwnedFd; 2]>::try_from(fds).map_err(|_| ErrorKind::InvalidData)?;
     let setup: Setup = postcard::from_bytes(&bytes[..count]).map_err(|_| ErrorKind::InvalidData)?;
+    let has_opened = watch_opening(&session)?;
     let opened = open(&setup, Page::map(&page)?);
+    has_opened.store(true, Ordering::Release);
     let answer: Answer = opened.as_ref().map(|device| device.opened().clone()).map_err(Clone::clone);
     let answer = postcard::to_allocvec(&answer).map_err(|_| ErrorKind::InvalidData)?;
     socket.write_all(&answer)?;
@@ -216,6 +220,20 @@ fn serve(mut socket: UnixStream, ending: impl FnOnce()) -> io::Result<()> {
             return Ok(());
         }
     }
+}
+
+/// While a device is opened, its arm may move by itself: the process ends with its session, and the firmware stops the arm.
+fn watch_opening(session: &OwnedFd) -> io::Result<Arc<AtomicBool>> {
+    let (session, has_opened) = (session.try_clone()?, Arc::new(AtomicBool::new(false)));
+    let is_over = has_opened.clone();
+    std::thread::spawn(move || {
+        while !is_over.load(Ordering::Acquire) {
+            if sys::wait_any([session.as_fd(), session.as_fd()], LOOK) && !is_over.load(Ordering::Acquire) {
+                std::process::exit(1);
+            }
+        }
+    });
+    Ok(has_opened)
 }
 
 /// Opens the device.

@@ -2,7 +2,7 @@
 
 use super::child::Process;
 use super::exchange::SILENT_NS;
-use super::page::{Force, SessionEnd};
+use super::page::{Force, Health, SessionEnd};
 use crate::device::workspace::Workspace;
 use crate::device::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, wait_homed};
 use core::sync::atomic::AtomicBool;
@@ -23,8 +23,10 @@ pub struct Proxied {
     seen_ns: u64,
     /// The force that the device reported with it, model frame, N.
     reported_n: Option<Vec3>,
-    /// Whether the loop has been told of the latched fault.
-    is_reported: bool,
+    /// The loop is armed.
+    is_armed: bool,
+    /// Number of the newest latch of which the loop has been told.
+    told: u64,
 }
 
 impl core::fmt::Debug for Proxied {
@@ -41,7 +43,7 @@ impl Proxied {
         clock: Clock,
         process: Option<Process>,
     ) -> Self {
-        Self { end, workspace, info, clock, process, seen_ns: 0, reported_n: None, is_reported: false }
+        Self { end, workspace, info, clock, process, seen_ns: 0, reported_n: None, is_armed: false, told: 0 }
     }
 
     /// A force or an axis of the device frame in the model frame.
@@ -68,7 +70,8 @@ impl Device for Proxied {
         if self.process.as_ref().is_some_and(Process::has_ended) {
             return Err(DeviceError::new(DeviceErrorKind::GuardLost));
         }
-        self.end.send(Force { t_ns: now_ns, force_n: self.workspace.to_device_n(hand_force_n) });
+        let force_n = self.workspace.to_device_n(hand_force_n);
+        self.end.send(Force { t_ns: now_ns, force_n, is_armed: self.is_armed });
         let (measured, health) = (self.end.measured(), self.end.health());
         let is_new = measured.t_ns > self.seen_ns;
         self.seen_ns = self.seen_ns.max(measured.t_ns);
@@ -93,7 +96,7 @@ impl Device for Proxied {
     }
 
     fn stop(&mut self) {
-        self.end.send(Force { t_ns: (self.clock)(), force_n: vec3::ZERO });
+        self.end.send(Force { t_ns: (self.clock)(), ..Force::default() });
         self.end.end_loop();
     }
 
@@ -111,9 +114,9 @@ impl Device for Proxied {
     }
 
     fn was_zeroed(&mut self) -> bool {
-        let is_latched = self.end.health().fault.is_some();
-        let is_new = is_latched && !self.is_reported;
-        self.is_reported = is_latched;
+        let Health { fault, latch, .. } = self.end.health();
+        let is_new = latch != self.told && fault.is_some();
+        self.told = if is_new { latch } else { self.told };
         is_new
     }
 
@@ -122,8 +125,13 @@ impl Device for Proxied {
     }
 
     fn reset(&mut self) -> bool {
-        self.end.reset();
+        // Of one that comes meanwhile the loop is told first.
+        self.end.reset(self.told);
         true
+    }
+
+    fn set_armed(&mut self, is_armed: bool) {
+        self.is_armed = is_armed;
     }
 }
 
@@ -172,7 +180,9 @@ mod tests {
             let page = Page::local();
             let mut exchange = Exchange::new(page.clone().proxy(), 3.0);
             exchange.set_state(DeviceState::Homed);
-            Self { device: Proxied::new(page.session(), workspace, info, clock, None), exchange, now_ns }
+            let mut device = Proxied::new(page.session(), workspace, info, clock, None);
+            device.set_armed(true);
+            Self { device, exchange, now_ns }
         }
 
         /// A cycle of the device, then a tick of the loop, at this time.
@@ -223,8 +233,19 @@ mod tests {
         assert_eq!(again.kind(), DeviceErrorKind::Faulted(DeviceFault::Hardware));
         assert!(bench.device.reset());
         bench.at(3, [0.0; 3], [1.0, 0.0, 0.0]).0.expect("it works");
-        assert_eq!(bench.at(4, [0.0; 3], [0.0; 3]).1, [0.0, 1.0, 0.0]);
+        let before = bench.at(4, [0.0; 3], [1.0, 0.0, 0.0]).1;
+        assert_eq!(before, vec3::ZERO, "a force from before the end of the latch");
+        assert_eq!(bench.at(5, [0.0; 3], [0.0; 3]).1, [0.0, 1.0, 0.0]);
         assert!(!bench.device.was_zeroed());
+        // A fault that returns at once is told again.
+        bench.exchange.latch(6 * MS, DeviceFault::Hardware);
+        bench.at(6, [0.0; 3], [0.0; 3]).0.expect("it works");
+        assert!(bench.device.was_zeroed());
+        bench.device.reset();
+        bench.at(7, [0.0; 3], [0.0; 3]).0.expect("it works");
+        bench.exchange.latch(7 * MS, DeviceFault::Overspeed);
+        bench.at(8, [0.0; 3], [0.0; 3]).0.expect("it works");
+        assert!(bench.device.was_zeroed());
     }
 
     #[test]

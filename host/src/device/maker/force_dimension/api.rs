@@ -182,11 +182,12 @@ impl Dhd {
         }
     }
 
-    /// Bits of the buttons.
+    /// Bits of the buttons; none if the call fails, which sets all of them.
     #[must_use]
     pub fn buttons(&self, Id(id): Id) -> u32 {
         // SAFETY: an open device, or an error.
-        unsafe { (self.functions.buttons)(id) }
+        let mask = unsafe { (self.functions.buttons)(id) };
+        if mask == u32::MAX { 0 } else { mask }
     }
 
     /// Sends a force, N.

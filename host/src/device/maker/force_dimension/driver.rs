@@ -50,7 +50,9 @@ pub struct Exchanging {
     clock: Box<dyn Fn() -> u64 + Send>,
     news: News,
     count: u32,
+    /// Exchanges in a row with an error, and looks at the state.
     failures: u32,
+    blind: u32,
     is_lost: bool,
     /// The motors were switched on.
     is_on: bool,
@@ -101,6 +103,7 @@ impl Exchanging {
             news,
             count: 0,
             failures: 0,
+            blind: 0,
             is_lost: false,
             is_on: false,
             off: 0,
@@ -108,13 +111,13 @@ impl Exchanging {
         Ok((cycle, opened))
     }
 
-    /// Sends a force. At first, and after the user's reset, the motors go on at a zero one.
+    /// Sends a force. The motors go on at a zero one, when the loop is armed: also after they have gone off.
     fn send(&mut self, force_n: Vec3) -> Result<(), DhdError> {
         if self.is_on {
             return self.dhd.set_force(self.id, force_n.map(f64::from));
         }
         self.dhd.set_force(self.id, [0.0; 3])?;
-        if self.exchange.fault().is_none() && !self.is_lost {
+        if self.exchange.is_armed() && !self.is_lost {
             self.dhd.enable_force(self.id, true)?;
             self.is_on = true;
         }
@@ -124,7 +127,7 @@ impl Exchanging {
     /// Counts an error; several in a row are a fault.
     fn fail(&mut self, now_ns: u64, error: &DhdError) {
         self.failures += 1;
-        if error.code == NO_DEVICE || self.failures >= MOST_FAILURES {
+        if error.code == NO_DEVICE || self.failures >= MOST_FAILURES || self.blind >= MOST_FAILURES {
             self.latch(now_ns, DeviceFault::Watchdog, &format!("{} (error {})", error.text, error.code));
             self.is_lost |= error.code == NO_DEVICE;
             // By another call, whether or not it arrives.
@@ -160,8 +163,15 @@ impl Exchanging {
                 let state = if is_initialized { DeviceState::Homed } else { DeviceState::Unhomed };
                 self.exchange.set_state(state);
             }
-            Err(error) => self.fail(now_ns, &error),
+            Err(error) => {
+                self.blind += 1;
+                if self.blind >= MOST_FAILURES {
+                    self.fail(now_ns, &error);
+                }
+                return;
+            }
         }
+        self.blind = 0;
     }
 }
 
@@ -180,7 +190,7 @@ impl Cycle for Exchanging {
         self.count = self.count.wrapping_add(1);
         let pose = self.dhd.pose(self.id);
         let buttons = self.dhd.buttons(self.id);
-        let force_n = self.exchange.force_n(now_ns);
+        let force_n = self.exchange.force_n((self.clock)());
         let sent = self.send(force_n);
         match (pose, sent) {
             (_, Err(error)) | (Pose::Failed(error), Ok(())) => self.fail(now_ns, &error),

@@ -27,6 +27,13 @@ pub enum OpenError {
     MovesArm(String),
     /// Its position is not initialised, and this library cannot do it.
     Uninitialized(String),
+    /// Its firmware does not take the watchdog over.
+    Watchdog {
+        /// Its name.
+        name: String,
+        /// What it has instead, in steps of 125 us.
+        steps: u8,
+    },
     /// A call failed.
     Failed {
         /// What was done.
@@ -57,6 +64,11 @@ impl fmt::Display for OpenError {
             Self::Uninitialized(name) => {
                 write!(f, "{name} has not found its position; run its maker's initialisation")
             }
+            Self::Watchdog { name, steps } => write!(
+                f,
+                "{name} keeps its watchdog at {:.1} ms instead of 10 ms; update its firmware",
+                f64::from(*steps) * 0.125
+            ),
             Self::Failed { what, error: DhdError { code, text } } => {
                 write!(f, "{what} fails ({text}, error {code}); {}", fix(*code))
             }
@@ -117,21 +129,21 @@ fn prepare(dhd: &Dhd, id: Id, family: Family, may_move: bool, max_force_n: f32) 
     if !status.has_power || !status.is_connected {
         return Err(OpenError::NoPower(name));
     }
+    let mut remarks = Vec::new();
+    // First of all: while the arm moves by itself, it is the firmware that stops it if this process ends.
+    match dhd.set_watchdog(id, WATCHDOG_STEPS) {
+        Ok(WATCHDOG_STEPS) => {}
+        Ok(steps) => return Err(OpenError::Watchdog { name, steps }),
+        Err(_) => remarks.push(format!(
+            "{name}: its firmware has no watchdog: if this computer stops, its last force stays"
+        )),
+    }
     if !dhd.is_initialized(id) {
         match (dhd.can_move(), may_move) {
             (false, _) => return Err(OpenError::Uninitialized(name)),
             (true, false) => return Err(OpenError::MovesArm(name)),
             (true, true) => dhd.initialize_by_moving(id).map_err(of("initialising its position"))?,
         }
-    }
-    let mut remarks = Vec::new();
-    match dhd.set_watchdog(id, WATCHDOG_STEPS) {
-        Ok(WATCHDOG_STEPS) => {}
-        Ok(steps) => remarks
-            .push(format!("{name}: its watchdog is at {:.1} ms instead of 10 ms", f64::from(steps) * 0.125)),
-        Err(_) => remarks.push(format!(
-            "{name}: its firmware has no watchdog: if this computer stops, its last force stays"
-        )),
     }
     // Its unit and its factory setting are the device's own, so it is not set here.
     if dhd.velocity_threshold(id) == Ok(0) {

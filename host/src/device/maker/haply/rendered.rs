@@ -6,7 +6,7 @@
 
 use palpate_core::{Vec3, vec3};
 
-/// Smallest commanded force that is judged, N.
+/// Smallest commanded force whose absence is judged, N.
 const JUDGED_N: f32 = 0.3;
 /// Smallest share of the commanded force that is to be reported along it.
 const LEAST_SHARE: f32 = 0.1;
@@ -34,9 +34,9 @@ impl Comparison {
     pub(super) fn judge(&mut self, now_ns: u64, commanded_n: Vec3, reported_n: Vec3) -> Option<NotRendered> {
         let (commanded, reported) = (vec3::norm(commanded_n), vec3::norm(reported_n));
         let along = vec3::dot(commanded_n, reported_n);
-        let differs =
-            along < LEAST_SHARE * commanded * commanded || reported > LARGEST.0 * commanded + LARGEST.1;
-        if commanded <= JUDGED_N || !differs {
+        let is_absent = commanded > JUDGED_N && along < LEAST_SHARE * commanded * commanded;
+        let is_excess = reported > LARGEST.0 * commanded + LARGEST.1;
+        if !is_absent && !is_excess {
             self.since_ns = None;
             return None;
         }
@@ -71,6 +71,7 @@ mod tests {
             assert_eq!(found_ms(up, |_| right), None, "{right:?}");
         }
         assert_eq!(found_ms([0.0, 0.0, 0.2], |_| vec3::ZERO), None, "too small to judge");
+        assert_eq!(found_ms(vec3::ZERO, |_| [0.0, 2.5, 0.0]), Some(51), "a force of another program");
         let late = |ms: u64| if ms < 40 { vec3::ZERO } else { up };
         assert_eq!(found_ms(up, late), None, "the force comes late");
         let at_times = |ms: u64| if ms.is_multiple_of(20) { up } else { vec3::ZERO };

@@ -153,7 +153,7 @@ impl Bench {
     /// A tick of the loop and a cycle, `ms` after the last ones; the newest force that was sent.
     fn after(&mut self, ms: u64, force_n: Vec3) -> [f64; 3] {
         let now_ns = self.now_ns.fetch_add(ms * MS, Ordering::Relaxed) + ms * MS;
-        self.session.send(Force { t_ns: now_ns, force_n });
+        self.session.send(Force { t_ns: now_ns, force_n, is_armed: true });
         self.driver.run();
         self.fake().sent_n.last().copied().unwrap_or_default()
     }
@@ -172,7 +172,7 @@ impl Bench {
 
     /// After the user's reset a new force is sent.
     fn assert_resets(&mut self) {
-        self.session.reset();
+        self.session.reset(self.session.health().latch);
         self.after(1, [1.0, 0.0, 0.0]);
         assert_eq!(self.after(1, [1.0, 0.0, 0.0]), [1.0, 0.0, 0.0]);
         assert_eq!(self.session.health().fault, None);

@@ -107,6 +107,8 @@ struct Cycle {
     is_calibrated: bool,
     /// Cycles in a row without a connection.
     lost: u32,
+    /// The motors were switched on, which the loop's first arming does.
+    is_on: bool,
 }
 
 /// What an error of a frame means; `None` of one that may belong to another call.
@@ -138,7 +140,11 @@ impl Cycle {
             (true, false) => DeviceState::Unhomed,
             (true, true) => DeviceState::Homed,
         });
-        let force_n = self.exchange.force_n(now_ns);
+        let force_n = self.exchange.force_n((self.clock)());
+        if !self.is_on && self.exchange.is_armed() {
+            self.hd.set_enabled(value::FORCE_OUTPUT, true);
+            self.is_on = true;
+        }
         let force_n = if is_last { vec3::ZERO } else { force_n };
         self.hd.set_force(force_n.map(f64::from));
         self.hd.end(self.device);
@@ -236,7 +242,7 @@ impl Touch {
             max_force_n: number(value::FORCE),
             max_stiffness_n_m: 1e3 * number(value::STIFFNESS),
         };
-        hd.set_enabled(value::FORCE_OUTPUT, true);
+        hd.set_enabled(value::FORCE_OUTPUT, false);
         hd.set_rate(RATE_HZ);
         let seen = Arc::new(Seen::default());
         let mut cycle = Cycle {
@@ -249,6 +255,7 @@ impl Touch {
             count: 0,
             is_calibrated: false,
             lost: 0,
+            is_on: false,
         };
         let running = Running::begin(hd, device, Box::new(move || cycle.run()));
         hd.start();
@@ -262,7 +269,8 @@ impl Touch {
         while !self.seen.has_stopped.load(Ordering::Acquire) && Instant::now() < give_up {
             std::thread::sleep(Duration::from_millis(1));
         }
-        if self.running.take().is_some() {
+        if let Some(running) = self.running.take() {
+            running.end(self.seen.has_stopped.load(Ordering::Acquire));
             self.hd.close(self.device);
         }
     }

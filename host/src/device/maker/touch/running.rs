@@ -28,7 +28,7 @@ unsafe impl Send for Running {}
 
 /// Unwinding into the library would end the process with the last force on the motors. A frame without a force sends zero.
 unsafe extern "C" fn cycle(data: *mut c_void) -> core::ffi::c_uint {
-    // SAFETY: `begin` has given this pointer, which is valid until `drop`, and only this thread uses it.
+    // SAFETY: `begin` has given this pointer, which is valid until `end`, and only this thread uses it.
     let data = unsafe { &mut *data.cast::<Data>() };
     match catch_unwind(AssertUnwindSafe(|| (data.work)())) {
         Ok(true) => CALLBACK_CONTINUE,
@@ -45,17 +45,21 @@ impl Running {
     /// Puts the work for a device into the cycle.
     pub(super) fn begin(hd: Hd, device: u32, work: Work) -> Self {
         let data = Box::into_raw(Box::new(Data { hd, device, work }));
-        // SAFETY: the callback's data, valid until `drop`, which stops the scheduler first.
+        // SAFETY: the callback's data, valid until `end`, or for good.
         let scheduled = unsafe { hd.schedule(cycle, data.cast()) };
         Self { hd, scheduled, data }
     }
 }
 
-impl Drop for Running {
-    fn drop(&mut self) {
+impl Running {
+    /// Takes the work out of the cycle. `has_ended`: it has returned false, so it is not called again. Work that hangs in the
+    /// library keeps its memory.
+    pub(super) fn end(self, has_ended: bool) {
         self.hd.stop();
         self.hd.unschedule(self.scheduled);
-        // SAFETY: of `begin`; no callback runs any more.
-        drop(unsafe { Box::from_raw(self.data) });
+        if has_ended {
+            // SAFETY: of `begin`, and the callback has returned for the last time.
+            drop(unsafe { Box::from_raw(self.data) });
+        }
     }
 }

@@ -178,7 +178,7 @@ impl Bench {
     /// A tick of the loop and a cycle of the library, `ms` after the last ones; the force that was sent.
     fn after(&mut self, ms: u64, force_n: [f32; 3]) -> [f64; 3] {
         let now_ns = self.now_ns.fetch_add(ms * MS, Ordering::Relaxed) + ms * MS;
-        self.session.send(Force { t_ns: now_ns, force_n });
+        self.session.send(Force { t_ns: now_ns, force_n, is_armed: true });
         let scheduled = fake(|fake| fake.callback.filter(|_| fake.is_running));
         if let Some((callback, data)) = scheduled {
             // SAFETY: scheduled with this data, on this thread.
@@ -245,7 +245,10 @@ fn errors_and_stalls_are_latched_until_the_reset() {
         (0x201, DeviceFault::Hardware),
         (0x203, DeviceFault::Overspeed),
         (0x300, DeviceFault::Hardware),
+        (0x204, DeviceFault::Hardware),
         (0x302, DeviceFault::Watchdog),
+        (0x303, DeviceFault::Hardware),
+        (0x304, DeviceFault::Watchdog),
         (0, DeviceFault::Watchdog),
     ] {
         let mut bench = Bench::ready();
@@ -259,7 +262,7 @@ fn errors_and_stalls_are_latched_until_the_reset() {
         }
         assert!((0..20).all(|_| bench.after(1, [1.0, 0.0, 0.0]) == [0.0; 3]), "{code:#x}");
         assert_eq!(bench.session.health().fault, Some(fault), "{code:#x}");
-        bench.session.reset();
+        bench.session.reset(bench.session.health().latch);
         bench.after(1, [1.0, 0.0, 0.0]);
         assert_eq!(bench.after(1, [1.0, 0.0, 0.0]), [1.0, 0.0, 0.0], "{code:#x}");
     }
