@@ -153,7 +153,9 @@ impl FromStr for DeviceSpec {
             ("falcon", firmware) => {
                 Ok(Self::Hardware(Hardware::Falcon { firmware: firmware.map(PathBuf::from) }))
             }
-            ("touch", library) => Ok(Self::Hardware(Hardware::Touch { library: library.map(PathBuf::from) })),
+            ("touch", library) if library != Some("") => {
+                Ok(Self::Hardware(Hardware::Touch { library: library.map(PathBuf::from) }))
+            }
             ("haply", None) => Ok(Self::Hardware(Hardware::Haply { address: None })),
             ("haply", Some(address)) if address.parse::<haply::Address>().is_ok() => {
                 Ok(Self::Hardware(Hardware::Haply { address: Some(address.into()) }))
@@ -166,7 +168,8 @@ impl FromStr for DeviceSpec {
                 Ok(Self::Hardware(Hardware::Link { port: port.into(), baud }))
             }
             (kind, library) => {
-                let family = Family::ALL.into_iter().find(|family| family.name() == kind);
+                let is_named = |family: &Family| family.name() == kind && library != Some("");
+                let family = Family::ALL.into_iter().find(is_named);
                 let library = library.map(PathBuf::from);
                 let of = |family| Self::Hardware(Hardware::ForceDimension { family, library });
                 family.map(of).ok_or_else(unknown)
@@ -273,6 +276,8 @@ mod tests {
             "replay:",
             "mouse:2",
             "haply:",
+            "omega:",
+            "touch:",
             "haply:lab-pc",
         ] {
             let refused = text.parse::<DeviceSpec>().expect_err(text).to_string();

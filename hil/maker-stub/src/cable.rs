@@ -32,7 +32,7 @@ pub enum Field {
     Frames,
     /// Time of the last frame with a force, ns.
     Forced,
-    /// Whether the time is that of [`Field::Now`], and [`crate::step`] takes the place of the library's threads.
+    /// Whether the time is that of [`Field::Now`], and [`crate::Stub::step`] takes the place of the library's threads.
     Stepped,
     /// Time of a device that is stepped, ns.
     Now,

@@ -1,11 +1,11 @@
 //! A stand-in for the libraries of makers, written from their headers and guides; nothing of a maker's is in it. The device at its
 //! other end is a file, the [`Cable`], which the emulator writes and reads.
 //!
-//! libHD of OpenHaptics ([`hd`]): one stack of errors, newest first; a frame begins without a force; values of the device outside
+//! libHD of OpenHaptics (`hd`): one stack of errors, newest first; a frame begins without a force; values of the device outside
 //! a frame are an error; forces need the scheduler and the capability; amplifiers go off after an exceeded limit and come back by
 //! themselves; the first frames after the start are damaged.
 //!
-//! libdhd and libdrd of Force Dimension ([`dhd`]): errors are kept; the force of the last command stays until the next one or
+//! libdhd and libdrd of Force Dimension (`dhd`): errors are kept; the force of the last command stays until the next one or
 //! until the firmware's watchdog; the motors go off for a cause and stay off until they are switched on.
 #![allow(unsafe_code, unreachable_pub, non_snake_case, reason = "the symbols of a C interface")]
 
