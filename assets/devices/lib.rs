@@ -4,7 +4,7 @@
 //! the core does not read TOML. The texts are therefore a separate crate.
 
 /// Name and text of each profile.
-pub const PROFILES: [(&str, &str); 14] = [
+pub const PROFILES: [(&str, &str); 15] = [
     ("delta.3", include_str!("delta.3.toml")),
     ("desktop", include_str!("desktop.toml")),
     ("dhd-falcon", include_str!("dhd-falcon.toml")),
@@ -19,4 +19,5 @@ pub const PROFILES: [(&str, &str); 14] = [
     ("sigma.7", include_str!("sigma.7.toml")),
     ("simulated", include_str!("simulated.toml")),
     ("touch", include_str!("touch.toml")),
+    ("touch-x", include_str!("touch-x.toml")),
 ];

@@ -12,7 +12,7 @@ use palpate_record::Recording;
 use serialport::SerialPort;
 
 use super::guard::files_of;
-use super::maker::{Hand, end, proxy_of, send};
+use super::maker::{Hand, end, killed_or_stopped, proxy_of, send};
 use super::{quiet, refused, text};
 
 fn hand() -> Hand {
@@ -50,30 +50,9 @@ fn the_hand_feels_the_body_and_the_session_says_what_it_drives() {
     assert!(!String::from_utf8_lossy(&output.stderr).contains("omega.3:"), "{output:?}");
 }
 
-/// Killed or stopped: zero after 4 ms without a new force, 20 ms are allowed. A session that goes on stays without a force.
 #[test]
 fn a_session_that_is_killed_or_stopped_leaves_no_force() {
-    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
-        let _quiet = quiet();
-        let hand = hand();
-        let session = hand.session();
-        hand.wait_pressing();
-        let at_ns = Cable::now_ns();
-        send(&session, signal);
-        std::thread::sleep(Duration::from_millis(300));
-        let last_ms = hand.last_force_ms(at_ns);
-        println!("{signal}: the last force {last_ms:.1} ms after it");
-        assert!(last_ms < 20.0 && hand.force_n() == 0.0, "{signal}: {last_ms} ms, {} N", hand.force_n());
-        if signal == Signal::SIGSTOP {
-            send(&session, Signal::SIGCONT);
-            std::thread::sleep(Duration::from_millis(500));
-            assert!(hand.last_force_ms(at_ns) < 20.0, "it resumes without a force");
-            let said = end(session);
-            assert!(String::from_utf8_lossy(&said.stdout).contains("watchdog"), "{said:?}");
-        } else {
-            session.wait_with_output().expect("it has ended");
-        }
-    }
+    killed_or_stopped(hand);
 }
 
 /// Every call fails: the firmware's watchdog of 10 ms takes the force, which stays off when the cable works again.

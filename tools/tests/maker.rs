@@ -12,7 +12,7 @@ use nix::unistd::Pid;
 use palpate_maker_stub::{Cable, Field, VARIABLE};
 
 use super::guard::files_of;
-use super::text;
+use super::{quiet, text};
 
 /// The stand-in, which cargo builds for these tests.
 pub(super) fn library() -> PathBuf {
@@ -136,4 +136,30 @@ pub(super) fn proxy_of(child: &Child) -> Pid {
     let found =
         all.filter(|folder| is_proxy(folder)).find_map(|folder| folder.file_name()?.to_str()?.parse().ok());
     Pid::from_raw(found.expect("a proxy"))
+}
+
+/// Killed or stopped: zero after 4 ms without a new force, 20 ms are allowed. A session that goes on stays without a force.
+pub(super) fn killed_or_stopped(hand: impl Fn() -> Hand) {
+    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
+        let _quiet = quiet();
+        let hand = hand();
+        let session = hand.session();
+        hand.wait_pressing();
+        let at_ns = Cable::now_ns();
+        send(&session, signal);
+        std::thread::sleep(Duration::from_millis(300));
+        let last_ms = hand.last_force_ms(at_ns);
+        println!("{signal}: the last force {last_ms:.1} ms after it");
+        assert!(last_ms < 20.0 && hand.force_n() == 0.0, "{signal}: {last_ms} ms, {} N", hand.force_n());
+        if signal == Signal::SIGSTOP {
+            send(&session, Signal::SIGCONT);
+            std::thread::sleep(Duration::from_millis(500));
+            assert!(hand.last_force_ms(at_ns) < 20.0, "it resumes without a force");
+            let output = end(session);
+            let said = String::from_utf8_lossy(&output.stdout);
+            assert!(said.contains("watchdog"), "{said}");
+        } else {
+            session.wait_with_output().expect("it has ended");
+        }
+    }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use nix::sys::signal::{Signal, kill};
 use palpate_maker_stub::{Cable, Field};
 
-use super::maker::{Hand, end, proxy_of, send};
+use super::maker::{Hand, end, killed_or_stopped, proxy_of};
 use super::quiet;
 
 #[test]
@@ -25,31 +25,9 @@ fn the_hand_feels_the_body_and_the_session_says_what_it_drives() {
     assert_eq!(hand.force_n(), 0.0);
 }
 
-/// Killed or stopped: zero after 4 ms without a new force, 20 ms are allowed. A session that goes on stays without a force.
 #[test]
 fn a_session_that_is_killed_or_stopped_leaves_no_force() {
-    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
-        let _quiet = quiet();
-        let hand = Hand::on("touch", "touch", 1e-3);
-        let session = hand.session();
-        hand.wait_pressing();
-        let at_ns = Cable::now_ns();
-        send(&session, signal);
-        std::thread::sleep(Duration::from_millis(300));
-        let last_ms = hand.last_force_ms(at_ns);
-        println!("{signal}: the last force {last_ms:.1} ms after it");
-        assert!(last_ms < 20.0 && hand.force_n() == 0.0, "{signal}: {last_ms} ms, {} N", hand.force_n());
-        if signal == Signal::SIGSTOP {
-            send(&session, Signal::SIGCONT);
-            std::thread::sleep(Duration::from_millis(500));
-            assert!(hand.last_force_ms(at_ns) < 20.0, "it resumes without a force");
-            let output = end(session);
-            let said = String::from_utf8_lossy(&output.stdout);
-            assert!(said.contains("watchdog"), "{said}");
-        } else {
-            session.wait_with_output().expect("it has ended");
-        }
-    }
+    killed_or_stopped(|| Hand::on("touch", "touch", 1e-3));
 }
 
 /// The library's amplifiers come back by themselves 0.3 s after an exceeded limit, and it resumes after a stall.

@@ -30,7 +30,7 @@ pub(crate) struct SessionArgs {
     /// Capabilities of the device: a bundled profile or a .toml file
     ///
     /// Bundled: delta.3, desktop, dhd-falcon, falcon, haply, lambda.7, link, omega, omni, polhem, premium-1.5, sigma.7,
-    /// simulated, touch. With sim that device's mechanics are simulated; devices with motors have their own.
+    /// simulated, touch, touch-x. With sim that device's mechanics are simulated; devices with motors have their own.
     #[arg(long, value_name = "NAME|FILE.toml")]
     pub(crate) profile: Option<String>,
     /// Seconds to run; until Ctrl-C if not given

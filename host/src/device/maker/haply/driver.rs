@@ -30,6 +30,8 @@ const SHUT_NS: u64 = SILENT_NS + 2_000_000;
 const GIVE_UP_NS: u64 = 500_000_000;
 /// Longest wait for each of the last two replies.
 const CLOSE_WAIT: Duration = Duration::from_millis(10);
+/// Most texts that are read before a command.
+const MOST_UNASKED: u32 = 16;
 /// Lines that wait for the user.
 const NEWS: usize = 32;
 
@@ -211,7 +213,8 @@ impl Driver {
     /// Sends the force of this cycle. Texts that have come unasked are read first: as the reply to this command they would be
     /// older than it.
     fn send(&mut self) -> Result<(), Closed> {
-        while let Some(text) = self.line.receive(Duration::ZERO)? {
+        for _ in 0..MOST_UNASKED {
+            let Some(text) = self.line.receive(Duration::ZERO)? else { break };
             self.take((self.clock)(), &text, None);
             self.tell("the Haply Inverse Service has sent a state unasked".into());
         }

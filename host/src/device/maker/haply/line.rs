@@ -74,7 +74,8 @@ impl Line for Socket {
         loop {
             match self.0.read() {
                 Ok(Message::Text(text)) => return Ok(Some(text.as_str().to_owned())),
-                // Pings are answered by the library.
+                // Pings are answered by the library. However many there are, the wait has its end.
+                Ok(_) if Instant::now() >= give_up => return Ok(None),
                 Ok(_) => {}
                 Err(error) if would_block(&error) => {
                     let left = give_up.saturating_duration_since(Instant::now());
