@@ -84,8 +84,7 @@ impl FaultKind {
             // A corrupted homing flag may report that the device is not homed.
             Self::CorruptReply | Self::Mixed => is_recovered || is_stale || is_not_ready,
             Self::EncoderJump => {
-                let by_speed = matches!(ended, Ended::Latched(Fault::Watchdog | Fault::Overspeed));
-                is_recovered || is_not_ready || by_speed
+                is_recovered || is_not_ready || matches!(ended, Ended::Latched(Fault::Watchdog))
             }
             Self::HomingLost => is_not_ready,
             Self::ForceOff => matches!(ended, Ended::Latched(Fault::Watchdog)),

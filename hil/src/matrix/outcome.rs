@@ -104,10 +104,13 @@ impl Run {
         if self.observed_violation.is_some() {
             return self.observed_violation;
         }
-        let by_proxy = self.behind_library && self.ended == Ended::Latched(Fault::Watchdog);
+        let by_proxy = self.ended == Ended::Latched(Fault::Watchdog);
         let is_gap =
             matches!(self.fault, FaultKind::Drop | FaultKind::Silence | FaultKind::Delay | FaultKind::Stall);
-        if !(self.fault.allows(self.ended) || by_proxy && is_gap) {
+        // Without a screen of the encoders it is the loop's speed limit that finds a jump.
+        let by_speed = self.ended == Ended::Latched(Fault::Overspeed) && self.fault == FaultKind::EncoderJump;
+        let is_theirs = self.behind_library && (by_proxy && is_gap || by_speed);
+        if !(self.fault.allows(self.ended) || is_theirs) {
             return Some("this outcome is not allowed for the fault");
         }
         if self.slew_n_per_s.is_some_and(|slew_n_per_s| self.steepest_n_per_s > slew_n_per_s) {

@@ -56,6 +56,8 @@ pub struct Exchanging {
     is_lost: bool,
     /// The motors were switched on.
     is_on: bool,
+    /// The device has said since then that they are.
+    was_on: bool,
     /// Looks in a row that found them off.
     off: u32,
 }
@@ -106,6 +108,7 @@ impl Exchanging {
             blind: 0,
             is_lost: false,
             is_on: false,
+            was_on: false,
             off: 0,
         };
         Ok((cycle, opened))
@@ -119,7 +122,7 @@ impl Exchanging {
         self.dhd.set_force(self.id, [0.0; 3])?;
         if self.exchange.is_armed() && !self.is_lost {
             self.dhd.enable_force(self.id, true)?;
-            self.is_on = true;
+            (self.is_on, self.was_on) = (true, false);
         }
         Ok(())
     }
@@ -136,6 +139,11 @@ impl Exchanging {
         }
     }
 
+    fn lose(&mut self, now_ns: u64) {
+        self.is_lost = true;
+        self.latch(now_ns, DeviceFault::Watchdog, off(5).1);
+    }
+
     fn latch(&mut self, now_ns: u64, fault: DeviceFault, why: &str) {
         if self.exchange.fault().is_none() {
             tell(&self.news, format!("{}: {why}", self.name));
@@ -146,20 +154,20 @@ impl Exchanging {
     /// The motors went off by themselves, or the position is no longer initialised.
     fn check(&mut self, now_ns: u64) {
         match self.dhd.status(self.id) {
-            Ok(Status { is_connected: false, .. }) | Ok(Status { off_cause: 5, .. }) => {
-                self.is_lost = true;
-                self.latch(now_ns, DeviceFault::Watchdog, off(5).1);
-            }
+            Ok(Status { is_connected: false, .. }) => self.lose(now_ns),
+            // The cause of an earlier loss stays until the motors go on.
+            Ok(Status { gives_force: false, off_cause: 5, .. }) if self.was_on => self.lose(now_ns),
             Ok(Status { gives_force: false, off_cause, .. }) if self.is_on => {
                 self.off += 1;
-                if off_cause != 0 || self.off >= MOST_OFF {
+                if (off_cause != 0 && self.was_on) || self.off >= MOST_OFF {
                     let (fault, why) = off(off_cause);
-                    self.is_on = false;
+                    (self.is_on, self.was_on) = (false, false);
                     self.latch(now_ns, fault, &format!("its motors went off: {why}"));
                 }
             }
-            Ok(Status { is_initialized, .. }) => {
+            Ok(Status { is_initialized, gives_force, .. }) => {
                 self.off = 0;
+                self.was_on |= gives_force && self.is_on;
                 let state = if is_initialized { DeviceState::Homed } else { DeviceState::Unhomed };
                 self.exchange.set_state(state);
             }
