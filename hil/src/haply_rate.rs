@@ -57,6 +57,8 @@ impl Measured {
             Some(format!("{} exchanges in a second, fewer than {RATE_HZ}", self.slowest_hz))
         } else if self.ratio() > RATIO {
             Some(format!("p99.9 is {:.2} times that of the echo, more than {RATIO}", self.ratio()))
+        } else if largest_n == 0.0 {
+            Some("no force has reached the hand".into())
         } else if largest_n > limit_n {
             Some(format!("{largest_n} N, more than {limit_n}"))
         } else {
@@ -130,6 +132,7 @@ pub fn measure(time: Duration) -> io::Result<Measured> {
     let opened = Driver::open(&address, proxy, Box::new(monotonic_ns)).map_err(io::Error::other)?;
     let (mut driver, opened, _news) = opened;
     let (mut device, mut echo) = (session(opened), Echo::start()?);
+    device.set_armed(true);
     let new = || Histogram::<u64>::new_with_bounds(1, LONGEST_NS, 3).map_err(io::Error::other);
     let (mut driver_ns, mut echo_ns) = (new()?, new()?);
     let (mut slowest_hz, mut in_second, mut late) = (u64::MAX, 0, 0);
