@@ -46,6 +46,7 @@ pub mod fem;
 mod files;
 pub mod fit;
 pub mod held_out;
+pub mod identify;
 pub mod live;
 pub mod mesh;
 pub mod num;

@@ -6,6 +6,7 @@
 //! an ignored key would change the model unnoticed.
 
 mod charts;
+mod constants;
 mod cover;
 mod device;
 mod edit;
@@ -38,6 +39,7 @@ use crate::fem::sphere::{Layer, Sphere};
 use crate::mesh::{BISECTIONS_A_LEVEL, MeshFault, Near, Refined, Surface, TetMesh};
 pub use crate::spec::{ActiveNode, Tool};
 use crate::spec::{Charts, ContactSurface, DisplacementBound, Lattice, Sampling, Scattered, Tolerance};
+pub use constants::SceneConstant;
 pub use cover::Cover;
 pub(crate) use cover::choose as choose_contact_points;
 pub use edit::{VisitedContact, VisitedPlace};

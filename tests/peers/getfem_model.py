@@ -4,7 +4,8 @@
 
 Force: by the tool ON the body at the active node, dW/dd, N. The hand receives the opposite force.
 Energy: strain energy relative to rest, J; the constraint p (1 - J) adds nothing at a solution.
-SI units throughout. p > 0 is compression.
+SI units throughout. p is the excess over the pressure at rest p0, which each region has from its own
+parameters; p > 0 is compression.
 
 Both Dirichlet conditions are eliminated: GetFEM assembles the whole body, the rows and columns of prescribed
 displacements are removed before MUMPS, and the reaction is the assembled residual in those rows. MUMPS
@@ -19,15 +20,15 @@ import os
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
-import pathlib
 import sys
 import time
-import tomllib
 
 MISSING = "GetFEM is missing: run tests/peers/install (Debian's python3-getfem), then use /usr/bin/python3"
 try:
     import getfem as gf
     import numpy as np
+
+    from organ_mesh import read_scene  # noqa: F401: the scripts import it from here
 except ImportError as error:
     sys.exit(f"{MISSING} ({error})")
 
@@ -42,6 +43,14 @@ YOUNG_PA, POISSON = 15480.0, 0.49
 LAMBDA_PA = YOUNG_PA * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
 MU_PA = YOUNG_PA / (2 * (1 + POISSON))
 C10_PA, C01_PA = 1300.0, 1280.0
+PARAMETERS_PA = {"lambda": LAMBDA_PA, "mu": MU_PA, "c10": C10_PA, "c01": C01_PA}
+
+
+def lame(young_pa, poisson):
+    """Parameters for `Model`: lambda = E nu / ((1 + nu) (1 - 2 nu)) and mu = E / (2 (1 + nu)), Pa."""
+    mu_pa = young_pa / (2 * (1 + poisson))
+    return {"lambda": 2 * mu_pa * poisson / (1 - 2 * poisson), "mu": mu_pa}
+
 
 # First Piola stress P (Pa) and strain energy density W (J/m3) in GetFEM's language; F = I + grad u, E = (F'F
 # - I)/2. The stresses are written by hand, because GetFEM assembles derived potentials 2 to 7 times slower.
@@ -53,7 +62,7 @@ F_INV_T = f"(Inv({F})')"  # transposed
 STRAIN = "Sym(Grad_u)"
 I1 = f"Trace({C})"
 I2 = f"(0.5*(sqr({I1})-{C}:{C}))"
-PRESSURE = f"-p*{J}*{F_INV_T}"
+PRESSURE_STRESS = f"{J}*{F_INV_T}"
 
 ST_VENANT_STRESS = f"{F}*(lambda*Trace({E})*Id(3)+2*mu*{E})"
 ST_VENANT_ENERGY = f"0.5*lambda*sqr(Trace({E}))+mu*({E}:{E})"
@@ -64,116 +73,39 @@ REDUCED_STRESS = (
     f"+2*c01*pow({J},-4/3)*({I1}*{F}-{F}*{C}-(2/3*{I2})*{F_INV_T})"
 )
 
-# law: (P without the pressure, W, incompressible, pressure at rest / Pa)
+# law: (P without the pressure, W, incompressible, pressure at rest p0 / Pa of the parameters c)
 LAWS = {
     "linear": (
         f"lambda*Trace({STRAIN})*Id(3)+2*mu*{STRAIN}",
         f"0.5*lambda*sqr(Trace({STRAIN}))+mu*({STRAIN}:{STRAIN})",
         False,
-        0.0,
+        lambda c: 0.0,
     ),
-    "st-venant-kirchhoff": (ST_VENANT_STRESS, ST_VENANT_ENERGY, False, 0.0),
+    "st-venant-kirchhoff": (ST_VENANT_STRESS, ST_VENANT_ENERGY, False, lambda c: 0.0),
     # lambda is kept in addition to the constraint.
-    "modified-st-venant-kirchhoff": (ST_VENANT_STRESS, ST_VENANT_ENERGY, True, 0.0),
+    "modified-st-venant-kirchhoff": (ST_VENANT_STRESS, ST_VENANT_ENERGY, True, lambda c: 0.0),
     # W = C10 (I1 - 3) + C01 (I2 - 3), unreduced invariants: stress at rest 2 C10 + 4 C01, which p takes up.
     "mooney-rivlin": (
         f"{F}*(2*(c10+c01*{I1})*Id(3)-2*c01*{C})",
         f"c10*({I1}-3)+c01*({I2}-3)",
         True,
-        2 * C10_PA + 4 * C01_PA,
+        lambda c: 2 * c["c10"] + 4 * c["c01"],
     ),
     # W = C10 (J^-2/3 I1 - 3) + C01 (J^-4/3 I2 - 3)
     "mooney-rivlin-reduced": (
         REDUCED_STRESS,
         f"c10*(pow({J},-2/3)*{I1}-3)+c01*(pow({J},-4/3)*{I2}-3)",
         True,
-        0.0,
+        lambda c: 0.0,
     ),
     # W = mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2, compressible
     "neo-hookean": (
         f"mu*{F}+(lambda*log({J})-mu)*{F_INV_T}",
         f"0.5*mu*({I1}-3)-mu*log({J})+0.5*lambda*sqr(log({J}))",
         False,
-        0.0,
+        lambda c: 0.0,
     ),
 }
-
-
-class Mesh:
-    """Nodes (n x 3, m), tets (m x 4, 0-based nodes in file order), node sets of surface groups by name."""
-
-    def __init__(self, nodes, tets, groups):
-        self.nodes, self.tets, self.groups = nodes, tets, groups
-
-
-def read_gmsh(path):
-    """Reads Gmsh 4.1 ASCII with node tags 1..N in file order.
-
-    GetFEM's own import is not used: it renumbers a group that shares its number with one of another
-    dimension, and the node numbers must stay those of the file.
-    """
-    with open(path, encoding="ascii") as file:
-        lines = [line.strip() for line in file]
-
-    def section(name):
-        if f"${name}" not in lines:
-            return []
-        return lines[lines.index(f"${name}") + 1 : lines.index(f"$End{name}")]
-
-    if section("MeshFormat")[0].split()[:2] != ["4.1", "0"]:
-        sys.exit(f"{path}: not Gmsh 4.1 ASCII")
-
-    names = {}
-    for line in section("PhysicalNames")[1:]:
-        dimension, tag, name = line.split(maxsplit=2)
-        names[int(dimension), int(tag)] = name.strip('"')
-
-    physical = {}  # (dimension, entity) -> names of its groups
-    entities = section("Entities")
-    if entities:
-        counts = [int(word) for word in entities[0].split()]
-        row = 1
-        for dimension, count in enumerate(counts):
-            for line in entities[row : row + count]:
-                words = line.split()
-                at = 4 if dimension == 0 else 7
-                tags = [int(word) for word in words[at + 1 : at + 1 + int(words[at])]]
-                physical[dimension, int(words[0])] = [names[dimension, tag] for tag in tags]
-            row += count
-
-    body = section("Nodes")
-    blocks, count, first, last = (int(word) for word in body[0].split())
-    if (first, last) != (1, count):
-        sys.exit(f"{path}: node tags are not 1..N")
-    nodes = np.empty((count, 3))
-    row = 1
-    for _ in range(blocks):
-        size = int(body[row].split()[3])
-        tags = [int(line) - 1 for line in body[row + 1 : row + 1 + size]]
-        nodes[tags] = [[float(word) for word in line.split()[:3]] for line in body[row + 1 + size : row + 1 + 2 * size]]
-        row += 1 + 2 * size
-
-    tets, groups = [], {}
-    body = section("Elements")
-    row = 1
-    for _ in range(int(body[0].split()[0])):
-        dimension, entity, kind, size = (int(word) for word in body[row].split())
-        cells = [[int(word) - 1 for word in line.split()[1:]] for line in body[row + 1 : row + 1 + size]]
-        row += 1 + size
-        if kind == 4:
-            tets += cells
-        elif kind == 2:
-            for name in physical.get((dimension, entity), []):
-                groups.setdefault(name, set()).update(node for cell in cells for node in cell)
-    return Mesh(nodes, np.array(tets), {name: np.array(sorted(group)) for name, group in groups.items()})
-
-
-def read_scene(mesh_dir, name):
-    """The bundled organ `name`: (mesh, active nodes by name)."""
-    with open(pathlib.Path(mesh_dir) / f"{name}.toml", "rb") as file:
-        scene = tomllib.load(file)
-    mesh = read_gmsh(pathlib.Path(mesh_dir) / scene["mesh"]["file"])
-    return mesh, {active["name"]: active["node"] for active in scene["active"]}
 
 
 class Failed(Exception):
@@ -184,11 +116,14 @@ class Model:
     """One body, held at `fixed` (0-based nodes) and moved at `active`, with a law of LAWS and order 1 or 2.
 
     The state is GetFEM's vector of all unknowns: u of the whole body, then p on the vertices if
-    incompressible.
+    incompressible. `parameters` replaces values of PARAMETERS_PA, Pa: numbers, or arrays over the tets.
+    `regions` are the tets of each material. Each has a pressure field of its own, because the pressure is
+    discontinuous where the material is.
     """
 
-    def __init__(self, mesh, law, order, fixed, active):
+    def __init__(self, mesh, law, order, fixed, active, parameters=None, regions=None):
         stress, energy, self.incompressible, rest_pressure = LAWS[law]
+        parameters = PARAMETERS_PA | (parameters or {})
         self.mesh, self.law, self.order = mesh, law, order
         self.energy_density = energy
 
@@ -205,16 +140,9 @@ class Model:
 
         model = gf.Model("real")
         model.add_fem_variable("u", self.mf)
-        for name, value in (("lambda", LAMBDA_PA), ("mu", MU_PA), ("c10", C10_PA), ("c01", C01_PA)):
-            model.add_initialized_data(name, value)
-        if self.incompressible:
-            self.mfp = gf.MeshFem(body, 1)
-            self.mfp.set_fem(gf.Fem("FEM_PK(3,1)"))
-            model.add_fem_variable("p", self.mfp)
-            term = f"({stress}{PRESSURE}):Grad_Test_u+(1-{J})*Test_p"
-        else:
-            term = f"({stress}):Grad_Test_u"
-        model.add_nonlinear_term(self.mim, term, -1, 1, 0)
+        for name, value in (parameters | {"p0": rest_pressure(parameters)}).items():
+            self._add_data(model, name, value)
+        pressures = self._add_terms(model, stress, regions or [np.arange(len(mesh.tets))])
         self.model = model
 
         self.rest = np.array(model.from_variables(), dtype=float)
@@ -222,11 +150,8 @@ class Model:
         self.u = np.arange(start, start + count)
         prescribed = self._displacement_dofs(fixed)
         self.active = self.u[self.vertex_dofs([active])[0]]
-        self.p = np.arange(0)
-        if self.incompressible:
-            start, count = model.interval_of_variable("p")
-            self.p = np.arange(start, start + count)
-            self.rest[self.p] = rest_pressure
+        intervals = [model.interval_of_variable(name) for name in pressures]
+        self.p = np.concatenate([np.arange(0), *(np.arange(start, start + count) for start, count in intervals)])
         held = np.zeros(len(self.rest), dtype=bool)
         held[self.u[prescribed]] = True
         held[self.active] = True
@@ -236,6 +161,36 @@ class Model:
         self.weight = np.ones(len(self.rest))
         self.weight[self.p] = MU_PA / volume ** (1 / 3)
         self.force_floor_n = 1e-6 * MU_PA * volume ** (2 / 3)
+
+    def _add_terms(self, model, stress, regions):
+        """Adds the weak form and returns the names of the pressure fields, one a region."""
+        if not self.incompressible:
+            model.add_nonlinear_term(self.mim, f"({stress}):Grad_Test_u", -1, 1, 0)
+            return []
+        names = [f"p{number}" for number in range(1, len(regions) + 1)]
+        for number, (name, tets) in enumerate(zip(names, regions), 1):
+            self.body.set_region(number, np.vstack([tets, np.full(len(tets), -1)]))
+            field = gf.MeshFem(self.body, 1)
+            field.set_fem(gf.Fem("FEM_PK(3,1)"), tets)
+            model.add_fem_variable(name, field)
+            term = f"({stress}-({name}+p0)*{PRESSURE_STRESS}):Grad_Test_u+(1-{J})*Test_{name}"
+            model.add_nonlinear_term(self.mim, term, number, 1, 0)
+        return names
+
+    def _add_data(self, model, name, value):
+        """A number, or one value per tet as a piecewise constant field."""
+        if np.ndim(value) == 0:
+            model.add_initialized_data(name, value)
+            return
+        field = gf.MeshFem(self.body, 1)
+        field.set_fem(gf.Fem("FEM_PK(3,0)"))
+        values = np.empty(len(value))
+        # The body's convexes are the tets in file order, each with one dof of this field.
+        dofs, starts = field.basic_dof_from_cvid(np.arange(len(value)))
+        if len(dofs) != len(value) or len(starts) != len(value) + 1:
+            sys.exit("GetFEM has changed the elements")
+        values[dofs] = value
+        model.add_initialized_fem_data(name, field, values)
 
     def vertex_dofs(self, nodes):
         """Dofs of u (within u) at vertices, n x 3."""

@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 61] = [
+const PRECOMPUTE: [&str; 62] = [
     "error",
     "files",
     "num",
@@ -143,6 +143,7 @@ const PRECOMPUTE: [&str; 61] = [
     "live",
     "certificate",
     "pipeline",
+    "identify",
     "plan",
 ];
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use palpate_precompute::held_out::HeldOutError;
+use palpate_precompute::identify::IdentifyError;
 use palpate_precompute::pack::PackError;
 use palpate_precompute::pipeline::PipelineError;
 use palpate_precompute::plan::PlanError;
@@ -89,6 +90,12 @@ of_pipeline!(
 
 impl From<PlanError> for Failure {
     fn from(error: PlanError) -> Self {
+        if error.is_bad_input() { Self::input(error) } else { Self::work(error) }
+    }
+}
+
+impl From<IdentifyError> for Failure {
+    fn from(error: IdentifyError) -> Self {
         if error.is_bad_input() { Self::input(error) } else { Self::work(error) }
     }
 }

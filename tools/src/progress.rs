@@ -153,6 +153,15 @@ impl WorkProgress {
         });
     }
 
+    /// Shows `done` of `total` parts of one of several rounds, whose number is not known before.
+    pub(crate) fn round(&mut self, doing: String, what: String, done: usize, total: usize) {
+        self.update(|state| {
+            (state.count, state.left_s) = (Some((done, total, false)), None);
+            (state.doing, state.what) = (doing.clone(), what);
+            doing
+        });
+    }
+
     /// Shows progress of configuration spaces.
     pub(crate) fn spaces(&mut self, progress: &Progress) {
         if let Some(out) = progress.stopping {

@@ -4,6 +4,7 @@
 pub(crate) mod assembly;
 pub(crate) mod body;
 pub(crate) mod boundary;
+pub(crate) mod constant;
 mod counterpart;
 pub(crate) mod elastic;
 pub(crate) mod element;

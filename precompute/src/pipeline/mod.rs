@@ -16,6 +16,7 @@ mod blob;
 mod discretisation;
 mod error;
 mod ledger;
+mod loading;
 mod visits;
 
 pub use crate::space::complete_charts;
@@ -23,6 +24,7 @@ pub use blob::{add_ledgers, certified, certified_blob, solve_held_out_positions,
 pub use discretisation::{DISCRETISATION_POSITIONS, discretisation_in, solve_discretisation};
 pub use error::PipelineError;
 pub use ledger::ledger;
+pub use loading::{Equilibrium, Loading};
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

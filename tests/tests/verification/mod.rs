@@ -5,6 +5,7 @@ mod condensed;
 mod contact_patch;
 mod cook;
 mod golden;
+mod identify;
 mod live;
 mod live_capsule;
 mod live_sphere;

@@ -5,6 +5,7 @@ pub(crate) mod control;
 pub(crate) mod demo;
 pub(crate) mod doctor;
 pub(crate) mod guard;
+pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod live;
 pub(crate) mod live_solver;

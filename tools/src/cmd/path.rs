@@ -1,15 +1,12 @@
 //! `palpate path`: the reaction along a loading path, solved step by step.
 
-mod loading;
-
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use clap::Args as ClapArgs;
-use loading::Loading;
 use palpate_precompute::fem::{Configuration, FailureReason, Pose, SolveFailure};
 use palpate_precompute::num::{distance, norm};
-use palpate_precompute::pipeline::Analysis;
+use palpate_precompute::pipeline::{Analysis, Loading};
 
 use crate::analysis;
 use crate::displacements::Displacements;
@@ -164,7 +161,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let bench = analysis::load(&args.scene)?;
     check_tool(args, &bench)?;
-    let mut loading = Loading::begin(&bench, args.active.as_deref(), &args.scene, controls_m[0], args.layer)?;
+    let mut loading = Loading::begin(&bench, args.active.as_deref(), controls_m[0], args.layer)?;
     let details = DETAILS.split(',').filter(|_| args.details);
     let start_m = bench.scene.tool.sphere().map_or([0.0; 3], |_| controls_m[0]);
     let mut table = Csv::new(HEADER.split(',').chain(details))?;

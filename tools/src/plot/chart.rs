@@ -123,6 +123,15 @@ impl Frame<'_> {
     }
 }
 
+/// Plots beside each other, as the content of a file.
+pub(crate) fn row(charts: &[Chart], title: &str) -> String {
+    let mut svg = Svg::default();
+    for (number, chart) in charts.iter().enumerate() {
+        svg.inside([number as f64 * WIDTH, 0.0], [WIDTH, HEIGHT], &chart.svg());
+    }
+    svg.finish_file(charts.len() as f64 * WIDTH, HEIGHT, title)
+}
+
 impl Chart {
     /// Returns the drawing.
     pub(crate) fn svg(&self) -> String {

@@ -11,7 +11,7 @@ mod timeline;
 
 pub(crate) use axis::Axis;
 pub(crate) use bars::{Bars, Value};
-pub(crate) use chart::{Chart, Point, Series};
+pub(crate) use chart::{Chart, Point, Series, row};
 pub(crate) use style::{PALETTE, Style};
 pub(crate) use svg::{STYLE, escaped};
 pub(crate) use timeline::{Curve, Lane, Panel, Timeline};

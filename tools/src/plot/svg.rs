@@ -35,6 +35,12 @@ impl Svg {
         self.finish(width, height, title).replacen("<svg ", &own, 1).replacen('>', &head, 1) + "\n"
     }
 
+    /// Another whole element with its upper left corner at a place.
+    pub(super) fn inside(&mut self, [x, y]: [f64; 2], [width, height]: [f64; 2], element: &str) {
+        let own = format!("<svg x=\"{x:.0}\" y=\"{y:.0}\" width=\"{width:.0}\" height=\"{height:.0}\" ");
+        self.body.push_str(&element.replacen("<svg ", &own, 1));
+    }
+
     /// A straight line with a class of the style sheet.
     pub(super) fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], class: &str) {
         let _ = write!(

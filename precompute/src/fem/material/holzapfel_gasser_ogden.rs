@@ -118,6 +118,15 @@ impl BuiltIn for HolzapfelGasserOgden {
         let fibre = given.direction("fibre", "[1.0, 0.0, 0.0]")?;
         Ok(Self { c10_pa, k1_pa, k2, dispersion, fibre })
     }
+
+    /// The energy is linear in C10 and k1 only.
+    fn derivative(&self, key: &str) -> Option<Self> {
+        match key {
+            "c10_pa" => Some(Self { c10_pa: 1.0, k1_pa: 0.0, ..*self }),
+            "k1_pa" => Some(Self { c10_pa: 0.0, k1_pa: 1.0, ..*self }),
+            _ => None,
+        }
+    }
 }
 
 impl OfInvariants for HolzapfelGasserOgden {

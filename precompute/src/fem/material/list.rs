@@ -81,6 +81,16 @@ macro_rules! laws {
                 }
             }
 
+            /// The law whose energy is the derivative of this one's with respect to a number of the scene,
+            /// the other numbers of the scene held. `None` if the law has no such number or its energy is not
+            /// linear in it.
+            pub(crate) fn derivative(&self, key: &str) -> Option<Self> {
+                match self {
+                    $(Self::$law(law) => parameters::BuiltIn::derivative(law, key).map(Self::$law),)*
+                    Self::Own(_) => None,
+                }
+            }
+
             /// The parameters of all laws, without duplicates.
             pub(crate) fn keys() -> Vec<Key> {
                 let mut keys: Vec<Key> = Vec::new();

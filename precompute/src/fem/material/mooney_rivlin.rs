@@ -85,6 +85,14 @@ impl BuiltIn for MooneyRivlin {
         let [c10_pa, c01_pa] = moduli.mooney_rivlin_pa;
         Some(Self { c10_pa, c01_pa })
     }
+
+    fn derivative(&self, key: &str) -> Option<Self> {
+        match key {
+            "c10_pa" => Some(Self { c10_pa: 1.0, c01_pa: 0.0 }),
+            "c01_pa" => Some(Self { c10_pa: 0.0, c01_pa: 1.0 }),
+            _ => None,
+        }
+    }
 }
 
 impl OfInvariants for MooneyRivlin {
@@ -154,6 +162,10 @@ impl BuiltIn for ReducedMooneyRivlin {
 
     fn with_small_strain(moduli: &SmallStrain) -> Option<Self> {
         MooneyRivlin::with_small_strain(moduli).map(Self)
+    }
+
+    fn derivative(&self, key: &str) -> Option<Self> {
+        self.0.derivative(key).map(Self)
     }
 }
 

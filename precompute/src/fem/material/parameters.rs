@@ -69,6 +69,10 @@ pub(crate) trait BuiltIn: Law + Sized {
     fn with_small_strain(_moduli: &SmallStrain) -> Option<Self> {
         None
     }
+
+    /// The law whose energy is the derivative of the energy with respect to the number `key`, the other keys given
+    /// with it held. `None` if the energy is not linear in the constants behind the key.
+    fn derivative(&self, key: &str) -> Option<Self>;
 }
 
 /// Moduli of an isotropic law at small strain.
@@ -150,6 +154,19 @@ impl<L: OfLame + Law> BuiltIn for L {
 
     fn with_small_strain(moduli: &SmallStrain) -> Option<Self> {
         Some(Self::with_lame(moduli.lame))
+    }
+
+    /// The energy is linear in lambda and mu.
+    fn derivative(&self, key: &str) -> Option<Self> {
+        let lame = self.lame();
+        let by = match key {
+            "lambda_pa" => Lame { lambda_pa: 1.0, mu_pa: 0.0 },
+            "mu_pa" => Lame { lambda_pa: 0.0, mu_pa: 1.0 },
+            "young_pa" => lame.by_young(),
+            "poisson" => lame.by_poisson(),
+            _ => return None,
+        };
+        Some(Self::with_lame(by))
     }
 }
 

@@ -151,3 +151,40 @@ fn second_piola_and_material_tangent_are_derivatives_by_the_strain() {
     }
     println!("S = dW/dgamma {:.1e}, dS/dgamma {:.1e}", worst[0], worst[1]);
 }
+
+/// dP/dtheta of the derivative law against central differences, at a state with shear, stretch and a change of
+/// volume. The laws are linear in their constants, so that the differences are exact but for rounding; only the
+/// stress as a function of Poisson's ratio has higher derivatives.
+#[test]
+fn a_derivative_law_is_the_change_of_the_stress_with_a_number_of_the_scene() {
+    let k = Kinematics::of(&Matrix3::new(0.12, 0.2, -0.05, 0.03, -0.07, 0.1, -0.08, 0.06, 0.02));
+    let mut numbers = 0;
+    for law in livers() {
+        let given: Vec<(&str, Value)> = match law.name() {
+            "linear" | "neo-hookean" => {
+                vec![("young_pa", Value::Number(15480.0)), ("poisson", Value::Number(0.45))]
+            }
+            _ => law.parameters(),
+        };
+        for (key, value) in &given {
+            let Value::Number(number) = *value else { continue };
+            let Some(derivative) = law.derivative(key) else {
+                assert!(["k2", "dispersion"].contains(key), "{} has no derivative by {key}", law.name());
+                continue;
+            };
+            let stress_at = |number: f64| {
+                let given: Vec<_> = given
+                    .iter()
+                    .map(|&(other, value)| (other, if other == *key { Value::Number(number) } else { value }))
+                    .collect();
+                Material::from_parameters(law.name(), &given).expect("constants of the law").stress(&k, 0.0).1
+            };
+            let step = 1e-4 * number;
+            let difference = (stress_at(number + step) - stress_at(number - step)) / (2.0 * step);
+            let error = (derivative.stress(&k, 0.0).1 - difference).norm() / difference.norm();
+            assert!(error < if *key == "poisson" { 1e-6 } else { 1e-9 }, "{} {key}: {error:.1e}", law.name());
+            numbers += 1;
+        }
+    }
+    assert_eq!(numbers, 2 * 4 + 2 * 2 + 2, "numbers of the seven laws");
+}

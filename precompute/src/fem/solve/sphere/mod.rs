@@ -26,6 +26,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::follow::FollowCount;
 use super::relax::DESCENT_STEPS;
 use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
+use crate::fem::body::Body;
 use crate::fem::boundary::Pose;
 use crate::fem::sphere::{CoatedSphere, Feature, Gap, Layer, Skin};
 
@@ -85,6 +86,11 @@ impl SphereSolver {
         );
         let skin = Skin::of(&problem.body);
         Self { solver: Solver::new(problem), skin, radius_m }
+    }
+
+    /// The body.
+    pub fn body(&self) -> &Body {
+        &self.solver.problem.body
     }
 
     /// Whether a place is inside the body at rest.
