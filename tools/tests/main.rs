@@ -8,6 +8,7 @@ mod fingertip;
 mod force_dimension;
 mod guard;
 mod haply;
+mod identify;
 mod live;
 mod maker;
 mod outputs;

@@ -72,13 +72,13 @@ struct Unsolved {
 impl<'a> Forward<'a> {
     /// Converts places to displacements of the active nodes. `active` names the place of a table without that column.
     pub(super) fn new(
-        scene: &'a Scene,
+        (scene, resolved): (&'a Scene, &ResolvedScene),
         free: &[SceneConstant],
         data: &Data,
         active: Option<&str>,
         run: Run<'a>,
     ) -> Result<Self, IdentifyError> {
-        let mut resolved = scene.resolve()?;
+        let mut resolved = resolved.clone();
         if resolved.body_force.is_some() {
             let what = "the rest state under [body_force] depends on the constants";
             let fix = "remove it: take the measured body at rest as free of stress";

@@ -38,7 +38,7 @@ use statistics::rms;
 
 use crate::error::InputError;
 use crate::pipeline::Run;
-use crate::scene::{Scene, SceneConstant};
+use crate::scene::{ResolvedScene, Scene, SceneConstant};
 
 /// Constants that a law accepts only above zero.
 const POSITIVE: [&str; 4] = ["young_pa", "mu_pa", "k1_pa", "bulk_pa"];
@@ -127,7 +127,7 @@ fn variables(
     free.iter().map(variable).collect()
 }
 
-/// Identifies constants of a scene's materials from measured forces.
+/// Identifies constants of a scene's materials from measured forces. `resolved` is the scene with its mesh.
 ///
 /// `progress` is called from the threads that solve.
 ///
@@ -137,6 +137,7 @@ fn variables(
 /// forces do not determine a constant, or the stop flag is raised.
 pub fn identify(
     scene: &Scene,
+    resolved: &ResolvedScene,
     data: &Data,
     options: &Options,
     run: Run<'_>,
@@ -144,7 +145,7 @@ pub fn identify(
 ) -> Result<Identified, IdentifyError> {
     let free = free_constants(scene, data, options)?;
     let variables = variables(scene, &free, options)?;
-    let mut forward = Forward::new(scene, &free, data, options.active.as_deref(), run)?;
+    let mut forward = Forward::new((scene, resolved), &free, data, options.active.as_deref(), run)?;
     data.check_sign(forward.moved_m())?;
     let mut evaluations = 0;
     let start: Vec<f64> = variables.iter().map(Variable::start).collect();

@@ -144,7 +144,7 @@ pub(super) fn report(
     let mut warnings = merged(&parameters, &inner, precision.as_ref());
     warnings.extend(parameters.iter().filter(|parameter| parameter.is_at_bound).map(|parameter| {
         let Parameter { name, value, .. } = parameter;
-        format!("`{name}` = {value:.6} is at its bound and has no interval")
+        format!("`{name}` = {} is at its bound and has no interval", short(*value))
     }));
     if is_misfit {
         warnings.push(format!(
@@ -216,17 +216,23 @@ fn merged(parameters: &[Parameter], inner: &[usize], precision: Option<&Precisio
             let (weight, error) = precision.combination(a, b);
             let sum = one.value + weight * other.value;
             warnings.push(format!(
-                "the data hardly tell `{}` and `{}` apart (correlation {correlation:.3}): only {} {} {:.3} {} = {sum:.5} +- \
-                 {:.2} is known well; press deeper, add another direction, or fix one of them",
+                "the data hardly tell `{}` and `{}` apart (correlation {correlation:.3}): only {} {} {:.3} {} = {} +- {} \
+                 is known well; press deeper, add another direction, or fix one of them",
                 one.name,
                 other.name,
                 one.name,
                 if weight < 0.0 { "-" } else { "+" },
                 weight.abs(),
                 other.name,
-                precision.t * error
+                short(sum),
+                short(precision.t * error)
             ));
         }
     }
     warnings
+}
+
+/// A number with five significant digits.
+fn short(value: f64) -> String {
+    format!("{value:.4e}").parse::<f64>().unwrap_or(value).to_string()
 }

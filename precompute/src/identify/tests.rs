@@ -28,7 +28,9 @@ fn measured(scene: &Scene, free: &[&str], values: &[f64], table: &Data, noise_n:
     let constants = scene.constants();
     let free: Vec<SceneConstant> =
         free.iter().map(|name| constants.iter().find(|c| c.name == *name).expect("named").clone()).collect();
-    let mut forward = Forward::new(scene, &free, table, None, Run::run_to_end()).expect("a problem");
+    let mut forward =
+        Forward::new((scene, &scene.resolve().expect("a scene")), &free, table, None, Run::run_to_end())
+            .expect("a problem");
     let reactions = forward.reactions(values, &|_, _| ()).expect("equilibria");
     let mut random = seed << 20;
     let mut gaussian = || {
@@ -49,13 +51,19 @@ fn options(free: &[&str]) -> Options {
     Options { free: free.iter().map(|name| (*name).to_owned()).collect(), ..Options::default() }
 }
 
+fn fit(scene: &Scene, data: &Data, options: &Options, run: Run<'_>) -> Result<Identified, IdentifyError> {
+    identify(scene, &scene.resolve().expect("a scene"), data, options, run, |_| ())
+}
+
 /// dh/dtheta against central differences of solved forces.
 fn check_jacobian(scene: &Scene, names: &[&str], table: &Data) {
     let constants = scene.constants();
     let free: Vec<SceneConstant> =
         names.iter().map(|name| constants.iter().find(|c| c.name == *name).expect(name).clone()).collect();
     let values: Vec<f64> = free.iter().map(|constant| constant.value).collect();
-    let mut forward = Forward::new(scene, &free, table, None, Run::run_to_end()).expect("a problem");
+    let mut forward =
+        Forward::new((scene, &scene.resolve().expect("a scene")), &free, table, None, Run::run_to_end())
+            .expect("a problem");
     let here = forward.reactions(&values, &|_, _| ()).expect("equilibria");
     for (k, name) in names.iter().enumerate() {
         let mut at = |share: f64| {
@@ -206,7 +214,7 @@ fn two_regions_are_identified_from_noisy_forces_and_the_scene_keeps_its_text() {
     }
     let names = ["tissue.c10_pa", "tumour.c10_pa"];
     let table = measured(&scene, &names, &[1300.0, 13000.0], &data(&table), 2e-4, 1);
-    let found = identify(&scene, &table, &options(&names), Run::run_to_end(), |_| ()).expect("identified");
+    let found = fit(&scene, &table, &options(&names), Run::run_to_end()).expect("identified");
     for (parameter, truth) in found.parameters.iter().zip([1300.0, 13000.0]) {
         assert!((parameter.value - truth).abs() < 4.0 * parameter.standard_error, "{parameter:?}");
         assert!(parameter.standard_error < 0.2 * truth, "{parameter:?}");
@@ -222,7 +230,7 @@ fn two_regions_are_identified_from_noisy_forces_and_the_scene_keeps_its_text() {
     );
     // The same bits on any number of threads.
     let run = Run { threads: 1, ..Run::run_to_end() };
-    let alone = identify(&scene, &table, &options(&names), run, |_| ()).expect("identified");
+    let alone = fit(&scene, &table, &options(&names), run).expect("identified");
     assert_eq!(alone.parameters, found.parameters);
 }
 
@@ -245,7 +253,7 @@ fn an_outlier_counts_little_with_a_robust_loss() {
     }
     let error = |loss| {
         let options = Options { loss, ..options(&["young_pa"]) };
-        let found = identify(&scene, &table, &options, Run::run_to_end(), |_| ()).expect("identified");
+        let found = fit(&scene, &table, &options, Run::run_to_end()).expect("identified");
         (found.parameters[0].value / 15_480.0 - 1.0).abs()
     };
     let [linear, huber, soft] = [Loss::Linear, Loss::Huber, Loss::SoftL1].map(error);
@@ -258,7 +266,7 @@ fn a_value_at_its_bound_has_no_interval() {
     let table = measured(&scene, &["young_pa"], &[15_480.0], &data(PUSH), 1e-3, 3);
     let bounds = vec![("young_pa".to_owned(), Bounds { low: 5000.0, high: 12_000.0 })];
     let options = Options { bounds, ..options(&["young_pa"]) };
-    let found = identify(&scene, &table, &options, Run::run_to_end(), |_| ()).expect("identified");
+    let found = fit(&scene, &table, &options, Run::run_to_end()).expect("identified");
     let [young] = &found.parameters[..] else { panic!("one constant") };
     assert!(
         young.is_at_bound && (young.value - 12_000.0).abs() < 0.1 && young.low == young.high,
@@ -271,7 +279,7 @@ fn a_value_at_its_bound_has_no_interval() {
 fn what_cannot_be_identified_is_one_line() {
     let (scene, table) = (stiff(), data(PUSH));
     let refused = |scene: &Scene, table: &Data, options: &Options| {
-        let found = identify(scene, table, options, Run::run_to_end(), |_| ());
+        let found = fit(scene, table, options, Run::run_to_end());
         found.map(|found| found.parameters).expect_err("refused").to_string()
     };
     let error = refused(&scene, &table, &options(&["c10_pa"]));
@@ -312,12 +320,6 @@ fn what_cannot_be_identified_is_one_line() {
 fn a_raised_flag_ends_the_fit() {
     let stop = AtomicBool::new(true);
     let run = Run { threads: 2, stop: &stop };
-    let found = identify(
-        &stiff(),
-        &data(&PUSH.replace(",0,0,0\n", ",0,0,-1\n")),
-        &options(&["young_pa"]),
-        run,
-        |_| (),
-    );
+    let found = fit(&stiff(), &data(&PUSH.replace(",0,0,0\n", ",0,0,-1\n")), &options(&["young_pa"]), run);
     assert!(matches!(found.map(|_| ()), Err(IdentifyError::Interrupted)));
 }

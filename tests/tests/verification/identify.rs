@@ -56,7 +56,8 @@ fn noisy(data: &Data, noise_n: f64, seed: u64) -> Data {
 fn fitted(scene: &Scene, data: &Data, free: &[&str]) -> Identified {
     let options =
         Options { free: free.iter().map(|name| (*name).to_owned()).collect(), ..Options::default() };
-    identify(scene, data, &options, Run::run_to_end(), |_| ()).expect("identified")
+    let resolved = scene.resolve().expect("a mesh");
+    identify(scene, &resolved, data, &options, Run::run_to_end(), |_| ()).expect("identified")
 }
 
 #[test]

@@ -162,6 +162,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let outputs = Outputs::of(args, &mut files)?;
     let stop = stop_flag()?;
     let scene = Scene::load(&args.scene)?;
+    let resolved = scene.resolve()?;
+    for warning in &resolved.warnings {
+        eprintln!("palpate: warning: {warning}");
+    }
     let data = Data::read(&args.data, args.direction)?;
     let of = |(name, [low, high]): &(String, [f64; 2])| (name.clone(), Bounds { low: *low, high: *high });
     let options = Options {
@@ -174,7 +178,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let begun = Instant::now();
     let progress = Mutex::new(WorkProgress::new(&scene.name(), "places"));
     let run = Run { threads: threads(args.threads)?, stop: &stop };
-    let found = identify(&scene, &data, &options, run, |at| {
+    let found = identify(&scene, &resolved, &data, &options, run, |at| {
         let mut progress = progress.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let what = at.rms_n.map_or(String::new(), |rms_n| format!("RMS residual {:.2} mN", 1e3 * rms_n));
         progress.round(format!("evaluation {}", at.evaluation), what, at.solved, at.places);

@@ -56,7 +56,7 @@ pub(super) fn drawing(found: &Identified) -> String {
     }
     let charts = [
         Chart {
-            title: "Force along the displacement: measured (marks), model (lines)".into(),
+            title: "Force: measured (marks), model (lines)".into(),
             x: x.clone(),
             y: Axis::linear("force, N", forces),
             series: fit,
