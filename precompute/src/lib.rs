@@ -48,6 +48,7 @@ pub mod fit;
 pub mod held_out;
 pub mod identify;
 pub mod live;
+pub mod map;
 pub mod mesh;
 pub mod num;
 pub mod pack;

@@ -50,6 +50,7 @@ pub use plausible::doubt_of_size;
 pub use problems::{ElementOrder, Problems, elements};
 pub use reach::Unreachable;
 pub use refine::{MAX_TETS, MeshSize};
+pub use tool::PULP;
 
 /// The grids of the paper: number of points, and number of cells along the radius.
 pub(crate) const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];

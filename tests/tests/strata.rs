@@ -82,7 +82,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The precompute crate, lowest stratum first.
-const PRECOMPUTE: [&str; 62] = [
+const PRECOMPUTE: [&str; 63] = [
     "error",
     "files",
     "num",
@@ -122,6 +122,7 @@ const PRECOMPUTE: [&str; 62] = [
     "space::expansion",
     "space",
     "scene",
+    "map",
     "held_out",
     "pack",
     "live::error",

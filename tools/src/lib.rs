@@ -57,6 +57,7 @@ struct Cli {
 enum Command {
     Demo(cmd::demo::Args),
     Path(cmd::path::Args),
+    Map(cmd::map::Args),
     Plan(cmd::plan::Args),
     Precompute(cmd::precompute::Args),
     Pack(cmd::pack::Args),
@@ -91,6 +92,7 @@ pub fn palpate() -> ExitCode {
     let done = match cli.command {
         Command::Demo(args) => cmd::demo::run(&args),
         Command::Path(args) => cmd::path::run(&args),
+        Command::Map(args) => cmd::map::run(&args),
         Command::Plan(args) => cmd::plan::run(&args),
         Command::Precompute(args) => cmd::precompute::run(&args),
         Command::Pack(args) => cmd::pack::run(&args),

@@ -11,6 +11,7 @@ mod haply;
 mod identify;
 mod live;
 mod maker;
+mod map;
 mod outputs;
 mod paper;
 mod plan;

@@ -67,6 +67,17 @@ impl Side {
     }
 }
 
+/// The side from which a place of a surface with this outward normal is seen best.
+#[must_use]
+pub fn side_facing(position_m: &[[f32; 3]], outward: [f32; 3]) -> Side {
+    let points: Vec<Vec3> = position_m.iter().map(|&x| Vec3::from(x)).collect();
+    let long = longest_axis(&points, box_of(&points).0);
+    let up = up_axis(&[], long);
+    let facing = |side: &Side| side.towards(long, up).dot(Vec3::from(outward));
+    let better = |best: Side, side: Side| if facing(&side) > facing(&best) { side } else { best };
+    Side::ALL.into_iter().fold(Side::Front, better)
+}
+
 /// Content of the picture.
 #[derive(Debug, Clone, Default)]
 pub struct SurfaceMap {
@@ -300,6 +311,17 @@ mod tests {
             };
             let (seen, hidden) = (warm_with(seen), warm_with(hidden));
             assert!(seen > hidden + 2_000, "{}: {seen} {hidden}", side.name());
+        }
+    }
+
+    /// A place is shown from the side to which its normal points.
+    #[test]
+    fn a_place_is_seen_from_the_side_that_it_faces() {
+        let half = [Vec3::X * 2.0, Vec3::Y, Vec3::Z * 1.2, Vec3::X * -2.0, -Vec3::Y, Vec3::Z * -1.2];
+        let position_m = half.map(|corner| (0.1 * corner).to_array());
+        let sides = [Side::Right, Side::Back, Side::Above, Side::Left, Side::Front, Side::Below];
+        for (corner, side) in half.into_iter().zip(sides) {
+            assert_eq!(side_facing(&position_m, corner.normalize().to_array()), side, "{corner}");
         }
     }
 

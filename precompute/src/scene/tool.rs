@@ -16,7 +16,7 @@ use crate::num::vector::{distance, norm, unit};
 use crate::spec::{ActiveNode, Tool};
 
 /// A fingertip of the size of a human one: k pi a^2 / 3 = 524 N/m, where a pulp has some 300 to 1,000 N/m.
-const PULP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile: PadProfile::Quartic };
+pub const PULP: Fingertip = Fingertip { radius_m: 0.01, stiffness_pa_m: 5e6, profile: PadProfile::Quartic };
 
 /// A pad whose radius is smaller than this share of the mean edge of the triangles under it cannot be
 /// integrated over them.

@@ -9,6 +9,7 @@ pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod live;
 pub(crate) mod live_solver;
+pub(crate) mod map;
 pub(crate) mod pack;
 pub(crate) mod paper;
 pub(crate) mod path;

@@ -149,6 +149,11 @@ impl Problem {
         Self { contact, ..self }
     }
 
+    /// Whether Lagrange multipliers prescribe displacements.
+    pub(crate) fn has_multipliers(&self) -> bool {
+        !self.dofs.multipliers.is_empty()
+    }
+
     /// Number of equations.
     pub fn unknowns(&self) -> usize {
         self.dofs.unknowns

@@ -17,6 +17,8 @@ use crate::files::write_atomically;
 pub enum Cell {
     /// One point (VTK type 1).
     Vertex,
+    /// Three vertices (VTK type 5).
+    Triangle,
     /// Four vertices (VTK type 10).
     Tet4,
     /// Four vertices, then the midpoints of the edges 01, 12, 02, 03, 13, 23 (VTK type 24).
@@ -28,6 +30,7 @@ impl Cell {
     fn shape(self) -> (usize, u8) {
         match self {
             Self::Vertex => (1, 1),
+            Self::Triangle => (3, 5),
             Self::Tet4 => (4, 10),
             Self::Tet10 => (10, 24),
         }

@@ -25,7 +25,7 @@ struct Touched {
 pub(super) const SIDES: [Side; 2] = [Side::Front, Side::Back];
 
 /// A side by its name.
-pub(super) fn side(text: &str) -> Result<Side, String> {
+pub(crate) fn side(text: &str) -> Result<Side, String> {
     let found = Side::ALL.into_iter().find(|side| side.name() == text);
     found.ok_or_else(|| format!("one of {}", Side::ALL.map(Side::name).join(", ")))
 }

@@ -28,6 +28,7 @@ use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 use crate::friction;
 use crate::output;
+pub(crate) use map::side;
 use timeline::Window;
 
 /// Show what a mesh, scene, space, blob or recording holds.
