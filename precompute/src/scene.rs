@@ -50,6 +50,7 @@ pub use plausible::doubt_of_size;
 pub use problems::{ElementOrder, Problems, elements};
 pub use reach::Unreachable;
 pub use refine::{MAX_TETS, MeshSize};
+use resolve::MeshSource;
 pub use tool::PULP;
 
 /// The grids of the paper: number of points, and number of cells along the radius.
@@ -179,12 +180,17 @@ impl Scene {
 
     /// Loads the mesh and converts names, boxes and groups to indices.
     pub fn resolve(&self) -> Result<ResolvedScene, InputError> {
-        resolve::resolve(self, None)
+        resolve::resolve(self, MeshSource::File)
+    }
+
+    /// Resolves the scene with a mesh in memory in place of its mesh file, which is not read.
+    pub fn resolve_on(&self, mesh: TetMesh) -> Result<ResolvedScene, InputError> {
+        resolve::resolve(self, MeshSource::Memory(mesh))
     }
 
     /// Resolves the scene with a stored mesh and its stored fixed nodes; reads no file.
     pub fn resolve_in(&self, mesh: TetMesh, fixed: Vec<u32>) -> Result<ResolvedScene, InputError> {
-        resolve::resolve(self, Some((mesh, fixed)))
+        resolve::resolve(self, MeshSource::Store(mesh, fixed))
     }
 }
 

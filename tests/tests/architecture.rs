@@ -1,6 +1,6 @@
 //! Checks the dependencies between the crates from `cargo metadata`: core and link on no other; precompute on
-//! core; host on core and link; viewer and record on core and host; hil on core, link and host; tools and tests
-//! on all.
+//! core; host on core and link; viewer and record on core and host; hil on core, link and host; the Python
+//! package on core, precompute, host and record; tools and tests on all.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -50,6 +50,9 @@ fn dependencies_point_one_way() {
     let emulated = ["palpate-core", "palpate-host", "palpate-link", "palpate-maker-stub"];
     assert_eq!(ours("palpate-hil", &LINKED), set(&emulated));
     assert_eq!(ours("palpate-hil", &TESTED), set(&[]));
+    let from_python = ["palpate-core", "palpate-host", "palpate-precompute", "palpate-record"];
+    assert_eq!(ours("palpate-python", &LINKED), set(&from_python));
+    assert_eq!(ours("palpate-python", &TESTED), set(&[]));
     // A library of its own, which the driver loads.
     assert_eq!(ours("palpate-maker-stub", &LINKED), set(&[]));
 }

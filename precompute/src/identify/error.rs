@@ -24,6 +24,18 @@ pub enum IdentifyError {
     /// The forces do not depend on a constant, or only on a combination with others.
     #[error("the forces do not tell `{0}`; leave it out of the free constants, or measure where it matters")]
     Undetermined(String),
+    /// The fit ends before it converges.
+    #[error(
+        "the fit has not converged after {evaluations} evaluations (RMS residual {:.1} % of the forces); begin nearer to the \
+         solution, bound the constants, or free fewer",
+        100.0 * rms_share
+    )]
+    NotConverged {
+        /// Evaluations of the forward problem.
+        evaluations: usize,
+        /// RMS residual over the RMS force.
+        rms_share: f64,
+    },
     /// The caller raised the stop flag.
     #[error("interrupted; nothing is written")]
     Interrupted,
@@ -42,7 +54,7 @@ impl IdentifyError {
         match self {
             Self::Pipeline(error) => error.is_bad_input(),
             Self::Undetermined(_) => true,
-            Self::Unsolved { .. } | Self::Interrupted => false,
+            Self::Unsolved { .. } | Self::NotConverged { .. } | Self::Interrupted => false,
         }
     }
 

@@ -114,7 +114,7 @@ fn variables(
         let bounds = given.unwrap_or(usual);
         let Bounds { low, high } = bounds;
         let (name, value) = (&constant.name, constant.value);
-        if !(low < high) {
+        if low.is_nan() || high.is_nan() || low >= high {
             let what = format!("the bounds {low} to {high} of `{name}` are no interval");
             return Err(InputError::new(scene.path(), what, "give the lower one first").into());
         }
@@ -163,8 +163,11 @@ pub fn identify(
         }
     }
     let solves = forward.solves;
-    report::report(scene, data, options, &free, &variables, &forward, here, scale)
-        .map(|identified| Identified { evaluations, solves, is_converged, ..identified })
+    let identified = report::report(scene, data, options, &free, &variables, &forward, here, scale)?;
+    if !is_converged {
+        return Err(IdentifyError::NotConverged { evaluations, rms_share: identified.rms_share });
+    }
+    Ok(Identified { evaluations, solves, ..identified })
 }
 
 /// Scale of a robust loss for these residuals, N.

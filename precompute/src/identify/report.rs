@@ -68,8 +68,6 @@ pub struct Identified {
     pub succession: f64,
     /// Whether the residuals are systematic, so that the model does not describe the data.
     pub is_misfit: bool,
-    /// Whether the fit converged.
-    pub is_converged: bool,
     /// Evaluations of the forward problem.
     pub evaluations: usize,
     /// Solved equilibria.
@@ -163,7 +161,6 @@ pub(super) fn report(
         rms_share,
         succession: succession.correlation,
         is_misfit,
-        is_converged: false,
         evaluations: 0,
         solves: 0,
         warnings,

@@ -49,7 +49,7 @@ impl Precision {
         let lengths: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
         let largest = lengths.iter().copied().fold(0.0, f64::max);
         // A column of zeros: the forces do not depend on the constant.
-        if let Some(dead) = lengths.iter().position(|length| *length == 0.0 || !(largest > 0.0)) {
+        if let Some(dead) = lengths.iter().position(|length| *length == 0.0 || largest.is_nan()) {
             return Err(dead);
         }
         let scaled = DMatrix::from_fn(m, p, |i, k| jacobian[(i, k)] / lengths[k]);

@@ -15,8 +15,8 @@ pub(super) struct Lookup<'a> {
     pub(super) skin: &'a Surface,
     /// The surface without the walls of cavities.
     pub(super) seen: &'a Surface,
-    /// Whether the mesh comes from a store, so that no file may be read.
-    pub(super) is_stored: bool,
+    /// Whether the mesh comes from the file that the scene names; otherwise that is not read.
+    pub(super) has_file: bool,
     pub(super) warnings: Vec<String>,
 }
 

@@ -68,7 +68,11 @@ pub(super) struct Loaded {
 
 /// Reads the mesh of a scene and refines it near the tool, if the scene asks for it.
 pub(super) fn load(scene: &Scene, order: ElementOrder) -> Result<Loaded, InputError> {
-    let mesh = regions::load_mesh(scene)?;
+    refined(scene, regions::load_mesh(scene)?, order)
+}
+
+/// Refines a mesh near the tool, if the scene asks for it.
+pub(super) fn refined(scene: &Scene, mesh: TetMesh, order: ElementOrder) -> Result<Loaded, InputError> {
     let Scene { place, file } = scene;
     let table = file.mesh.get_ref();
     let given_edge = &table.refine_edge_m;
@@ -122,7 +126,7 @@ fn near_tool(
             mesh: &mesh,
             skin: &skin,
             seen: &seen,
-            is_stored: false,
+            has_file: true,
             warnings: Vec::new(),
         };
         let fixed = known_fixed.take().map_or_else(|| lookup.fixed(&scene.file.fixed), Ok)?;

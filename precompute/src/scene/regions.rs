@@ -159,7 +159,7 @@ impl Lookup<'_> {
     /// is one.
     fn in_cell_data(&self, scene: &Scene, group: &Spanned<String>, error: InputError) -> InputError {
         let table = scene.file.mesh.get_ref();
-        if self.is_stored || table.regions.is_some() {
+        if !self.has_file || table.regions.is_some() {
             return error;
         }
         // The unit does not matter here, and the mesh was read before.

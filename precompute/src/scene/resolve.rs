@@ -21,21 +21,38 @@ use crate::mesh::{Surface, TetMesh, doubtful_for_pressure, surface};
 use crate::num::vector::{cross, difference, norm};
 use crate::spec::{DisplacementBound, Tolerance};
 
-/// Resolves a scene; `kept` contains its mesh and fixed nodes if they are already known.
-pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Result<ResolvedScene, InputError> {
+/// Where the mesh of a scene comes from.
+pub(super) enum MeshSource {
+    /// The file that the scene names.
+    File,
+    /// The memory of the caller, as a file would be read.
+    Memory(TetMesh),
+    /// A store, with the fixed nodes: the mesh may be refined already.
+    Store(TetMesh, Vec<u32>),
+}
+
+impl MeshSource {
+    fn load(self, scene: &Scene, order: ElementOrder) -> Result<Loaded, InputError> {
+        match self {
+            Self::File => refine::load(scene, order),
+            Self::Memory(mesh) => refine::refined(scene, mesh, order),
+            Self::Store(mesh, fixed) => Ok(Loaded { mesh, fixed: Some(fixed), unrefined: None }),
+        }
+    }
+}
+
+/// Resolves a scene.
+pub(super) fn resolve(scene: &Scene, source: MeshSource) -> Result<ResolvedScene, InputError> {
     let Scene { place, file } = scene;
     let name = scene.name();
     let name_span = file.name.as_ref().map_or(0..0, Spanned::span);
     check_name(place, name_span, &name, SCENE_NAME_LEN)?;
     let order = scene.order()?;
-    let is_stored = kept.is_some();
-    let Loaded { mesh, fixed: known_fixed, unrefined } = match kept {
-        Some((mesh, fixed)) => Loaded { mesh, fixed: Some(fixed), unrefined: None },
-        None => refine::load(scene, order)?,
-    };
+    let has_file = matches!(source, MeshSource::File);
+    let Loaded { mesh, fixed: known_fixed, unrefined } = source.load(scene, order)?;
     let skin = Surface::of(&mesh);
     let seen = skin.clone().seen(&mesh);
-    let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, is_stored, warnings: Vec::new() };
+    let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, has_file, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
     let doubt_of_size =
         doubt_of_size(&mesh, file.mesh.get_ref().unit.as_ref().map(|unit| unit.get_ref().as_str()));

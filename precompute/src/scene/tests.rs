@@ -341,6 +341,20 @@ fn the_kept_text_of_a_scene_needs_no_profile() {
     assert_eq!(again.text, scene.text);
 }
 
+/// As read from the file, in metres; the file is not opened.
+#[test]
+fn a_mesh_in_memory_replaces_the_file() {
+    let bench = Bench::new();
+    let read = bench.resolve(SCENE).expect("sound");
+    std::fs::remove_file(bench.path("cube.msh")).expect("it was there");
+    let scene = Scene::parse(&bench.path("block.toml"), SCENE.into()).expect("sound");
+    let given = scene.resolve_on(read.mesh.clone()).expect("sound");
+    assert_eq!(given, read);
+    let bare = TetMesh { node_groups: Default::default(), ..read.mesh };
+    let error = scene.resolve_on(bare).expect_err("no group").to_string();
+    assert!(error.contains("block.toml:12: the mesh has no group of nodes named \"left\""), "{error}");
+}
+
 #[test]
 fn every_tet_has_exactly_one_region() {
     let bench = Bench::new();
@@ -348,7 +362,7 @@ fn every_tet_has_exactly_one_region() {
         let text = SCENE.replacen("[material]", "[[material]]\ngroup = \"corner\"", 1);
         let scene =
             Scene::parse(&bench.path("block.toml"), text.replacen("[fixed]", rest, 1)).expect("well-formed");
-        resolve::resolve(&scene, None)
+        scene.resolve()
     };
     let error = resolve("[fixed]").unwrap_err().to_string();
     assert!(error.contains("block.toml:6: 156 tets of the mesh without a material; add a"), "{error}");
@@ -361,11 +375,11 @@ fn every_tet_has_exactly_one_region() {
     assert!(error.contains("no group of volumes named \"left\"; use one of: all, corner"), "{error}");
     let text = SCENE.replacen("c01_pa = 1280.0", "c01_pa = 1280.0\ngroup = \"all\"", 1);
     let whole = Scene::parse(&bench.path("block.toml"), text).expect("well-formed");
-    let regions = resolve::resolve(&whole, None).expect("sound").materials;
+    let regions = whole.resolve().expect("sound").materials;
     assert_eq!(regions[0].tets, Some((0..162).collect()));
     let force = SCENE.replacen("[device]", "[body_force]\nforce_n_per_m3 = [0, 0, -1e4]\n[device]", 1);
     let heavy = Scene::parse(&bench.path("block.toml"), force).expect("well-formed");
-    assert_eq!(resolve::resolve(&heavy, None).expect("sound").body_force, Some([0.0, 0.0, -1e4]));
+    assert_eq!(heavy.resolve().expect("sound").body_force, Some([0.0, 0.0, -1e4]));
 }
 
 #[test]

@@ -185,13 +185,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     });
     drop(progress);
     let (found, seconds) = (found?, begun.elapsed().as_secs_f64());
-    if !found.is_converged {
-        return Err(Failure::work(format!(
-            "the fit has not converged after {} evaluations (RMS residual {:.3} of the forces), so nothing is written; begin \
-             nearer to the solution, bound the constants, or free fewer",
-            found.evaluations, found.rms_share
-        )));
-    }
     outputs.write(&found)?;
     if args.json {
         let mut value = serde_json::to_value(&found).map_err(Failure::work)?;
