@@ -4,7 +4,20 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use palpate_core::AlignedBytes;
+use palpate_core::{AlignedBytes, Method};
+
+/// The methods in the order in which a session prefers them: the most accurate with a cost independent of the grid,
+/// its fit, then the others.
+pub const PREFERENCE: [Method; 8] = [
+    Method::Energy,
+    Method::Kernel,
+    Method::Hermite,
+    Method::Tricubic,
+    Method::RbfCubic,
+    Method::RbfLinear,
+    Method::Hybrid,
+    Method::Trilinear,
+];
 
 /// Bytes of one blob at an address divisible by eight, for an `Organ` to borrow.
 ///

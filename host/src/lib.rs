@@ -37,7 +37,7 @@ mod vector_form;
 #[path = "../tests/common/synthetic.rs"]
 mod synthetic;
 
-pub use blob_file::BlobFile;
+pub use blob_file::{BlobFile, PREFERENCE};
 pub use device::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
 pub use instructions::{Instructions, Interpolator};
 pub use rt::TickRecord;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use palpate_core::{Method, Organ};
-use palpate_host::BlobFile;
+use palpate_host::{BlobFile, PREFERENCE};
 use palpate_precompute::certificate::{self, Certificate};
 use palpate_viewer::Verdict;
 
@@ -18,18 +18,6 @@ pub(crate) fn load(path: &Path) -> Result<BlobFile, Failure> {
 pub(crate) fn organ<'a>(path: &Path, file: &'a BlobFile) -> Result<Organ<'a>, Failure> {
     Organ::read(file.bytes()).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
 }
-
-/// Without --method: the most accurate method with a cost independent of the grid, its fit, then the others.
-pub(crate) const PREFERENCE: [Method; 8] = [
-    Method::Energy,
-    Method::Kernel,
-    Method::Hermite,
-    Method::Tricubic,
-    Method::RbfCubic,
-    Method::RbfLinear,
-    Method::Hybrid,
-    Method::Trilinear,
-];
 
 /// The default method for these organs: one that all their active nodes have.
 pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {

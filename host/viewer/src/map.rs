@@ -106,6 +106,8 @@ pub struct ScalarField {
     pub values: Vec<Option<f32>>,
     /// Whether the colour scale is logarithmic.
     pub is_logarithmic: bool,
+    /// Lower end of the colour scale; vertices with a smaller value are grey, as those without one.
+    pub from: Option<f32>,
 }
 
 impl ScalarField {
@@ -117,15 +119,21 @@ impl ScalarField {
     /// Smallest and largest value. With one value or none the range is still not empty.
     fn range(&self) -> [f32; 2] {
         let has_place = |x: &&f32| x.is_finite() && (**x > 0.0 || !self.is_logarithmic);
-        let all = self.values.iter().flatten().filter(has_place);
+        let all = self.values.iter().flatten().filter(has_place).copied().chain(self.from);
+        let shown = all.filter(|x| self.is_shown(*x));
         let [low, high] =
-            all.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &x| [low.min(x), high.max(x)]);
+            shown.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)]);
         match (low < high, low.is_finite()) {
             (true, _) => [low, high],
             (_, true) if self.is_logarithmic => [0.5 * low, 2.0 * low],
             (_, true) => [low.min(0.0), low.max(0.0) + 1.0],
             (_, false) => [1.0, 10.0],
         }
+    }
+
+    /// Whether a value has a colour.
+    fn is_shown(&self, value: f32) -> bool {
+        self.from.is_none_or(|from| value >= from)
     }
 
     /// Position of a value on a scale with these ends, 0..1.
@@ -232,9 +240,9 @@ fn panel(
     }
     let Scale { ends, .. } = field.scale();
     let colour = |at: usize| match field.values[at] {
-        Some(value) => colours.linear(field.share(ends, value)),
+        Some(value) if field.is_shown(value) => colours.linear(field.share(ends, value)),
         None if map.fixed.get(at) == Some(&true) => linear(FIXED_COLOUR),
-        None => linear(NONE_COLOUR),
+        _ => linear(NONE_COLOUR),
     };
     let mut vertices = vertices(&map.position_m, &triangles, colour);
     let smooth = Smooth::new(&triangles, count);
@@ -283,7 +291,7 @@ mod tests {
             triangles: FACES.to_vec(),
             position_m: corners.map(|corner| (0.1 * corner).to_array()).to_vec(),
             fixed: vec![false; 6],
-            fields: vec![ScalarField { name: "field".into(), values, is_logarithmic: false }],
+            fields: vec![ScalarField { name: "field".into(), values, is_logarithmic: false, from: None }],
             sides: vec![Side::Front, Side::Back],
         }
     }

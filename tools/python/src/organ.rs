@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use numpy::{Element, IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use palpate_core::{AlignedBytes, Coverage, Method, Organ as View, Space};
-use palpate_host::{BlobFile, Interpolator};
+use palpate_host::{BlobFile, Interpolator, PREFERENCE};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use self_cell::self_cell;
@@ -39,18 +39,6 @@ impl Blob {
         self.borrow_dependent()
     }
 }
-
-/// The methods from the most accurate, as the command line prefers them.
-const PREFERENCE: [Method; 8] = [
-    Method::Energy,
-    Method::Kernel,
-    Method::Hermite,
-    Method::Tricubic,
-    Method::RbfCubic,
-    Method::RbfLinear,
-    Method::Hybrid,
-    Method::Trilinear,
-];
 
 /// An organ that can be touched: the spaces of its active nodes. It reads a blob that `palpate.pack` or the
 /// command line has written.

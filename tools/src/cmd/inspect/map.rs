@@ -68,6 +68,7 @@ pub(super) fn write(store: &Store, sides: &[Side], file: &Output) -> Result<(), 
         name: name.into(),
         values: shown.iter().map(|touched| touched.map(of)).collect(),
         is_logarithmic: true,
+        from: None,
     };
     let place = if identity.contacts.is_some() { "contact point" } else { "active node" };
     let solved: f32 = touched.iter().map(|t| t.configurations).sum();

@@ -3,13 +3,13 @@
 use std::cmp::Reverse;
 
 use palpate_core::Method;
+use palpate_host::PREFERENCE;
 use palpate_precompute::certificate::{
     Certificate, Discretisation, Errors, MethodCertificate, Reason, SpaceCertificate, Verdict,
     certified_share,
 };
 
 use super::certificate::mn;
-use crate::blob::PREFERENCE;
 use crate::output::{self, Table};
 
 /// Maximum number of nodes shown one by one; of more, the worst are shown.

@@ -50,16 +50,16 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["inclusion", "ball_mm", "ratio", "vtu", "picture", "points"])]
     sweep: bool,
     /// With --sweep: the place, an active node or contact point of the scene; its first if not given
-    #[arg(long, value_name = "NAME", requires = "sweep")]
+    #[arg(long, value_name = "NAME", requires = "sweep", hide_short_help = true)]
     under: Option<String>,
     /// With --sweep: tissue between skin and ball, mm
-    #[arg(long, value_name = "MM,..", requires = "sweep", value_delimiter = ',', default_values_t = [2.0, 5.0, 10.0, 15.0])]
+    #[arg(long, value_name = "MM,..", requires = "sweep", value_delimiter = ',', default_values_t = [2.0, 5.0, 10.0, 15.0], hide_short_help = true)]
     covers_mm: Vec<f64>,
     /// With --sweep: radii of the ball, mm
-    #[arg(long, value_name = "MM,..", requires = "sweep", value_delimiter = ',', default_values_t = [5.0, 7.5, 10.0])]
+    #[arg(long, value_name = "MM,..", requires = "sweep", value_delimiter = ',', default_values_t = [5.0, 7.5, 10.0], hide_short_help = true)]
     radii_mm: Vec<f64>,
     /// With --sweep: ratios of stiffness
-    #[arg(long, value_name = "RATIO,..", requires = "sweep", value_delimiter = ',', default_values_t = [2.0, 5.0, 10.0])]
+    #[arg(long, value_name = "RATIO,..", requires = "sweep", value_delimiter = ',', default_values_t = [2.0, 5.0, 10.0], hide_short_help = true)]
     ratios: Vec<f64>,
     /// Normal force to reach, N
     #[arg(long, value_name = "N", default_value_t = 1.0)]
@@ -74,10 +74,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = JND.relative)]
     jnd: f64,
     /// Push at N evenly spread vertices only; the others take the values of the nearest one
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", hide_short_help = true)]
     points: Option<usize>,
     /// Push with a fingertip of this radius instead of the scene's tool, mm
-    #[arg(long, value_name = "RADIUS")]
+    #[arg(long, value_name = "RADIUS", hide_short_help = true)]
     fingertip_mm: Option<f64>,
     /// A row per place, or per ball of a sweep
     #[arg(long, value_name = "FILE.csv")]
@@ -91,10 +91,10 @@ pub(crate) struct Args {
     /// With --picture: sides to show; that of the strongest place if not given
     ///
     /// Any of front, back, left, right, above, below.
-    #[arg(long, value_name = "SIDE,..", value_delimiter = ',', value_parser = side, requires = "picture")]
+    #[arg(long, value_name = "SIDE,..", value_delimiter = ',', value_parser = side, requires = "picture", hide_short_help = true)]
     from: Vec<Side>,
     /// Worker threads; one per core if not given
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", hide_short_help = true)]
     threads: Option<usize>,
     /// Print the figures as JSON
     #[arg(long)]

@@ -61,6 +61,8 @@ struct Shown {
     values: Vec<Option<f64>>,
     factor: f64,
     is_logarithmic: bool,
+    /// Lower end of the colour scale of a picture.
+    from: Option<f32>,
 }
 
 fn fields(map: &Map) -> Vec<Shown> {
@@ -70,6 +72,7 @@ fn fields(map: &Map) -> Vec<Shown> {
         values: map.found.iter().map(|found| Some(found.press.stiffness_n_m())).collect(),
         factor: 1.0,
         is_logarithmic: true,
+        from: None,
     };
     let depth = Shown {
         file: "depth_m",
@@ -77,13 +80,15 @@ fn fields(map: &Map) -> Vec<Shown> {
         values: map.found.iter().map(|found| found.depth_m).collect(),
         factor: 1e3,
         is_logarithmic: false,
+        from: None,
     };
     let felt = map.inclusion.as_ref().map(|_| Shown {
         file: "detectability",
-        picture: "change of force, in just noticeable differences: felt above 1".into(),
+        picture: "change of force, in just noticeable differences; grey: not felt".into(),
         values: detectability(map),
         factor: 1.0,
         is_logarithmic: false,
+        from: Some(1.0),
     });
     [stiffness, depth].into_iter().chain(felt).collect()
 }
@@ -154,6 +159,7 @@ pub(super) fn picture(map: &Map, summary: &Summary, sides: &[Side]) -> io::Resul
             .map(|value| value.map(|value| (field.factor * value) as f32))
             .collect(),
         is_logarithmic: field.is_logarithmic,
+        from: field.from,
     };
     let [width, height] = [SIZE[0], SIZE[1] + ROW * (sides.len() - 1)];
     let picture = SurfaceMap {
@@ -181,7 +187,7 @@ fn subtitle(map: &Map, summary: &Summary) -> String {
     parts.push("blue: fixed".into());
     if map.found.iter().any(|found| found.depth_m.is_none()) {
         parts.push(format!(
-            "grey: below {} N down to {} mm",
+            "grey on the map of depth: below {} N down to {} mm",
             figure(map.goal.force_n),
             milli(map.goal.max_depth_m)
         ));
