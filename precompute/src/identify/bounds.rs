@@ -1,7 +1,7 @@
 //! Bounds of a constant by a change of variable, so that the least-squares problem has none.
 //!
-//! none          theta = theta0 + s t,   s = max(|theta0|, 1)
-//! above zero    theta = theta0 exp(t)
+//! none          theta = theta0 + s t, with a scale s
+//! above zero    theta = theta0 exp(t), for constants that cannot be zero
 //! low only      theta = low - s + s sqrt(t^2 + 1)
 //! high only     theta = high + s - s sqrt(t^2 + 1)
 //! both          theta = low + (high - low) (1 + sin t) / 2
@@ -11,7 +11,7 @@
 /// Lowest and highest value of a constant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
-    /// Infinite if there is none. Zero is exclusive: no constant that has it as its lower bound reaches it.
+    /// Infinite if there is none.
     pub low: f64,
     /// Infinite if there is none.
     pub high: f64,
@@ -26,37 +26,40 @@ impl Default for Bounds {
 /// A bound counts as reached within this share of the value.
 const REACHED: f64 = 1e-6;
 
+/// A fit begins at least this far inside a bound, in scales: at the bound the slope is zero.
+const INSIDE: f64 = 1e-2;
+
 /// A constant with its change of variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Variable {
     initial: f64,
     bounds: Bounds,
+    scale: f64,
+    is_positive: bool,
 }
 
 impl Variable {
-    /// Begins at `initial`, which is within the bounds.
-    pub(super) fn new(initial: f64, bounds: Bounds) -> Self {
-        Self { initial, bounds }
-    }
-
-    fn scale(&self) -> f64 {
-        self.initial.abs().max(1.0)
+    /// Begins at `initial`, which is within the bounds; `scale` is a typical change. A positive constant is above zero
+    /// by its nature.
+    pub(super) fn new(initial: f64, bounds: Bounds, scale: f64, is_positive: bool) -> Self {
+        let is_positive = is_positive && bounds.low == 0.0 && bounds.high.is_infinite();
+        Self { initial, bounds, scale, is_positive }
     }
 
     /// The variable at the initial value.
     pub(super) fn start(&self) -> f64 {
         let Bounds { low, high } = self.bounds;
-        // The slope is zero at a bound: begin a little inside.
         let from = |distance: f64| {
-            let root = 1.0 + (distance / self.scale()).max(1e-3);
+            let root = 1.0 + (distance / self.scale).max(INSIDE);
             (root * root - 1.0).sqrt()
         };
-        match (low.is_finite() && low != 0.0, high.is_finite()) {
-            (_, true) if low.is_finite() => {
-                let share = ((self.initial - low) / (high - low)).clamp(1e-3, 1.0 - 1e-3);
+        match (low.is_finite(), high.is_finite()) {
+            _ if self.is_positive => 0.0,
+            (true, true) => {
+                let share = ((self.initial - low) / (high - low)).clamp(INSIDE, 1.0 - INSIDE);
                 libm::asin(2.0 * share - 1.0)
             }
-            (_, true) => from(high - self.initial),
+            (false, true) => from(high - self.initial),
             (true, false) => from(self.initial - low),
             (false, false) => 0.0,
         }
@@ -64,16 +67,16 @@ impl Variable {
 
     /// The constant and its slope at a value of the variable.
     pub(super) fn at(&self, t: f64) -> (f64, f64) {
-        let (Bounds { low, high }, s) = (self.bounds, self.scale());
+        let (Bounds { low, high }, s) = (self.bounds, self.scale);
         let root = (t * t + 1.0).sqrt();
+        if self.is_positive {
+            let value = self.initial * libm::exp(t);
+            return (value, value);
+        }
         match (low.is_finite(), high.is_finite()) {
             (true, true) => {
                 let half = 0.5 * (high - low);
                 (low + half * (1.0 + libm::sin(t)), half * libm::cos(t))
-            }
-            (true, false) if low == 0.0 => {
-                let value = self.initial * libm::exp(t);
-                (value, value)
             }
             (true, false) => (low + s * (root - 1.0), s * t / root),
             (false, true) => (high - s * (root - 1.0), -s * t / root),
@@ -83,9 +86,8 @@ impl Variable {
 
     /// Whether a value is at one of the bounds.
     pub(super) fn is_at_bound(&self, value: f64) -> bool {
-        let near = |bound: f64| {
-            bound.is_finite() && (value - bound).abs() <= REACHED * self.scale().max(bound.abs())
-        };
+        let near =
+            |bound: f64| bound.is_finite() && (value - bound).abs() <= REACHED * self.scale.max(bound.abs());
         near(self.bounds.low) || near(self.bounds.high)
     }
 }
@@ -97,10 +99,16 @@ mod tests {
     #[test]
     fn every_change_of_variable_begins_at_the_value_and_has_its_slope() {
         let inf = f64::INFINITY;
-        for (low, high) in
-            [(-inf, inf), (0.0, inf), (100.0, inf), (-inf, 9000.0), (0.0, 9000.0), (100.0, 9000.0)]
-        {
-            let variable = Variable::new(1300.0, Bounds { low, high });
+        for (low, high, is_positive) in [
+            (-inf, inf, false),
+            (0.0, inf, true),
+            (0.0, inf, false),
+            (100.0, inf, true),
+            (-inf, 9000.0, false),
+            (0.0, 9000.0, true),
+            (100.0, 9000.0, false),
+        ] {
+            let variable = Variable::new(1300.0, Bounds { low, high }, 1300.0, is_positive);
             let t = variable.start();
             assert!((variable.at(t).0 - 1300.0).abs() < 1e-9, "{low} {high}: {}", variable.at(t).0);
             for t in [t, t + 0.3, t - 0.4, t + 8.0] {
@@ -110,7 +118,15 @@ mod tests {
                 assert!((low..=high).contains(&value), "{low} {high}: {value}");
             }
         }
-        assert!(Variable::new(5.0, Bounds { low: 5.0, high: 9.0 }).is_at_bound(5.0));
-        assert!(!Variable::new(5.0, Bounds::default()).is_at_bound(5.0));
+    }
+
+    #[test]
+    fn a_fit_begins_inside_a_bound_and_a_value_at_it_is_known() {
+        let low = |low, high| Variable::new(low, Bounds { low, high }, 100.0, false);
+        assert!((low(5.0, 9.0).at(low(5.0, 9.0).start()).0 - 5.04).abs() < 1e-9);
+        let above = low(0.0, f64::INFINITY);
+        assert!((above.at(above.start()).0 - 1.0).abs() < 1e-9 && above.at(above.start()).1 > 10.0);
+        assert!(low(5.0, 9.0).is_at_bound(5.0) && !low(5.0, 9.0).is_at_bound(5.1));
+        assert!(!Variable::new(5.0, Bounds::default(), 5.0, false).is_at_bound(5.0));
     }
 }

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use csv::StringRecord;
 
 use crate::error::InputError;
-use crate::num::vector::dot;
+use crate::num::vector::{dot, norm};
 
 /// A measured force on the body, N.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -111,6 +111,22 @@ fn find<const N: usize>(
     }
 }
 
+/// The first kind of columns that is whole. Without one the error is that of the first that is not, or `none`.
+fn first<K, const N: usize>(
+    kinds: [(K, Result<Option<Columns>, InputError>); N],
+    none: impl Fn() -> InputError,
+) -> Result<(K, Columns), InputError> {
+    let mut fault = None;
+    for (kind, found) in kinds {
+        match found {
+            Ok(Some(columns)) => return Ok((kind, columns)),
+            Ok(None) => {}
+            Err(error) => fault = fault.or(Some(error)),
+        }
+    }
+    Err(fault.unwrap_or_else(none))
+}
+
 impl Data {
     /// Reads a CSV file. `direction` is a unit vector for depths and single components.
     ///
@@ -133,7 +149,14 @@ impl Data {
             |line: usize, error: csv::Error| at(line, error.to_string(), "save the table as CSV in UTF-8");
         let mut reader =
             csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(bytes);
-        let header = reader.headers().map_err(|error| invalid(1, error))?.clone();
+        let header = reader.headers().map_err(|error| invalid(1, error))?;
+        if let Some(separator) = [";", "\t"].into_iter().find(|s| header.len() == 1 && header[0].contains(s))
+        {
+            let what = format!("the columns are separated by {separator:?}");
+            return Err(at(1, what, "save the table with commas, and points in the numbers"));
+        }
+        // A laboratory may write Fx_N.
+        let header: StringRecord = header.iter().map(str::to_ascii_lowercase).collect();
         let three = |names, units| {
             Ok::<_, InputError>(
                 find(path, &header, names, units)?.map(|(at, factor)| Columns::Three(at, factor)),
@@ -145,17 +168,13 @@ impl Data {
             )
         };
         let kinds = [
-            (Places::Displacements, three(["dx", "dy", "dz"], LENGTHS)?),
-            (Places::Positions, three(["x", "y", "z"], LENGTHS)?),
-            (Places::Depths, one("depth", LENGTHS)?),
+            (Places::Displacements, three(["dx", "dy", "dz"], LENGTHS)),
+            (Places::Positions, three(["x", "y", "z"], LENGTHS)),
+            (Places::Depths, one("depth", LENGTHS)),
         ];
-        let found = kinds.into_iter().find_map(|(kind, columns)| Some((kind, columns?)));
-        let (places, place) = found.ok_or_else(|| at(1, "no column of a displacement".into(), HEADERS))?;
-        let force = match three(["fx", "fy", "fz"], FORCES)? {
-            Some(three) => Some(three),
-            None => one("force", FORCES)?,
-        };
-        let force = force.ok_or_else(|| at(1, "no column of a force".into(), HEADERS))?;
+        let (places, place) = first(kinds, || at(1, "no column of a displacement".into(), HEADERS))?;
+        let forces = [((), three(["fx", "fy", "fz"], FORCES)), ((), one("force", FORCES))];
+        let ((), force) = first(forces, || at(1, "no column of a force".into(), HEADERS))?;
         let is_along = matches!(force, Columns::One(..)) || places == Places::Depths;
         if is_along && direction.is_none() {
             let what = "a depth or a single force needs its direction";
@@ -208,19 +227,41 @@ impl Data {
         self.rows.iter().map(of).sum()
     }
 
-    /// A tool that pushes or pulls does positive work. `moved_m` is each row's displacement.
-    pub(super) fn check_sign(&self, moved_m: &[[f64; 3]]) -> Result<(), InputError> {
-        let along = self.direction.unwrap_or_default();
-        let work = |(row, moved): (&Measurement, &[f64; 3])| match row.force_n {
-            Force::Vector(force) => dot(force, *moved),
-            Force::Along(force) => force * dot(along, *moved),
+    /// Forces that are all zero have no constants.
+    pub(super) fn check_size(&self) -> Result<(), InputError> {
+        let size = |row: &Measurement| match row.force_n {
+            Force::Vector(force) => norm(force),
+            Force::Along(force) => force.abs(),
         };
-        if self.rows.iter().zip(moved_m).map(work).sum::<f64>() < 0.0 {
-            let what = "the forces point against the displacements";
-            let fix = "give the force of the tool on the body: change the sign of the force columns";
-            return Err(InputError::new(&self.path, what, fix));
+        if self.rows.iter().map(size).fold(0.0, f64::max) > 0.0 {
+            return Ok(());
         }
-        Ok(())
+        Err(InputError::new(
+            &self.path,
+            "all forces are zero",
+            "check the columns of the force and their units",
+        ))
+    }
+
+    /// The forces of each test point where those of the model do, which are `model_n` row by row: constants change
+    /// their size, not their sign.
+    pub(super) fn check_sign(&self, model_n: &[[f64; 3]]) -> Result<(), InputError> {
+        let mut tests: Vec<(&str, f64, usize)> = Vec::new();
+        for (row, model) in self.rows.iter().zip(model_n) {
+            let work = match row.force_n {
+                Force::Vector(force) => dot(force, *model),
+                Force::Along(force) => force * dot(self.direction.unwrap_or_default(), *model),
+            };
+            match tests.iter_mut().find(|(test, ..)| *test == row.test) {
+                Some((_, sum, _)) => *sum += work,
+                None => tests.push((&row.test, work, row.line)),
+            }
+        }
+        let Some((test, _, line)) = tests.into_iter().find(|(_, sum, _)| *sum < 0.0) else { return Ok(()) };
+        let of = if test.is_empty() { String::new() } else { format!(" of test \"{test}\"") };
+        let what = format!("the forces{of} point against those of the model");
+        let fix = "give the force of the tool on the body: change the sign of the force columns";
+        Err(InputError::at(&self.path, line, what, fix))
     }
 }
 
@@ -266,9 +307,26 @@ mod tests {
     }
 
     #[test]
-    fn forces_against_the_motion_are_refused() {
-        let data = parse("dx_m,dy_m,dz_m,fx_n,fy_n,fz_n\n0,0,-0.01,0,0,0.5\n", None).expect("valid");
-        let error = data.check_sign(&[data.rows[0].place_m]).expect_err("refused").to_string();
-        assert!(error.contains("change the sign"), "{error}");
+    fn a_whole_kind_of_columns_counts_and_other_columns_do_not() {
+        let data = parse("z_m,x,dX_mm,dY_mm,dZ_mm,Fx_N,Fy_N,Fz_N\n9,9,1,2,3,4,5,6\n", None).expect("valid");
+        assert_eq!(data.places, Places::Displacements);
+        assert_eq!(data.rows[0].force_n, Force::Vector([4.0, 5.0, 6.0]));
+        let error = parse("dx_m;dy_m\n", None).expect_err("refused");
+        assert!(error.contains("separated by \";\"") && error.contains("commas"), "{error}");
+    }
+
+    #[test]
+    fn a_test_against_the_model_and_forces_of_zero_are_refused() {
+        let rows = "test,dx_m,dy_m,dz_m,fx_n,fy_n,fz_n\na,0,0,-0.01,0,0,-0.5\nb,0,0,-0.01,0,0,0.4\n";
+        let data = parse(rows, None).expect("valid");
+        let model = [[0.0, 0.1, -0.3]; 2];
+        let error = data.check_sign(&model).expect_err("refused").to_string();
+        assert!(
+            error.contains("d.csv:3: the forces of test \"b\"") && error.contains("change the sign"),
+            "{error}"
+        );
+        assert!(data.check_sign(&[model[0], [0.0, 0.0, 0.2]]).is_ok() && data.check_size().is_ok());
+        let zero = parse("dx_m,dy_m,dz_m,fx_n,fy_n,fz_n\n0,0,-0.01,0,0,0\n", None).expect("valid");
+        assert!(zero.check_size().expect_err("refused").to_string().contains("all forces are zero"));
     }
 }

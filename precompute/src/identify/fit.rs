@@ -27,6 +27,8 @@ const REFUSED: f64 = 1e3;
 pub(super) struct Evaluated {
     /// Values of the constants.
     pub values: Vec<f64>,
+    /// Force of the model on the body, N, row by row.
+    pub forces_n: Vec<[f64; 3]>,
     /// Model less measurement, N, component by component.
     pub residuals: Vec<f64>,
     /// Derivatives of the residuals by the constants, N per unit, one row for each residual.
@@ -43,7 +45,8 @@ impl Evaluated {
             let components = by.first().map_or(0, Vec::len);
             slopes.extend((0..components).map(|i| by.iter().map(|by| by[i]).collect::<Vec<f64>>()));
         }
-        Self { values, residuals, slopes }
+        let forces_n = reactions.iter().map(|reaction| reaction.force_n).collect();
+        Self { values, forces_n, residuals, slopes }
     }
 }
 
@@ -83,8 +86,10 @@ impl<P: Fn(&Progress) + Sync> Fit<'_, '_, P> {
     /// The values with the smallest loss, from the variables `start`; and whether the fit has converged.
     pub(super) fn minimise(mut self, start: &[f64]) -> Result<(Evaluated, Vec<f64>, bool), IdentifyError> {
         let here = self.evaluate(start, None)?;
-        let state =
-            State { t: DVector::from_column_slice(start), here, refused: false, failure: None, fit: self };
+        self.data.check_sign(&here.forces_n)?;
+        let t = DVector::from_column_slice(start);
+        let best = (t.clone(), here.clone());
+        let state = State { t, here, best, refused: false, failure: None, fit: self };
         let method =
             LevenbergMarquardt::new().with_ftol(FTOL).with_xtol(XTOL).with_gtol(FTOL).with_patience(PATIENCE);
         let (state, report) = method.minimize(state);
@@ -94,7 +99,8 @@ impl<P: Fn(&Progress) + Sync> Fit<'_, '_, P> {
                 // No progress is possible at the rounding of the forces: the same end as convergence.
                 let is_rounding = matches!(report.termination, TerminationReason::NoImprovementPossible(_));
                 let done = report.termination.was_successful() || is_rounding;
-                Ok((state.here, state.t.as_slice().to_vec(), done))
+                let (t, best) = state.best;
+                Ok((best, t.as_slice().to_vec(), done))
             }
         }
     }
@@ -106,6 +112,8 @@ struct State<'f, 'a, P> {
     t: DVector<f64>,
     /// The last values that could be evaluated.
     here: Evaluated,
+    /// The values with the smallest loss.
+    best: (DVector<f64>, Evaluated),
     /// Whether the present values were refused, by the law or the solver.
     refused: bool,
     failure: Option<IdentifyError>,
@@ -114,6 +122,11 @@ struct State<'f, 'a, P> {
 impl<P: Fn(&Progress) + Sync> State<'_, '_, P> {
     fn transformed(&self, r: f64) -> (f64, f64) {
         self.fit.loss.transformed(r, self.fit.scale)
+    }
+
+    /// Twice the loss.
+    fn loss(&self, of: &Evaluated) -> f64 {
+        of.residuals.iter().map(|&r| self.transformed(r).0.powi(2)).sum()
     }
 }
 
@@ -127,9 +140,19 @@ impl<P: Fn(&Progress) + Sync> LeastSquaresProblem<f64, Dyn, Dyn> for State<'_, '
             return;
         }
         self.t.copy_from(t);
-        let rms_n = rms(self.here.residuals.iter().copied());
+        // After a step that was not taken the method goes back.
+        if *t == self.best.0 {
+            (self.here, self.refused) = (self.best.1.clone(), false);
+            return;
+        }
+        let rms_n = rms(self.best.1.residuals.iter().copied());
         match self.fit.evaluate(t.as_slice(), Some(rms_n)) {
-            Ok(here) => (self.here, self.refused) = (here, false),
+            Ok(here) => {
+                if self.loss(&here) < self.loss(&self.best.1) {
+                    self.best = (t.clone(), here.clone());
+                }
+                (self.here, self.refused) = (here, false);
+            }
             Err(failure) if failure.is_of_the_values() => self.refused = true,
             Err(failure) => self.failure = Some(failure),
         }

@@ -11,15 +11,14 @@ use crate::error::InputError;
 use crate::fem::Pose;
 use crate::fem::body::Region;
 use crate::fem::constant::Constant;
+use crate::mesh::Surface;
 use crate::num::parallel::in_parallel;
-use crate::num::vector::norm;
+use crate::num::vector::dot;
 use crate::pipeline::{Analysis, Equilibrium, Loading, PipelineError, Run};
 use crate::scene::{ActiveNode, ResolvedScene, Scene, SceneConstant};
 
 /// Places that one solver solves one after the other, after the first time.
 const BLOCK: usize = 6;
-/// A sphere begins this far before the first place of a test, in radii, against the direction of the test.
-const BEFORE: f64 = 3.0;
 
 /// A place with its reaction.
 #[derive(Debug, Clone)]
@@ -36,7 +35,8 @@ struct Site {
     /// Index of the active node; zero for a sphere.
     active: usize,
     place_m: [f64; 3],
-    /// Where a sphere begins its way to this place.
+    /// Where a sphere begins its way to this place: the first one of its test, or beside the body if it overlaps
+    /// there.
     start_m: [f64; 3],
     /// First row that measured it.
     row: usize,
@@ -145,15 +145,9 @@ impl<'a> Forward<'a> {
             self.site_of_row.push(site);
         }
         self.chains.retain(|chain| !chain.is_empty());
-        if let Some(sphere) = self.resolved.tool.sphere() {
-            for chain in &self.chains {
-                let [first_m, last_m] =
-                    [chain[0], chain[chain.len() - 1]].map(|site| self.sites[site].place_m);
-                let way: [f64; 3] = std::array::from_fn(|k| last_m[k] - first_m[k]);
-                let back = if norm(way) > 0.0 { BEFORE * sphere.radius_m / norm(way) } else { 0.0 };
-                let start_m = std::array::from_fn(|k| first_m[k] - back * way[k]);
-                chain.iter().for_each(|&site| self.sites[site].start_m = start_m);
-            }
+        for chain in &self.chains {
+            let start_m = self.sites[chain[0]].place_m;
+            chain.iter().for_each(|&site| self.sites[site].start_m = start_m);
         }
         Ok(())
     }
@@ -165,6 +159,27 @@ impl<'a> Forward<'a> {
             let what = format!("the scene has no active node \"{}\"", name.unwrap_or_default());
             InputError::at(&data.path, line, what, format!("it has {}", names.join(", ")))
         })
+    }
+
+    /// Number of distinct places.
+    pub(super) fn places(&self) -> usize {
+        self.sites.len()
+    }
+
+    /// A warning if depths lead out of the body at a place that they touch.
+    pub(super) fn doubt_of_direction(&self, data: &Data) -> Option<String> {
+        let direction = data.direction.filter(|_| data.places == Places::Depths)?;
+        let skin = Surface::of(&self.resolved.mesh);
+        let out = self
+            .sites
+            .iter()
+            .map(|site| &self.resolved.active[site.active])
+            .find(|active| active.normal(&skin).is_some_and(|normal| dot(normal, direction) > 0.0))?;
+        Some(format!(
+            "the direction points out of the body at \"{}\", so positive depths pull; if the tool pushes, change the signs of the \
+             direction",
+            out.name
+        ))
     }
 
     /// Displacement of each row, m.
@@ -262,7 +277,7 @@ impl<'a> Forward<'a> {
         Ok(solved)
     }
 
-    /// A solver at rest, for a sphere before the first place.
+    /// A solver at rest, for a sphere where its way begins.
     fn begin(&self, analysis: &Analysis, unit: &[usize]) -> Result<Loading, PipelineError> {
         let Site { active, start_m, .. } = self.sites[unit[0]];
         let active = analysis.scene.active.get(active).map(|active| active.name.as_str());

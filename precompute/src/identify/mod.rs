@@ -122,7 +122,12 @@ fn variables(
             let what = format!("`{name}` = {value} of the scene is not within its bounds {low} to {high}");
             return Err(InputError::new(scene.path(), what, "begin within them").into());
         }
-        Ok(Variable::new(value, bounds))
+        // A constant that is zero may become as large as a tenth of the largest one of its unit.
+        let same = |other: &&SceneConstant| other.key.ends_with("_pa") == constant.key.ends_with("_pa");
+        let largest = free.iter().filter(same).map(|other| other.value.abs()).fold(0.0, f64::max);
+        let scale = value.abs().max(0.1 * largest);
+        let is_positive = POSITIVE.contains(&constant.key);
+        Ok(Variable::new(value, bounds, if scale > 0.0 { scale } else { 1.0 }, is_positive))
     };
     free.iter().map(variable).collect()
 }
@@ -146,7 +151,13 @@ pub fn identify(
     let free = free_constants(scene, data, options)?;
     let variables = variables(scene, &free, options)?;
     let mut forward = Forward::new((scene, resolved), &free, data, options.active.as_deref(), run)?;
-    data.check_sign(forward.moved_m())?;
+    if forward.places() < free.len() {
+        let what = format!("{} measured places for {} constants", forward.places(), free.len());
+        return Err(
+            InputError::new(&data.path, what, "measure at more places, or free fewer constants").into()
+        );
+    }
+    data.check_size()?;
     let mut evaluations = 0;
     let start: Vec<f64> = variables.iter().map(Variable::start).collect();
     let mut minimise = |loss, scale, start: &[f64]| {

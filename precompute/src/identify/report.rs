@@ -16,6 +16,8 @@ use crate::scene::{Scene, SceneConstant};
 const MERGED: f64 = 0.95;
 /// A constant is imprecise above this relative standard error.
 const IMPRECISE: f64 = 0.05;
+/// Two constants with a larger correlation are told apart by the last digits of the forces only.
+const EQUAL: f64 = 0.9995;
 
 /// An identified constant.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -152,7 +154,10 @@ pub(super) fn report(
             100.0 * rms_share
         ));
     }
+    warnings.extend(forward.doubt_of_direction(data));
     let values: Vec<(&SceneConstant, f64)> = free.iter().zip(here.values.iter().copied()).collect();
+    let fitted = scene.with_constants(&values)?;
+    warnings.extend(fitted.laws()?.iter().flat_map(|region| region.material.warnings()));
     Ok(Identified {
         parameters,
         confidence: options.confidence,
@@ -165,7 +170,7 @@ pub(super) fn report(
         solves: 0,
         warnings,
         rows,
-        scene: SceneText(std::sync::Arc::new(scene.with_constants(&values)?)),
+        scene: SceneText(std::sync::Arc::new(fitted)),
     })
 }
 
@@ -207,7 +212,8 @@ fn merged(parameters: &[Parameter], inner: &[usize], precision: Option<&Precisio
             let correlation = precision.correlation[a][b];
             let (one, other) = (&parameters[i], &parameters[k]);
             let relative = |p: &Parameter| p.standard_error / p.value.abs().max(f64::MIN_POSITIVE);
-            if correlation.abs() < MERGED || relative(one).max(relative(other)) < IMPRECISE {
+            let is_precise = relative(one).max(relative(other)) < IMPRECISE && correlation.abs() < EQUAL;
+            if correlation.abs() < MERGED || is_precise {
                 continue;
             }
             let (weight, error) = precision.combination(a, b);

@@ -16,8 +16,12 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::loss::Loss;
 
-/// Residuals that follow each other are systematic above this many standard deviations of noise,
+/// Residuals that follow each other are systematic above this many standard deviations of noise, or, in a short test,
+/// above this correlation,
 const SYSTEMATIC: f64 = 3.3;
+const SHORT: f64 = 0.8;
+/// of at least so many pairs,
+const PAIRS: f64 = 5.0;
 /// if they are also above this share of the forces.
 const MISFIT: f64 = 1e-3;
 /// Smallest share of the largest eigenvalue of the scaled J^T J that the data still determine.
@@ -104,8 +108,8 @@ pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 pub(super) struct Succession {
     /// Correlation of each residual with the next one of its test, -1 to 1.
     pub correlation: f64,
-    /// The same in standard deviations of independent noise.
-    pub deviations: f64,
+    /// Number of pairs.
+    pub pairs: f64,
 }
 
 impl Succession {
@@ -117,12 +121,13 @@ impl Succession {
             [pairs().map(|(a, _)| a * a).sum(), pairs().map(|(_, b)| b * b).sum()];
         let size = (before * after).sqrt();
         let correlation = if size > 0.0 { products / size } else { 0.0 };
-        Self { correlation, deviations: correlation * count.sqrt() }
+        Self { correlation, pairs: count }
     }
 
     /// Whether the model does not describe the data. `share` is the RMS residual over the RMS force.
     pub(super) fn is_systematic(&self, share: f64) -> bool {
-        self.deviations > SYSTEMATIC && share > MISFIT
+        let limit = (SYSTEMATIC / self.pairs.sqrt()).min(SHORT);
+        self.pairs >= PAIRS && self.correlation > limit && share > MISFIT
     }
 }
 
@@ -166,6 +171,39 @@ mod tests {
         assert!(held.iter().all(|&h| (1875..1925).contains(&h)), "{held:?} of {runs}");
     }
 
+    /// One constant and a Huber loss of scale 1: the formulas written out.
+    #[test]
+    fn a_robust_loss_has_the_sandwich_of_its_influence() {
+        let (x, r): ([f64; 5], [f64; 5]) = ([1.0, 2.0, 3.0, 4.0, 5.0], [0.5, -3.0, 0.2, 6.0, -0.8]);
+        let jacobian = DMatrix::from_fn(5, 1, |i, _| x[i]);
+        let found = Precision::of(&jacobian, &r, (Loss::Huber, 1.0), 0.95).expect("determined");
+        // Residuals beyond the scale have the influence 1 and no slope.
+        let a = 1.0 + 9.0 + 25.0;
+        let b = 55.0 * (0.25 + 1.0 + 0.04 + 1.0 + 0.64) / 5.0;
+        let expected = f64::sqrt(5.0 / 4.0 * b / (a * a));
+        assert!(
+            (found.standard_errors[0] - expected).abs() < 1e-12,
+            "{} {expected}",
+            found.standard_errors[0]
+        );
+    }
+
+    #[test]
+    fn the_best_combination_of_two_constants_has_the_smallest_error() {
+        let jacobian = DMatrix::from_fn(6, 2, |i, k| 1.0 + 0.1 * (i * k) as f64);
+        let found = Precision::of(&jacobian, &[0.1, -0.2, 0.1, 0.0, 0.2, -0.1], (Loss::Linear, 1.0), 0.95);
+        let found = found.expect("determined");
+        let (w, error) = found.combination(0, 1);
+        let c = &found.covariance;
+        let variance = |w: f64| c[(0, 0)] + 2.0 * w * c[(0, 1)] + w * w * c[(1, 1)];
+        assert!(w > 0.5 && (variance(w).sqrt() - error).abs() < 1e-12, "{w}");
+        assert!(
+            variance(w) < variance(w + 0.1)
+                && variance(w) < variance(w - 0.1)
+                && error < 0.2 * found.standard_errors[0]
+        );
+    }
+
     #[test]
     fn a_constant_without_effect_is_named() {
         let dead = DMatrix::from_fn(5, 2, |i, k| if k == 0 { i as f64 } else { 0.0 });
@@ -184,5 +222,11 @@ mod tests {
             Succession::of(&rows).is_systematic(0.02)
         });
         assert!(alarms.count() <= 3, "false alarms");
+        let short: Vec<f64> = (0..8).map(|i| f64::from(i) - 2.5).collect();
+        let is_systematic = |rows: &[f64]| Succession::of(&[rows.to_vec()]).is_systematic(0.02);
+        assert!(is_systematic(&short) && !is_systematic(&short[..5]));
+        let alarms = (0..1000)
+            .filter(|_| Succession::of(&[(0..8).map(|_| noise(&mut random)).collect()]).is_systematic(0.02));
+        assert!(alarms.count() <= 25, "false alarms of a short test");
     }
 }

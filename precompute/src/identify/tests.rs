@@ -124,15 +124,7 @@ fn the_derivatives_are_those_of_differences_for_every_contact_and_element() {
     let law =
         "[material]\nlaw = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0\n[fixed]\ngroup = \"F1\"\n";
     let mesh = |more: &str| format!("[mesh]\nfile = \"../liver-small.msh\"\n{more}{law}");
-    let (rest_m, normal) = {
-        let scene =
-            Scene::parse(&scenes().join("a.toml"), mesh("") + "[[active]]\nname = \"A1\"\nnode = 199\n")
-                .expect("a scene");
-        let resolved = scene.resolve().expect("a scene");
-        let surface = crate::mesh::Surface::of(&resolved.mesh);
-        let active = &resolved.active[0];
-        (active.place_m(&resolved.mesh), active.normal(&surface).expect("on the skin"))
-    };
+    let (rest_m, normal) = skin_place();
     let free = ["c10_pa", "c01_pa"];
     let along = |from_m: f64, depths_mm: &[f64], position: bool| {
         let column = if position { "" } else { "d" };
@@ -258,6 +250,47 @@ fn an_outlier_counts_little_with_a_robust_loss() {
     };
     let [linear, huber, soft] = [Loss::Linear, Loss::Huber, Loss::SoftL1].map(error);
     assert!(linear > 0.2 && huber < 0.01 && soft < 0.01, "{linear:.3} {huber:.4} {soft:.4}");
+}
+
+/// The skin at node 199 of the small organ: place and outward normal.
+fn skin_place() -> ([f64; 3], [f64; 3]) {
+    let resolved = stiff().resolve().expect("a scene");
+    let surface = crate::mesh::Surface::of(&resolved.mesh);
+    let active = &resolved.active[0];
+    (active.place_m(&resolved.mesh), active.normal(&surface).expect("on the skin"))
+}
+
+#[test]
+fn a_sphere_may_begin_in_contact_withdraw_and_slide() {
+    let (rest_m, normal) = skin_place();
+    let tool = "[tool]\nshape = \"sphere\"\nradius_m = 0.01\n";
+    let text = stiff().text().replace("[[active]]\nname = \"A1\"\nnode = 199\n", tool);
+    let scene = Scene::parse(&scenes().join("sphere.toml"), text).expect("a scene");
+    let mut table = "test,x_m,y_m,z_m,fx_n,fy_n,fz_n\n".to_owned();
+    for (test, places_mm) in [
+        ("withdraw", vec![[0.0, 5.0], [0.0, 3.0], [0.0, -1.0]]),
+        ("slide", vec![[0.0, 3.0], [3.0, 3.0]]),
+        ("press and withdraw", vec![[0.0, -1.0], [0.0, 5.0], [0.0, -2.0]]),
+    ] {
+        for [side_mm, depth_mm] in places_mm {
+            let side_m = [1e-3 * side_mm, 0.0, 0.0];
+            let at = |k: usize| rest_m[k] + normal[k] * (0.01 - 1e-3 * depth_mm) + side_m[k];
+            table.push_str(&format!("{test},{},{},{},0,0,0\n", at(0), at(1), at(2)));
+        }
+    }
+    let table = measured(&scene, &["young_pa"], &[15_480.0], &data(&table), 0.0, 1);
+    let found = fit(&scene, &table, &options(&["young_pa"]), Run::run_to_end()).expect("identified");
+    assert!((found.parameters[0].value / 15_480.0 - 1.0).abs() < 1e-6, "{:?}", found.parameters);
+}
+
+#[test]
+fn a_bound_at_zero_does_not_hold_a_constant_that_begins_there() {
+    let scene = scene("indentation.toml", |text| text.replace("c01_pa = 600.0", "c01_pa = 0.0"));
+    let table = measured(&scene, &["c10_pa", "c01_pa"], &[1300.0, 1280.0], &data(PUSH), 0.0, 1);
+    let bounds = vec![("c01_pa".to_owned(), Bounds { low: 0.0, high: f64::INFINITY })];
+    let options = Options { bounds, ..options(&["c10_pa", "c01_pa"]) };
+    let found = fit(&scene, &table, &options, Run::run_to_end()).expect("identified");
+    assert!((found.parameters[1].value - 1280.0).abs() < 0.1 && found.evaluations < 20, "{found:?}");
 }
 
 #[test]

@@ -70,6 +70,11 @@ impl Scene {
         tables(&self.file.material).iter().map(law).collect()
     }
 
+    /// Text of the scene.
+    pub fn text(&self) -> &str {
+        &self.place.text
+    }
+
     /// Path of the scene file.
     pub fn path(&self) -> &Path {
         &self.place.path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -95,15 +96,12 @@ def table(data: Mapping[str, ArrayLike]) -> str:
     return "\n".join([",".join(columns), *(",".join(row) for row in quoted)]) + "\n"
 
 
-def result(scene: Scene, found: str) -> Identified:
+def result(fitted: Scene, found: str) -> Identified:
     """The result that the extension module gives as JSON."""
     of: dict[str, Any] = json.loads(found)
-    fitted = scene
-    parameters = {}
-    for entry in of["parameters"]:
-        name = entry.pop("name")
-        parameters[name] = Parameter(**entry)
-        fitted = fitted.with_value(f"material.{name}", entry["value"])
+    parameters = {entry.pop("name"): Parameter(**entry) for entry in of["parameters"]}
+    for line in of["warnings"]:
+        warnings.warn(line, stacklevel=3)
 
     def columns(key: str) -> NDArray[np.float64]:
         return np.array([row[key] for row in of["rows"]], dtype=np.float64)

@@ -308,7 +308,7 @@ class Scene:
         data: Union[FilePath, Mapping[str, ArrayLike]],
         free: Sequence[str],
         *,
-        bounds: Optional[Mapping[str, tuple[float, float]]] = None,
+        bounds: Optional[Mapping[str, tuple[Optional[float], Optional[float]]]] = None,
         loss: str = "linear",
         confidence: float = 0.95,
         active: Optional[str] = None,
@@ -327,7 +327,7 @@ class Scene:
         free : sequence of str
             Constants as in the scene: ``c10_pa``, or ``tumour.c10_pa`` with several materials.
         bounds : dict
-            ``{"c10_pa": (0.0, 5000.0)}``; infinite ends are allowed.
+            ``{"c10_pa": (0.0, 5000.0)}``; None is no bound.
         loss : "linear", "soft-l1" or "huber"
             How much outliers count.
         confidence : float
@@ -350,14 +350,17 @@ class Scene:
             table = _identify.table(data)
         else:
             path = data
-        limits = [(name, float(low), float(high)) for name, (low, high) in (bounds or {}).items()]
+        limits = [
+            (name, -np.inf if low is None else float(low), np.inf if high is None else float(high))
+            for name, (low, high) in (bounds or {}).items()
+        ]
         names = [free] if isinstance(free, str) else list(free)
         options = (names, limits, loss, confidence, active, direction)
         try:
-            found = _palpate.identify(self._inner, path, table, *options, _report(progress), threads)
+            found, fitted = _palpate.identify(self._inner, path, table, *options, _report(progress), threads)
         finally:
             _end_line(progress)
-        return _identify.result(self, found)
+        return _identify.result(self._of(fitted), found)
 
     def mesh(self, displacements_m: Optional[ArrayLike] = None) -> Any:
         """The body as ``pyvista.UnstructuredGrid``, moved by ``displacements_m`` (n, 3), m.

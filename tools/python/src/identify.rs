@@ -25,7 +25,8 @@ fn loss(name: &str) -> Result<Loss, Failure> {
     }
 }
 
-/// Identifies constants, see `palpate.Scene.identify`. Returns the result as JSON.
+/// Identifies constants, see `palpate.Scene.identify`. Returns the result as JSON, and the scene with the
+/// constants.
 ///
 /// The table is the file at `path`, or `table` with the name `path` in errors.
 #[pyfunction]
@@ -44,7 +45,7 @@ pub(crate) fn identify(
     direction: Option<[f64; 3]>,
     progress: Option<Bound<'_, PyAny>>,
     threads: Option<usize>,
-) -> Result<String, Failure> {
+) -> Result<(String, Scene), Failure> {
     let threads = self::threads(threads)?;
     if !(confidence > 0.0 && confidence < 1.0) {
         return Err(Failure::input(format!("confidence = {confidence}; give a share between 0 and 1")));
@@ -62,7 +63,8 @@ pub(crate) fn identify(
         };
         Ok(fit(&scene.file, &scene.resolved, &data, &options, run, told)?)
     })?;
-    serde_json::to_string(&found).map_err(Failure::work)
+    let fitted = py.detach(|| scene.with_text(found.scene.text()))?;
+    Ok((serde_json::to_string(&found).map_err(Failure::work)?, fitted))
 }
 
 /// The unit vector along a direction.

@@ -194,6 +194,12 @@ impl Scene {
         Ok(Self { path, file, resolved, is_in_memory, analysis: OnceLock::new() })
     }
 
+    /// The scene of another text with the same mesh.
+    pub(crate) fn with_text(&self, text: &str) -> Result<Self, Failure> {
+        let mesh = self.is_in_memory.then(|| self.resolved.mesh.clone());
+        Self::new(self.path.clone(), SceneFile::parse(&self.path, text.to_owned())?, mesh)
+    }
+
     /// The scene with its body, which the first call builds.
     fn analysis(&self, py: Python<'_>) -> Result<Arc<Analysis>, Failure> {
         if let Some(analysis) = self.analysis.get() {

@@ -44,6 +44,18 @@ def test_arrays_are_measurements(scene: palpate.Scene) -> None:
     assert np.isclose(single.parameters["c10_pa"].value, 1300.0, rtol=1e-4)
 
 
+def test_what_the_data_cannot_tell_is_a_warning(scene: palpate.Scene, tmp_path) -> None:
+    few = tmp_path / "few.csv"
+    few.write_text("".join(TABLE.read_text().splitlines(keepends=True)[:4]))
+    with pytest.warns(UserWarning, match="hardly tell"):
+        found = scene.identify(few, ["c10_pa", "c01_pa"])
+    # One of them is negative: only the pair is valid.
+    values = [constant.value for constant in found.parameters.values()]
+    assert sum(values) > 0.0 and "material" in found.scene.toml
+    bounded = scene.identify(TABLE, ["c10_pa", "c01_pa"], bounds={"c10_pa": (None, 9000.0)})
+    assert np.isclose(bounded.parameters["c10_pa"].value, 1286.3, rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("data", "free", "options", "words"),
     [

@@ -96,7 +96,15 @@ namespace Palpate
             PalpateConfig config = PalpateController.Defaults(PalpateMethod.Energy);
             config.max_force_n = Math.Min(maxForceN, organ.Info.max_force_n);
             config.max_stiffness_n_m = maxStiffnessNPerM;
-            controller = PalpateController.Open(organ, config, true);
+            try
+            {
+                controller = PalpateController.Open(organ, config, true);
+            }
+            catch
+            {
+                organ.Dispose();
+                throw;
+            }
             hand = new PalpateSimulatedHand(Above(space, 0.02f));
             device = Device ?? hand;
             BuildMesh();

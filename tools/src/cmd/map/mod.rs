@@ -25,7 +25,7 @@ use crate::output;
 use crate::progress::WorkProgress;
 use summary::Summary;
 
-/// Map stiffness and depth at a force over the skin, and where an inclusion can be felt.
+/// Map stiffness over the skin, and where an inclusion can be felt.
 ///
 /// At every free vertex of the skin the tool of the scene pushes along the inward normal until the normal
 /// force reaches --force-n. With --inclusion or --ball-mm the same depth is solved with the surrounding
@@ -44,7 +44,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "X,Y,Z,RADIUS", value_parser = numbers::<4>, allow_hyphen_values = true, conflicts_with = "inclusion")]
     ball_mm: Option<[f64; 4]>,
     /// Stiffness of the ball over that of the tissue
-    #[arg(long, value_name = "RATIO", default_value_t = 10.0, conflicts_with = "inclusion")]
+    #[arg(long, value_name = "RATIO", default_value_t = 10.0, requires = "ball_mm")]
     ratio: f64,
     /// Print a table of detectability by depth, size and stiffness of a ball under one place
     #[arg(long, conflicts_with_all = ["inclusion", "ball_mm", "ratio", "vtu", "picture", "points"])]
