@@ -237,5 +237,9 @@ fn merged(parameters: &[Parameter], inner: &[usize], precision: Option<&Precisio
 
 /// A number with five significant digits.
 fn short(value: f64) -> String {
-    format!("{value:.4e}").parse::<f64>().unwrap_or(value).to_string()
+    let digits = format!("{value:.4e}");
+    if value != 0.0 && !(1e-3..1e7).contains(&value.abs()) {
+        return digits;
+    }
+    digits.parse::<f64>().unwrap_or(value).to_string()
 }

@@ -360,7 +360,10 @@ class Scene:
             found, fitted = _palpate.identify(self._inner, path, table, *options, _report(progress), threads)
         finally:
             _end_line(progress)
-        return _identify.result(self._of(fitted), found)
+        # Its warnings are among those of the result.
+        scene = Scene.__new__(Scene)
+        scene._inner = fitted
+        return _identify.result(scene, found)
 
     def mesh(self, displacements_m: Optional[ArrayLike] = None) -> Any:
         """The body as ``pyvista.UnstructuredGrid``, moved by ``displacements_m`` (n, 3), m.

@@ -1,10 +1,14 @@
 """A block of rubber that is solved in a second."""
 
+import signal
 from pathlib import Path
 
 import numpy as np
 import palpate
 import pytest
+
+# A background job of a shell ignores Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ASSETS = Path(__file__).resolve().parents[3] / "assets"
 EDGE_M = 0.01
