@@ -322,6 +322,32 @@ mod tests {
         }
     }
 
+    /// With a lower end the scale begins there, and smaller values have no colour.
+    #[test]
+    fn a_scale_with_a_lower_end_begins_at_it() {
+        let field = |values: [f32; 2]| ScalarField {
+            values: values.map(Some).to_vec(),
+            from: Some(1.0),
+            ..ScalarField::default()
+        };
+        assert_eq!(field([0.2, 3.0]).range(), [1.0, 3.0]);
+        assert!(field([0.2, 3.0]).is_shown(1.0) && !field([0.2, 3.0]).is_shown(0.99));
+        let [low, high] = field([0.2, 0.5]).range();
+        assert!(low <= 1.0 && high > 1.0, "{low} {high}");
+        assert!(ScalarField::default().is_shown(-1.0));
+        let map = |from| SurfaceMap {
+            fields: vec![ScalarField {
+                from,
+                ..octahedron(vec![Some(0.1), Some(0.2), Some(3.0), Some(0.1), Some(0.2), Some(3.0)])
+                    .fields
+                    .remove(0)
+            }],
+            ..octahedron(vec![])
+        };
+        let [whole, above] = [None, Some(1.0)].map(|from| draw(&map(from), 400, 300));
+        assert_ne!(whole.pixels(), above.pixels(), "the small values are grey");
+    }
+
     /// A place is shown from the side to which its normal points.
     #[test]
     fn a_place_is_seen_from_the_side_that_it_faces() {

@@ -8,8 +8,8 @@
 //! With the linear loss this is s^2 (J^T J)^-1, s^2 = sum r^2 / (m - p). The interval of a constant is its value plus
 //! and minus Student's t with m - p degrees of freedom times sqrt(C_kk). Source: Huber 1981, section 7.6.
 //!
-//! Noise has no memory. If the model is wrong, residuals that follow each other in a test have the same sign: the sum
-//! of their products over s^2 sqrt(n) for n pairs is then far above the 1 of its standard deviation.
+//! Noise has no memory. If the model is wrong, residuals that follow each other in a test have the same sign: their
+//! correlation over n pairs is then far above 1 / sqrt(n), the standard deviation of that of noise.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -108,7 +108,7 @@ pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 pub(super) struct Succession {
     /// Correlation of each residual with the next one of its test, -1 to 1.
     pub correlation: f64,
-    /// Number of pairs.
+    /// Number of pairs of all tests and components.
     pub pairs: f64,
 }
 

@@ -283,6 +283,19 @@ fn a_sphere_may_begin_in_contact_withdraw_and_slide() {
     assert!((found.parameters[0].value / 15_480.0 - 1.0).abs() < 1e-6, "{:?}", found.parameters);
 }
 
+/// Depth and force of a pull have the signs of a push: only the skin tells the direction.
+#[test]
+fn a_direction_out_of_the_body_is_a_warning() {
+    let (_, normal) = skin_place();
+    let warned = |direction: [f64; 3]| {
+        let table = "depth_mm,force_n\n2,0.4\n4,0.8\n6,1.2\n";
+        let table = Data::parse(Path::new("d.csv"), table.as_bytes(), Some(direction)).expect("a table");
+        let found = fit(&stiff(), &table, &options(&["young_pa"]), Run::run_to_end()).expect("identified");
+        found.warnings.iter().any(|warning| warning.contains("points out of the body at \"A1\""))
+    };
+    assert!(warned(normal) && !warned(normal.map(|x| -x)));
+}
+
 #[test]
 fn a_bound_at_zero_does_not_hold_a_constant_that_begins_there() {
     let scene = scene("indentation.toml", |text| text.replace("c01_pa = 600.0", "c01_pa = 0.0"));
