@@ -335,17 +335,16 @@ mod tests {
         let [low, high] = field([0.2, 0.5]).range();
         assert!(low <= 1.0 && high > 1.0, "{low} {high}");
         assert!(ScalarField::default().is_shown(-1.0));
-        let map = |from| SurfaceMap {
-            fields: vec![ScalarField {
-                from,
-                ..octahedron(vec![Some(0.1), Some(0.2), Some(3.0), Some(0.1), Some(0.2), Some(3.0)])
-                    .fields
-                    .remove(0)
-            }],
-            ..octahedron(vec![])
+        // A body with small values only looks like one without values.
+        let drawn = |field: ScalarField| {
+            let map = octahedron(vec![None; 6]);
+            panel(&map, &field, &ColourMap::new(), &mut Shader::new(), [120, 90], Side::Front)
         };
-        let [whole, above] = [None, Some(1.0)].map(|from| draw(&map(from), 400, 300));
-        assert_ne!(whole.pixels(), above.pixels(), "the small values are grey");
+        let values = |from, value| ScalarField { values: vec![value; 6], from, ..ScalarField::default() };
+        let [small, none, large] = [(Some(1.0), Some(0.5)), (Some(1.0), None), (Some(1.0), Some(2.0))]
+            .map(|(from, value)| drawn(values(from, value)));
+        assert_eq!(small.pixels(), none.pixels());
+        assert_ne!(large.pixels(), none.pixels());
     }
 
     /// A place is shown from the side to which its normal points.
