@@ -122,6 +122,34 @@ impl Pattern {
         Self { column_starts, rows, kinds, ties, handle_elements }
     }
 
+    /// The pattern of some of the equations, ascending, and the places of its entries in the values.
+    pub(crate) fn restricted(&self, keep: &[usize]) -> (Self, Vec<usize>) {
+        let mut index = vec![usize::MAX; self.unknowns()];
+        for (new, &old) in keep.iter().enumerate() {
+            index[old] = new;
+        }
+        let (mut column_starts, mut rows, mut places) = (vec![0], Vec::new(), Vec::new());
+        for &column in keep {
+            for place in self.column_starts[column]..self.column_starts[column + 1] {
+                let row = index[self.rows[place]];
+                if row != usize::MAX {
+                    rows.push(row);
+                    places.push(place);
+                }
+            }
+            column_starts.push(rows.len());
+        }
+        let none = || ElementEntries { dofs: Vec::new(), scatter: Vec::new(), pairs: Vec::new(), stride: 1 };
+        let pattern = Self {
+            column_starts,
+            rows,
+            kinds: [none(), none()],
+            ties: Vec::new(),
+            handle_elements: Vec::new(),
+        };
+        (pattern, places)
+    }
+
     /// Place in the values of the entry of two equations that share an element; one past the end if one of them
     /// does not exist.
     pub(crate) fn place_or_nowhere(&self, one: u32, other: u32) -> usize {
@@ -174,6 +202,37 @@ impl Pattern {
         (starts, columns.concat())
     }
 
+    /// The same for all columns of x, at most three at a time.
+    pub(crate) fn multiply_columns(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
+        let n = self.unknowns();
+        for (x, y) in x.chunks(3 * n).zip(y.chunks_mut(3 * n)) {
+            if x.len() < 3 * n {
+                x.chunks(n).zip(y.chunks_mut(n)).for_each(|(x, y)| self.multiply(values, x, y));
+                continue;
+            }
+            let ([x0, x1, x2], [y0, y1, y2]) = (thirds(x), thirds_mut(y));
+            y0.fill(0.0);
+            y1.fill(0.0);
+            y2.fill(0.0);
+            for column in 0..n {
+                let (start, end) = (self.column_starts[column], self.column_starts[column + 1]);
+                let of_column = [x0[column], x1[column], x2[column]];
+                let mut sums = of_column.map(|x| values[start] * x);
+                for (&row, &value) in self.rows[start + 1..end].iter().zip(&values[start + 1..end]) {
+                    y0[row] += value * of_column[0];
+                    y1[row] += value * of_column[1];
+                    y2[row] += value * of_column[2];
+                    sums[0] += value * x0[row];
+                    sums[1] += value * x1[row];
+                    sums[2] += value * x2[row];
+                }
+                y0[column] += sums[0];
+                y1[column] += sums[1];
+                y2[column] += sums[2];
+            }
+        }
+    }
+
     /// y = A x for the symmetric matrix whose lower triangle has the `values`.
     pub(crate) fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
         y.fill(0.0);
@@ -188,4 +247,16 @@ impl Pattern {
             y[column] += sum;
         }
     }
+}
+
+fn thirds(x: &[f64]) -> [&[f64]; 3] {
+    let (first, rest) = x.split_at(x.len() / 3);
+    let (second, third) = rest.split_at(first.len());
+    [first, second, third]
+}
+
+fn thirds_mut(x: &mut [f64]) -> [&mut [f64]; 3] {
+    let (first, rest) = x.split_at_mut(x.len() / 3);
+    let (second, third) = rest.split_at_mut(first.len());
+    [first, second, third]
 }

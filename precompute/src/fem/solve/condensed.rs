@@ -2,11 +2,14 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::factor::SENSITIVITY_ACCURACY;
+use super::factor::{Accuracy, SENSITIVITY_ACCURACY};
 use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::fem::boundary::{Contact, Pose};
 use crate::num::jet::EnergyJet;
 use crate::num::vector::inner;
+
+/// Of a large body: W_ijk has seven digits, S has all.
+const LARGE_SENSITIVITY_ACCURACY: Accuracy = Accuracy::new(1e-7, 1e-5);
 
 impl Solver {
     /// Prescribes the pose: in the state with elimination, otherwise as targets of the multipliers.
@@ -59,9 +62,9 @@ impl Solver {
         let body = &problem.body;
         self.translation_columns();
         self.factorisations += 1;
-        let matrix = problem.matrix(&self.assembled.tangent);
-        let solved =
-            self.factor.factorise_and_solve(matrix, &self.right, &mut self.columns, SENSITIVITY_ACCURACY);
+        let matrix = problem.tangent(&self.assembled.tangent, &self.state);
+        let accuracy = if problem.is_large() { LARGE_SENSITIVITY_ACCURACY } else { SENSITIVITY_ACCURACY };
+        let solved = self.factor.factorise_and_solve(matrix, &self.right, &mut self.columns, accuracy);
         if solved.is_err() {
             return fail(FailureReason::SingularTangent, residual_n);
         }

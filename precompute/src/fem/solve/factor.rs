@@ -11,22 +11,29 @@
 //! order. Refinement then removes the effect of delta. If the measured residual shows that this fails (a part
 //! of the body is about a million times softer than the rest), an LU factorisation with pivoting is used.
 
+mod residuals;
+mod single;
 mod symbolic;
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::prelude::Solve;
-use faer::sparse::linalg::cholesky::{LdltRef, LltRef, SymbolicCholeskyRaw, supernodal};
+use faer::sparse::linalg::cholesky::{LdltRef, LltRef};
 use faer::sparse::{SparseColMat, SparseColMatRef, SymbolicSparseColMatRef, Triplet};
 use faer::{Conj, Mat, MatMut, Par, Side};
 use nalgebra::{Matrix3, Vector3};
 
-use symbolic::Route;
+pub(super) use single::{SingleFactor, SingleScratch};
 pub(super) use symbolic::SymbolicFactor;
+use symbolic::{Route, negative_pivots};
+
+use super::Problem;
+use super::residual_steps::ResidualSteps;
+use super::two_level::TwoLevel;
 
 use crate::fem::assembly::Pattern;
-use crate::num::vector::{inner, magnitude};
+use crate::num::vector::magnitude;
 
 /// Regularisation delta, in units of V_i / mu.
 const DELTA: f64 = 1e-9;
@@ -59,6 +66,8 @@ const ACCEPTED_AT_FLOOR: f64 = 1e-6;
 const FLOOR: f64 = 1e-14;
 /// Maximum number of refinement steps; each gains at least four digits with a good factor.
 const REFINEMENTS: usize = 6;
+/// Largest number of residual steps with a preconditioner; beyond it the matrix is factorised.
+const MAX_STEPS: usize = 30;
 
 /// A symmetric matrix: the values of its lower triangle on a pattern, and the analysis of the pattern.
 #[derive(Clone, Copy)]
@@ -66,6 +75,8 @@ pub(super) struct Matrix<'a> {
     pub(super) symbolic: &'a SymbolicFactor,
     pub(super) pattern: &'a Pattern,
     pub(super) values: &'a [f64],
+    /// The problem and the state of a tangent that may be solved without a factor.
+    pub(super) at: Option<(&'a Problem, &'a [f64])>,
 }
 
 /// Error: no factorisation solved the matrix to the required accuracy.
@@ -80,13 +91,19 @@ pub(super) struct Factor {
     values: Vec<f64>,
     scratch: MemBuffer,
     regularised: Vec<f64>,
+    unknowns: usize,
     residual: Vec<f64>,
-    product: Vec<f64>,
     correction: Vec<f64>,
     route: Route,
     pivoted: Option<Box<faer::sparse::linalg::solvers::Lu<usize, f64>>>,
     /// Holds a node that the factorised matrix leaves free.
     held: Option<Box<HeldByLoads>>,
+    residual_steps: ResidualSteps,
+    two_level: Option<Box<TwoLevel>>,
+    /// Whether the preconditioner is that of a tangent of the present state.
+    follows_tangent: bool,
+    /// Whether every factorisation is one of the whole matrix.
+    pub(super) is_exact: bool,
 }
 
 /// Three equations whose solution is held at zero by loads on them, x = M^-1 r - Y (E' Y)^-1 E' M^-1 r.
@@ -141,18 +158,22 @@ impl Factor {
             scratch: MemBuffer::new(scratch),
             regularised: vec![0.0; pattern.entries()],
             residual: vec![0.0; n],
-            product: vec![0.0; pattern.unknowns()],
+            unknowns: pattern.unknowns(),
             correction: vec![0.0; n],
             route: Route::Pivoted,
             pivoted: None,
             held: None,
+            residual_steps: ResidualSteps::new(pattern.unknowns()),
+            two_level: None,
+            follows_tangent: false,
+            is_exact: false,
         }
     }
 
     /// Becomes a copy of another factor of the same analysis; whether that has one to copy.
     pub(super) fn copy_from(&mut self, other: &Self) -> bool {
         (self.route, self.pivoted, self.held) = (other.route, None, None);
-        if other.route == Route::Pivoted {
+        if matches!(other.route, Route::Pivoted | Route::TwoLevel) {
             return false;
         }
         self.values.copy_from_slice(&other.values);
@@ -178,7 +199,7 @@ impl Factor {
         if route == Route::Pivoted {
             return self.factorise_pivoted(matrix);
         }
-        let Matrix { symbolic, pattern, values } = matrix;
+        let Matrix { symbolic, pattern, values, .. } = matrix;
         self.regularised.copy_from_slice(&values[..pattern.entries()]);
         if route == Route::Indefinite {
             for &(place, size) in &symbolic.pressure_diagonal {
@@ -225,10 +246,13 @@ impl Factor {
 
     /// Solves for the first `length` numbers of `self.correction` (columns of `n`) with the current factor,
     /// without refinement.
-    fn apply(&mut self, symbolic: &SymbolicFactor, n: usize, length: usize) {
+    fn apply(&mut self, matrix: Matrix<'_>, length: usize) {
+        let (symbolic, n) = (matrix.symbolic, matrix.pattern.unknowns());
         let columns = length / n;
         let rhs = &mut self.correction[..length];
-        if let Some(lu) = &self.pivoted {
+        if let Some(two_level) = self.two_level.as_mut().filter(|_| self.route == Route::TwoLevel) {
+            two_level.apply(matrix, rhs);
+        } else if let Some(lu) = &self.pivoted {
             let solved = lu.solve(Mat::from_fn(n, columns, |i, j| rhs[j * n + i]));
             for j in 0..columns {
                 for i in 0..n {
@@ -256,59 +280,6 @@ impl Factor {
         self.route != Route::Pivoted || self.pivoted.is_some()
     }
 
-    /// Computes the residuals b - K x of all columns of `right`; returns the largest one relative to its b.
-    pub(super) fn measure(&mut self, matrix: Matrix<'_>, right: &[f64], x: &[f64]) -> f64 {
-        let n = matrix.pattern.unknowns();
-        let mut worst = 0.0f64;
-        for ((b, x), residual) in right.chunks(n).zip(x.chunks(n)).zip(self.residual.chunks_mut(n)) {
-            matrix.pattern.multiply(matrix.values, x, &mut self.product);
-            let (mut error, mut size) = (0.0, 0.0);
-            for ((r, b), p) in residual.iter_mut().zip(b).zip(&self.product) {
-                *r = b - p;
-                error += *r * *r;
-                size += b * b;
-            }
-            let relative = if size > 0.0 { (error / size).sqrt() } else { error.sqrt() };
-            // `max` would ignore a NaN.
-            worst = if relative > worst || relative.is_nan() { relative } else { worst };
-        }
-        worst
-    }
-
-    /// x = factor^-1 r for the residuals of the last [`Factor::measure`], or of the last [`Factor::step`].
-    pub(super) fn correct(&mut self, matrix: Matrix<'_>, x: &mut [f64]) {
-        self.correction[..x.len()].copy_from_slice(&self.residual[..x.len()]);
-        self.apply(matrix.symbolic, matrix.pattern.unknowns(), x.len());
-        x.copy_from_slice(&self.correction[..x.len()]);
-    }
-
-    /// Adds to every column of `x` the multiple of its direction that leaves the smallest residual; `image` is K
-    /// times the direction, `squares` are its squared norms. Returns the largest relative residual.
-    pub(super) fn step(
-        &mut self,
-        right: &[f64],
-        (direction, image, squares): (&[f64], &[f64], &[f64; RIGHT_SIDES]),
-        x: &mut [f64],
-    ) -> f64 {
-        let n = self.product.len();
-        let mut worst = 0.0f64;
-        for (column, square) in squares.iter().enumerate().take(x.len() / n) {
-            let span = column * n..(column + 1) * n;
-            let (residual, image) = (&mut self.residual[span.clone()], &image[span.clone()]);
-            let share = inner(residual, image) / square;
-            for ((r, w), (x, z)) in
-                residual.iter_mut().zip(image).zip(x[span.clone()].iter_mut().zip(&direction[span.clone()]))
-            {
-                *r -= share * w;
-                *x += share * z;
-            }
-            let (error, size) = (magnitude(residual), magnitude(&right[span]));
-            let relative = if size > 0.0 { error / size } else { error };
-            worst = if relative > worst || relative.is_nan() { relative } else { worst };
-        }
-        worst
-    }
-
     /// Solves for the columns of `right` with the current factor and refines; returns the largest relative
     /// residual.
     pub(super) fn solve(
@@ -319,15 +290,18 @@ impl Factor {
         accuracy: Accuracy,
     ) -> f64 {
         x.fill(0.0);
+        if self.route == Route::TwoLevel {
+            return self.refine(matrix, right, x, (accuracy.target, MAX_STEPS)).0;
+        }
         let mut best = f64::INFINITY;
         self.residual[..right.len()].copy_from_slice(right);
         for _ in 0..=REFINEMENTS {
             self.correction[..right.len()].copy_from_slice(&self.residual[..right.len()]);
-            self.apply(matrix.symbolic, matrix.pattern.unknowns(), right.len());
+            self.apply(matrix, right.len());
             for (x, c) in x.iter_mut().zip(&self.correction) {
                 *x += c;
             }
-            let worst = self.measure(matrix, right, x);
+            let worst = self.measure(matrix, right, x).worst();
             if worst.is_nan() {
                 return f64::INFINITY;
             }
@@ -349,13 +323,42 @@ impl Factor {
         best
     }
 
-    /// Factorises `matrix` by the first factorisation that exists, without checking a solution.
+    /// Takes the preconditioner of a large body to the matrix and its state; whether it has one that serves.
+    fn precondition(&mut self, matrix: Matrix<'_>) -> bool {
+        let Some((problem, state)) = matrix.at.filter(|(problem, _)| problem.is_large() && !self.is_exact)
+        else {
+            return false;
+        };
+        if self.two_level.is_none() {
+            self.two_level = TwoLevel::new(problem).map(Box::new);
+        }
+        let Some(two_level) = &mut self.two_level else { return false };
+        let serves = self.route == Route::TwoLevel && self.follows_tangent
+            || two_level.refresh(matrix.values, problem, state)
+                && two_level.unstable_near().is_none_or(|modes| modes == 0);
+        self.follows_tangent = serves;
+        if serves {
+            self.route = Route::TwoLevel;
+            (self.pivoted, self.held) = (None, None);
+        }
+        serves
+    }
+
+    #[cfg(test)]
+    pub(super) fn two_level(&mut self) -> &mut TwoLevel {
+        self.two_level.as_mut().expect("a large body has a preconditioner")
+    }
+
+    /// Factorises `matrix` by the first factorisation that exists, without checking a solution. The tangent of a large
+    /// body gets a preconditioner instead.
     pub(super) fn factorise_first(&mut self, matrix: Matrix<'_>) -> bool {
-        matrix.symbolic.routes().iter().any(|&route| self.factorise(matrix, route))
+        self.precondition(matrix)
+            || matrix.symbolic.routes().iter().any(|&route| self.factorise(matrix, route))
     }
 
     /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]),
-    /// refined to the required accuracy. The factor remains for further solves.
+    /// refined to the required accuracy. The factor remains for further solves. That of a large body is a
+    /// preconditioner, and the solution is improved from `x`.
     pub(super) fn factorise_and_solve(
         &mut self,
         matrix: Matrix<'_>,
@@ -366,6 +369,12 @@ impl Factor {
         let mut best = f64::INFINITY;
         if matrix.pattern.unknowns() == 0 {
             return Err(SingularMatrix { residual: best });
+        }
+        if self.precondition(matrix) {
+            let (residual, _) = self.refine(matrix, right, x, (accuracy.target, MAX_STEPS));
+            if residual <= accuracy.accepted {
+                return Ok(residual);
+            }
         }
         for &route in matrix.symbolic.routes() {
             if !self.factorise(matrix, route) {
@@ -382,26 +391,14 @@ impl Factor {
         Err(SingularMatrix { residual: best })
     }
 
-    /// Residuals b - K x of the last checked solve, column after column.
-    pub(super) fn residuals(&self) -> &[f64] {
-        &self.residual
-    }
-
     /// Number of unstable modes of the last factorised matrix: negative pivots minus those of a stable state.
-    /// `None` after LU, which does not give the inertia.
+    /// `None` after LU or without a factor, which does not give the inertia.
     pub(super) fn unstable_modes(&self, symbolic: &SymbolicFactor) -> Option<u32> {
         match self.route {
             Route::Positive => Some(0),
-            Route::Pivoted => None,
+            Route::Pivoted | Route::TwoLevel => None,
             Route::Indefinite => {
-                let SymbolicCholeskyRaw::Supernodal(analysis) = symbolic.symbolic.raw() else { return None };
-                let factor = supernodal::SupernodalLdltRef::new(analysis, &self.values);
-                let negative = (0..analysis.n_supernodes())
-                    .map(|s| {
-                        let block = factor.supernode(s).val();
-                        (0..block.ncols()).filter(|&j| block[(j, j)] < 0.0).count()
-                    })
-                    .sum::<usize>();
+                let negative = negative_pivots(symbolic, &self.values)?;
                 Some(negative.abs_diff(symbolic.negative_when_stable) as u32)
             }
         }
@@ -409,12 +406,12 @@ impl Factor {
 
     /// x = factor^-1 right with the current factor, one column, without refinement and check. For steps that
     /// the residual of the equilibrium checks.
-    pub(super) fn solve_unrefined(&mut self, symbolic: &SymbolicFactor, right: &[f64], x: &mut [f64]) {
+    pub(super) fn solve_unrefined(&mut self, matrix: Matrix<'_>, right: &[f64], x: &mut [f64]) {
         if right.is_empty() {
             return;
         }
         self.correction[..right.len()].copy_from_slice(right);
-        self.apply(symbolic, right.len(), right.len());
+        self.apply(matrix, right.len());
         x.copy_from_slice(&self.correction[..right.len()]);
     }
 }

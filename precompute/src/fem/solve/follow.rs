@@ -183,6 +183,7 @@ impl Solver {
         self.state = state;
         self.prescribe(pose);
         self.history.clear();
+        self.factor.begin_state();
         let mut is_fresh = refresh || !self.factor.is_ready();
         let renews = options.renews || is_fresh;
         let mut frozen = 0;
@@ -245,13 +246,28 @@ impl Solver {
         }
     }
 
+    /// The columns X of a seed, as a start.
+    pub(super) fn begin_columns(&mut self, from: &Seed) {
+        let Self { problem, columns, .. } = self;
+        let body = &problem.body;
+        let (displacement_len, pressure_scale) = (body.displacement_len(), body.pressure_scale());
+        // The components of a held node have no part in it.
+        columns.fill(0.0);
+        for (column, sensitivity) in columns.chunks_mut(problem.unknowns()).zip(&from.sensitivity) {
+            for &(equation, position) in problem.positions.iter() {
+                let unit = if position < displacement_len { 1.0 } else { pressure_scale };
+                column[equation] = sensitivity[position] / unit;
+            }
+        }
+    }
+
     /// A Newton step with a factor of another tangent; whether it is solved well enough.
     fn newton_step_by_residual_steps(&mut self, sweeps: &mut u32) -> bool {
         self.negate_residual();
         self.step.fill(0.0);
-        let matrix = self.problem.matrix(&self.assembled.tangent);
+        let matrix = self.problem.tangent(&self.assembled.tangent, &self.state);
         let (right, goal) = (&self.right[..self.residual.len()], (STEP_RESIDUAL, MAX_STEPS));
-        let (left, steps) = self.residual_steps.refine(&mut self.factor, matrix, right, &mut self.step, goal);
+        let (left, steps) = self.factor.refine(matrix, right, &mut self.step, goal);
         *sweeps += steps;
         left <= WORST_STEP_RESIDUAL
     }
@@ -265,22 +281,11 @@ impl Solver {
         count: &mut FollowCount,
     ) -> Option<f64> {
         let problem = self.problem.clone();
-        let n = problem.unknowns();
-        let (displacement_len, pressure_scale) =
-            (problem.body.displacement_len(), problem.body.pressure_scale());
         self.translation_columns();
-        // The components of a held node have no part in it.
-        self.columns.fill(0.0);
-        for (column, sensitivity) in self.columns.chunks_mut(n).zip(&from.sensitivity) {
-            for &(equation, position) in problem.positions.iter() {
-                let unit = if position < displacement_len { 1.0 } else { pressure_scale };
-                column[equation] = sensitivity[position] / unit;
-            }
-        }
-        let matrix = problem.matrix(&self.assembled.tangent);
+        self.begin_columns(from);
+        let matrix = problem.tangent(&self.assembled.tangent, &self.state);
         let goal = (options.sensitivity, options.max_sweeps as usize);
-        let (mut residual, sweeps) =
-            self.residual_steps.refine(&mut self.factor, matrix, &self.right, &mut self.columns, goal);
+        let (mut residual, sweeps) = self.factor.refine(matrix, &self.right, &mut self.columns, goal);
         count.sweeps += sweeps;
         if residual.is_nan() || residual > options.worst_sensitivity {
             if !options.renews {

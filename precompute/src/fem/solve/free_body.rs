@@ -89,12 +89,12 @@ impl Solver {
                 let matrix = problem.matrix(&self.assembled.tangent);
                 let (columns, goal) = (&mut self.columns, (ACCEPTED, MAX_STEPS));
                 let factor = &mut free.solver.factor;
-                let (_, sweeps) = self.residual_steps.refine(factor, matrix, &self.right, columns, goal);
+                let (_, sweeps) = factor.refine(matrix, &self.right, columns, goal);
                 FollowCount { sweeps, ..FollowCount::default() }
             }
         };
         let matrix = problem.matrix(&self.assembled.tangent);
-        let residual = self.factor.measure(matrix, &self.right, &self.columns);
+        let residual = self.factor.measure(matrix, &self.right, &self.columns).worst();
         // The comparison is false for NaN.
         let sensitivity = (residual <= ACCEPTED).then_some(residual);
         self.conclude(&pose, residual_n, sensitivity, count, to)

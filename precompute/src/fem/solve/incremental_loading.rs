@@ -76,6 +76,7 @@ impl Solver {
             if perturbations_done > 0 {
                 self.perturb(&mut guess, perturbations_done);
             }
+            self.begin_columns(seed);
             let configuration = match self.attempt(&pose, &guess) {
                 Ok(configuration) => {
                     let jumps = leaves_branch(seed, &configuration);
@@ -140,6 +141,7 @@ impl Solver {
         self.evaluate(false);
         let inverted = self.assembled.inverted;
         predict(seed, pose, guess);
+        self.begin_columns(seed);
         let usual_rising_steps = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
         let landed = self.attempt(pose, guess);
         self.newton.max_rising_steps = usual_rising_steps;

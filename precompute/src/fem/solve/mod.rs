@@ -20,11 +20,12 @@ mod relax;
 mod renewal;
 mod residual_steps;
 mod sphere;
+mod two_level;
 
 #[cfg(test)]
 mod tests;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 pub use body_force::solve_body_force;
 pub use follow::{FollowCount, FollowOptions, Followed};
@@ -43,11 +44,11 @@ use crate::fem::boundary::{Constraints, Contact, DofMap, Handle, Pose};
 use crate::fem::elastic::ElasticState;
 use crate::fem::element::Order;
 use crate::num::jet::EnergyJet;
-use factor::{Factor, Matrix, RIGHT_SIDES, SymbolicFactor};
+use factor::{Factor, Matrix, RIGHT_SIDES, SingleFactor, SingleScratch, SymbolicFactor};
 use held::HeldEntries;
 use partner::Partner;
 use quasi_newton::StepHistory;
-use residual_steps::ResidualSteps;
+use two_level::NearEquations;
 
 /// A body, the tool's handle on it, and all data that are constant for all solves.
 #[derive(Debug)]
@@ -65,7 +66,15 @@ pub struct Problem {
     positions: Arc<[(usize, usize)]>,
     /// Entries of a held node that was numbered like the others.
     held: Option<HeldEntries>,
+    /// The factor of the body at rest without a tool, if it is large, made by the first solve.
+    far: Arc<OnceLock<Option<Arc<SingleFactor>>>>,
+    /// The equations near its tool.
+    near: OnceLock<Option<Arc<NearEquations>>>,
 }
+
+/// Number of floating-point operations of a factorisation above which a body is large: residual steps with one factor
+/// for all states then cost less than a factor for each. On one core a factor takes half a second.
+const LARGE_FLOPS: f64 = 2.5e10;
 
 impl Problem {
     /// Problem of one active node with elimination. The node must not be fixed.
@@ -97,6 +106,8 @@ impl Problem {
             symbolic: Arc::new(symbolic),
             positions,
             held: None,
+            far: Arc::default(),
+            near: OnceLock::new(),
         };
         problem.touched_by(contact)
     }
@@ -116,7 +127,7 @@ impl Problem {
             "a problem of held nodes has fewer equations"
         );
         let contact = contact.into();
-        let Self { body, contact: _, newton, dofs, pattern, symbolic, .. } = self;
+        let Self { body, contact: _, newton, dofs, pattern, symbolic, far, .. } = self;
         let held = contact.handle().map(|handle| {
             assert!(handle.nodes.len() == 1, "one held node");
             let equations = dofs.displacement(handle.centre);
@@ -134,6 +145,8 @@ impl Problem {
             symbolic: symbolic.clone(),
             positions: dofs.state_positions().filter(is_free).collect(),
             held: held.map(|equations| HeldEntries::new(pattern, equations)),
+            far: far.clone(),
+            near: OnceLock::new(),
         };
         shared.touched_by(Some(contact))
     }
@@ -171,7 +184,38 @@ impl Problem {
 
     /// The matrix with these values.
     fn matrix<'a>(&'a self, values: &'a [f64]) -> Matrix<'a> {
-        Matrix { symbolic: &self.symbolic, pattern: &self.pattern, values }
+        Matrix { symbolic: &self.symbolic, pattern: &self.pattern, values, at: None }
+    }
+
+    /// The tangent at a state.
+    fn tangent<'a>(&'a self, values: &'a [f64], state: &'a [f64]) -> Matrix<'a> {
+        Matrix { at: Some((self, state)), ..self.matrix(values) }
+    }
+
+    /// Whether a factorisation costs more than the residual steps of a solve without one. A sphere has no place on the
+    /// body for them.
+    pub fn is_large(&self) -> bool {
+        let has_place = !matches!(self.contact, Some(Contact::Sphere(_)));
+        has_place && self.factor_flops() >= self.newton.large_flops && self.dofs.multipliers.is_empty()
+    }
+
+    /// The factor of the body at rest without a tool; `None` if it is singular.
+    fn far_factor(&self) -> Option<Arc<SingleFactor>> {
+        let make = || {
+            let mut assembled = Assembled::new(&self.body, &self.pattern);
+            assembled.assemble(&self.body, &self.pattern, &self.body.rest_state);
+            let mut factor = SingleFactor::new(&self.symbolic, self.unknowns());
+            let mut scratch = SingleScratch::new(&self.symbolic, self.unknowns());
+            let made = factor.make(self.matrix(&assembled.tangent), &mut scratch);
+            let is_stable = made && factor.unstable_modes(&self.symbolic) == Some(0);
+            is_stable.then(|| Arc::new(factor))
+        };
+        self.far.get_or_init(make).clone()
+    }
+
+    /// The equations near the tool, if it has a place on the body.
+    fn near_equations(&self) -> Option<&Arc<NearEquations>> {
+        self.near.get_or_init(|| NearEquations::of(self).map(Arc::new)).as_ref()
     }
 
     fn handle_nodes(&self) -> &[u32] {
@@ -290,7 +334,6 @@ pub struct Solver {
     coupling: HandleCoupling,
     factor: Factor,
     history: StepHistory,
-    residual_steps: ResidualSteps,
     /// The current state, and the state before the last step.
     state: Vec<f64>,
     previous: Vec<f64>,
@@ -328,7 +371,6 @@ impl Solver {
             coupling: HandleCoupling::new(n),
             factor: Factor::new(&problem.symbolic, &problem.pattern),
             history: StepHistory::new(n),
-            residual_steps: ResidualSteps::new(n),
             state: vec![0.0; problem.body.state_len()],
             previous: vec![0.0; problem.body.state_len()],
             multipliers: vec![0.0; held],

@@ -1,8 +1,8 @@
 //! Newton-Raphson iteration with line search at one prescribed pose. Near the solution, frozen steps reuse
 //! the last factorisation with Broyden updates.
 
-use super::factor::STEP_ACCURACY;
-use super::{Configuration, Solver};
+use super::factor::{Accuracy, STEP_ACCURACY};
+use super::{Configuration, LARGE_FLOPS, Solver};
 use crate::fem::boundary::Pose;
 use crate::num::vector::magnitude;
 
@@ -22,6 +22,8 @@ pub struct NewtonOptions {
     pub max_rising_steps: u32,
     /// Whether to use steps with a frozen factor if their estimated cost is lower.
     pub frozen_factor: bool,
+    /// Number of floating-point operations of a factorisation from which on the tangent is solved by residual steps.
+    pub large_flops: f64,
     /// Whether a solution with inverted elements is a failure. By default it is kept and flagged: such states
     /// are stable and smooth, and a missing configuration costs much more accuracy.
     pub reject_inverted: bool,
@@ -35,6 +37,7 @@ impl Default for NewtonOptions {
             max_halvings: 5,
             max_rising_steps: 0,
             frozen_factor: true,
+            large_flops: LARGE_FLOPS,
             reject_inverted: false,
         }
     }
@@ -99,11 +102,14 @@ const FROZEN_STEP_COST: f64 = 2.0;
 /// its rounding floor. Example: in a part a million times stiffer than the mean, internal forces are so large
 /// that their rounding error (1e-16 of them) exceeds the tolerance.
 const ROUNDING_FLOOR_FACTOR: f64 = 100.0;
+/// A step of a large body; Broyden's updates of the following ones gain what it leaves.
+const LARGE_STEP_ACCURACY: Accuracy = Accuracy::new(1e-2, 0.3);
 
 impl Solver {
     /// Equilibrium with the tool at `pose`, from the guess `state`.
     pub fn solve_at(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
         (self.iterations, self.factorisations) = (0, 0);
+        self.columns.fill(0.0);
         self.attempt(pose, state)
     }
 
@@ -111,6 +117,7 @@ impl Solver {
     pub(super) fn attempt(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
         self.state.copy_from_slice(state);
         self.prescribe(pose);
+        self.factor.begin_state();
         let reached = self.equilibrate();
         let reached =
             reached.and_then(|(residual_n, iterations)| self.condense(pose, residual_n, iterations));
@@ -313,16 +320,19 @@ impl Solver {
     pub(super) fn newton_step(&mut self) -> bool {
         self.negate_residual();
         self.factorisations += 1;
-        let matrix = self.problem.matrix(&self.assembled.tangent);
+        self.step.fill(0.0);
+        let accuracy = if self.problem.is_large() { LARGE_STEP_ACCURACY } else { STEP_ACCURACY };
+        let matrix = self.problem.tangent(&self.assembled.tangent, &self.state);
         let right = &self.right[..self.residual.len()];
-        self.factor.factorise_and_solve(matrix, right, &mut self.step, STEP_ACCURACY).is_ok()
+        self.factor.factorise_and_solve(matrix, right, &mut self.step, accuracy).is_ok()
     }
 
     /// Solves K step = -residual with the current factor, without refinement.
     pub(super) fn solve_unrefined(&mut self) {
         self.negate_residual();
         let right = &self.right[..self.residual.len()];
-        self.factor.solve_unrefined(&self.problem.symbolic, right, &mut self.step);
+        let matrix = self.problem.matrix(&self.assembled.tangent);
+        self.factor.solve_unrefined(matrix, right, &mut self.step);
     }
 
     /// Last correction of a converged state: one step with the current factor, kept if it does not raise the

@@ -135,8 +135,7 @@ impl Solver {
         self.columns.fill(0.0);
         let problem = self.problem.clone();
         let matrix = problem.matrix(&self.assembled.tangent);
-        let (residual, _) =
-            self.residual_steps.refine(&mut self.factor, matrix, &self.right, &mut self.columns, AXIS_GOAL);
+        let (residual, _) = self.factor.refine(matrix, &self.right, &mut self.columns, AXIS_GOAL);
         if residual <= WORST_AXIS {
             let own_n_m = self.condensed(self.elastic.of_axis_n_m);
             coupling.own_n_m = 0.5 * (own_n_m + own_n_m.transpose());

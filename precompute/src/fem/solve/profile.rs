@@ -58,7 +58,8 @@ impl Solver {
             self.factorise_only();
         });
         profile.bare_solve_s = clock(&mut || {
-            self.factor.solve_unrefined(&self.problem.symbolic, &rough, &mut self.step);
+            let matrix = self.problem.matrix(&self.assembled.tangent);
+            self.factor.solve_unrefined(matrix, &rough, &mut self.step);
         });
         profile.solve_s = clock(&mut || {
             let matrix = self.problem.matrix(&self.assembled.tangent);
@@ -87,6 +88,6 @@ impl Solver {
     }
 
     fn factorise_only(&mut self) {
-        self.factor.factorise_first(self.problem.matrix(&self.assembled.tangent));
+        self.factor.factorise_first(self.problem.tangent(&self.assembled.tangent, &self.state));
     }
 }

@@ -58,18 +58,32 @@ impl Solver {
     ) -> Result<Followed, SolveFailure> {
         assert!(self.problem.dofs.multipliers.is_empty(), "a descent needs elimination");
         let pose = Pose { displacement_m: control_m, ..from.pose };
-        let problem = self.problem.clone();
-        let n = problem.unknowns();
-        let unit = problem.body.stiffness_scale_n_m();
-        let mut count = FollowCount::default();
         let mut state = std::mem::take(&mut self.state);
         state.copy_from_slice(&from.state);
         self.perturb(&mut state, 1);
         self.state = state;
         self.history.clear();
+        // The signs of the pivots decide about a step.
+        self.factor.is_exact = true;
+        let landed = self.descend(from, pose, max_steps, to);
+        self.factor.is_exact = false;
+        landed
+    }
+
+    fn descend(
+        &mut self,
+        from: &Seed,
+        pose: Pose,
+        max_steps: u32,
+        to: &mut Seed,
+    ) -> Result<Followed, SolveFailure> {
+        let problem = self.problem.clone();
+        let n = problem.unknowns();
+        let unit = problem.body.stiffness_scale_n_m();
+        let mut count = FollowCount::default();
         let mut damping = FIRST_DAMPING * unit;
         // An element at a held node would invert if it went there at once.
-        let way_m = distance(from.pose.displacement_m, control_m);
+        let way_m = distance(from.pose.displacement_m, pose.displacement_m);
         let steps = (way_m / RAMP_M).ceil().min(f64::from(max_steps / 2));
         for step in 1..steps as u32 {
             self.prescribe(&from.pose.towards(&pose, f64::from(step) / steps));

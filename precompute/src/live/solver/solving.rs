@@ -205,7 +205,8 @@ impl LiveSolver {
 
     /// The contact at rest, by the factor of the free body; `None` if that does not serve.
     fn first(&mut self, task: &Task, to: &mut Seed) -> Option<Followed> {
-        if task.aim == Aim::Renewal || task.control_m != [0.0; 3] {
+        // A large body needs no factor of the contact either.
+        if task.aim == Aim::Renewal || task.control_m != [0.0; 3] || self.free.is_large() {
             return None;
         }
         let free_body = self.free_body.get_or_insert_with(|| FreeBody::new(&self.free));

@@ -30,13 +30,13 @@ pub(crate) struct Args {
     /// Active node of the scene that is touched, at the nearest vertex of the skin; the first one if not given
     #[arg(long, value_name = "NAME")]
     active: Option<String>,
-    /// Depth of a press, mm
     /// Where the hands of a sphere begin: the vertex of the skin nearest to this place, m
     #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
     point: Option<[f64; 3]>,
+    /// Depth of a press, mm
     #[arg(long, value_name = "MM", default_value_t = 27.0)]
     depth_mm: f64,
-    /// Hands: press20, press50, press100, press200, circle, poke, drag; all if not given
+    /// Hands: press10, press20, press30, press50, press100, press200, circle, poke, drag; all if not given
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     hands: Vec<String>,
     /// Time between true forces, ms

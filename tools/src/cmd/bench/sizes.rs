@@ -4,71 +4,174 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::fem::material::{Material, MooneyRivlin, NeoHookean};
-use palpate_precompute::fem::{Body, Model, Order, Problem, Solver};
+use palpate_precompute::fem::material::{Lame, Material, MooneyRivlin, NeoHookean};
+use palpate_precompute::fem::{
+    Body, Constraints, Fingertip, Model, Order, Pad, PadProfile, Problem, Seed, Solver,
+};
 use palpate_precompute::mesh::TetMesh;
 
 use crate::failure::Failure;
 use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 
-/// Measure time and memory of a Newton iteration for increasing numbers of equations.
+/// Measure time and memory of a configuration for increasing numbers of equations.
 ///
-/// The bodies are cubes of 0.1 m, touched at the top.
+/// The bodies are cubes of 0.1 m, pressed on top by a fingertip of 15 mm. A configuration is that 15 mm deep, from the
+/// one 5 mm deep. "with factors" makes a factor of every tangent, which large bodies do without.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Stop before the first body with more equations than this
     #[arg(long, value_name = "N", default_value_t = 110_000)]
     largest: usize,
+    /// Elements and laws, separated by commas: p1, p1p1, p2p1; all if not given
+    #[arg(long, value_name = "A,B", value_delimiter = ',')]
+    elements: Vec<String>,
+}
+
+/// Bodies with fewer equations have no part in the exponent: they fit into the cache.
+const FITTED_FROM: usize = 5_000;
+/// Edge of the cube, m.
+const EDGE_M: f64 = 0.1;
+/// Depths of the neighbour and of the configuration, m.
+const DEPTHS_M: [f64; 2] = [0.005, 0.015];
+
+/// One body of the table.
+struct Row {
+    equations: usize,
+    entries: usize,
+    factor_s: f64,
+    configuration_s: f64,
+    /// The same with factors, for a large body.
+    with_factors_s: Option<f64>,
+    first_s: f64,
+    peak_mb: Option<u64>,
 }
 
 /// Runs the command and prints a line after each body.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let law = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
-    let barrier = Material::NeoHookean(NeoHookean {
-        lame: palpate_precompute::fem::material::Lame::from_young_poisson(15480.0, 0.45),
-    });
+    let barrier = Material::NeoHookean(NeoHookean { lame: Lame::from_young_poisson(15480.0, 0.45) });
+    let all = [
+        ("p1", "neo-hookean P1", barrier, Order::Linear, &[8, 12, 16, 22, 28, 31][..]),
+        ("p1p1", "mooney-rivlin P1/P1", law.clone(), Order::Linear, &[8, 12, 16, 22, 28]),
+        ("p2p1", "mooney-rivlin P2/P1", law, Order::Quadratic, &[4, 6, 8, 10, 12, 14, 15]),
+    ];
+    if let Some(unknown) = args.elements.iter().find(|name| !all.iter().any(|(key, ..)| key == name)) {
+        return Err(Failure::input(format!("no elements `{unknown}`; give p1, p1p1 or p2p1")));
+    }
     output::line(
-        "body                 equations  entries of factor  symbolic s  assembly s  factor s  iteration s  MB (peak)",
+        "body                 equations  entries of factor  factor s  first s  configuration s  with factors s  MB (peak)",
     )?;
-    for (name, law, order, cells) in [
-        ("neo-hookean P1", barrier, Order::Linear, &[8, 12, 16, 22, 28, 31][..]),
-        ("mooney-rivlin P1/P1", law.clone(), Order::Linear, &[8, 12, 16, 22, 28]),
-        ("mooney-rivlin P2/P1", law, Order::Quadratic, &[4, 6, 8, 10, 12, 14, 15]),
-    ] {
+    for (key, name, law, order, cells) in all {
+        if !args.elements.is_empty() && !args.elements.iter().any(|wanted| wanted == key) {
+            continue;
+        }
+        let mut rows = Vec::new();
         for &n in cells {
-            let mesh = TetMesh::cuboid([n; 3], 0.1 / n as f64);
-            let fixed: Vec<u32> =
-                (0..mesh.nodes_m.len() as u32).filter(|&i| mesh.nodes_m[i as usize][2] == 0.0).collect();
-            let top = [0.05, 0.05, 0.1];
-            let away = |x: &[f64; 3]| -> f64 { x.iter().zip(top).map(|(a, b)| (a - b) * (a - b)).sum() };
-            let active = (0..mesh.nodes_m.len())
-                .min_by(|&a, &b| away(&mesh.nodes_m[a]).total_cmp(&away(&mesh.nodes_m[b])))
-                .expect("a cube has nodes");
-            let model = Model { order, ..Model::uniform(law.clone(), &fixed) };
-            forget_peak();
-            let start = Instant::now();
-            let body = Arc::new(Body::new(&mesh, &model)?);
-            let problem = Arc::new(Problem::new(body, active as u32));
-            let symbolic_s = start.elapsed().as_secs_f64();
-            if problem.unknowns() > args.largest {
-                break;
-            }
-            let mut solver = Solver::new(problem.clone());
-            let failed = |error| Failure::work(format!("{name}, {n} cells: {error}"));
-            let rest = solver.rest().map_err(failed)?;
-            let one = solver.advance(&rest.seed, [0.0, 0.0, 1e-3]).map_err(failed)?;
-            let profile = solver.profile(&one.seed).map_err(failed)?;
+            let Some(row) = measure(name, &law, order, n, args.largest)? else { break };
+            let seconds = |s: Option<f64>| s.map_or_else(|| "-".into(), |s| format!("{s:.3}"));
             output::line(format!(
-                "{name:20} {:>9} {:>18} {symbolic_s:>11.2} {:>11.4} {:>9.3} {:>12.3} {:>10}",
-                problem.unknowns(),
-                problem.entries().1,
-                profile.assembly_s,
-                profile.factorisation_s,
-                profile.iteration_s,
-                shown(peak_mb()),
+                "{name:20} {:>9} {:>18} {:>9.3} {:>8.2} {:>16.3} {:>15} {:>10}",
+                row.equations,
+                row.entries,
+                row.factor_s,
+                row.first_s,
+                row.configuration_s,
+                seconds(row.with_factors_s),
+                shown(row.peak_mb),
+            ))?;
+            rows.push(row);
+        }
+        let fitted = |time: fn(&Row) -> f64| {
+            let points = rows.iter().filter(|row| row.equations >= FITTED_FROM);
+            exponent(points.map(|row| (row.equations as f64, time(row))))
+        };
+        if let Some((own, with)) = fitted(|row| row.configuration_s)
+            .zip(fitted(|row| row.with_factors_s.unwrap_or(row.configuration_s)))
+        {
+            output::line(format!(
+                "{name:20} a configuration costs equations^{own:.2}, with factors equations^{with:.2}"
             ))?;
         }
     }
     Ok(())
+}
+
+/// Slope of the least-squares line through the logarithms; `None` with fewer than three points.
+fn exponent(points: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
+    let logs: Vec<(f64, f64)> = points.map(|(x, y)| (libm::log(x), libm::log(y))).collect();
+    if logs.len() < 3 {
+        return None;
+    }
+    let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / logs.len() as f64;
+    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+    let over: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+    Some(over / logs.iter().map(|p| (p.0 - x) * (p.0 - x)).sum::<f64>())
+}
+
+/// The body of `n` cells along an edge; `None` if it has more equations than `largest`.
+fn measure(
+    name: &str,
+    law: &Material,
+    order: Order,
+    n: usize,
+    largest: usize,
+) -> Result<Option<Row>, Failure> {
+    let mesh = TetMesh::cuboid([n; 3], EDGE_M / n as f64);
+    let fixed: Vec<u32> =
+        (0..mesh.nodes_m.len() as u32).filter(|&i| mesh.nodes_m[i as usize][2] == 0.0).collect();
+    forget_peak();
+    let body = Arc::new(Body::new(&mesh, &Model { order, ..Model::uniform(law.clone(), &fixed) })?);
+    let free = Problem::with(body.clone(), None, Constraints::Elimination);
+    if free.unknowns() > largest {
+        return Ok(None);
+    }
+    let tip = Fingertip { radius_m: 0.015, stiffness_pa_m: 2e6, profile: PadProfile::Quartic };
+    let top_m = [0.5 * EDGE_M, 0.5 * EDGE_M, EDGE_M];
+    let pad = Pad::new(&body, tip, top_m).expect("the top of a cube is free");
+    let failed = |error| Failure::work(format!("{name}, {n} cells: {error}"));
+    // The last start is the neighbour of the configuration.
+    let timed = |solver: &mut Solver, from: &Seed, depth_m: f64| {
+        let start = Instant::now();
+        let reached = solver.advance(from, [0.0, 0.0, -depth_m]).map_err(failed)?;
+        Ok::<_, Failure>((reached.seed, start.elapsed().as_secs_f64()))
+    };
+    let problem = Arc::new(free.at(pad.clone()));
+    let mut solver = Solver::new(problem.clone());
+    let start = Instant::now();
+    let rest = solver.rest().map_err(failed)?.seed;
+    let first_s = start.elapsed().as_secs_f64();
+    let (neighbour, _) = timed(&mut solver, &rest, DEPTHS_M[0])?;
+    let (_, configuration_s) = timed(&mut solver, &neighbour, DEPTHS_M[1])?;
+    let peak = peak_mb();
+    drop(solver);
+    let mut exact = free;
+    exact.newton.large_flops = f64::INFINITY;
+    let mut solver = Solver::new(Arc::new(exact.at(pad)));
+    let with_factors_s = match problem.is_large() {
+        true => Some(timed(&mut solver, &neighbour, DEPTHS_M[1])?.1),
+        false => None,
+    };
+    let factor_s = solver.profile(&neighbour).map_err(failed)?.factorisation_s;
+    Ok(Some(Row {
+        equations: problem.unknowns(),
+        entries: problem.entries().1,
+        factor_s,
+        configuration_s,
+        with_factors_s,
+        first_s,
+        peak_mb: peak,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_exponent_of_a_power_is_found() {
+        let fitted = exponent([2.0, 5.0, 11.0, 23.0].into_iter().map(|x: f64| (x, 3.0 * libm::pow(x, 1.7))));
+        assert!((fitted.expect("four points") - 1.7).abs() < 1e-12);
+        assert_eq!(exponent([(1.0, 1.0), (2.0, 2.0)].into_iter()), None);
+    }
 }

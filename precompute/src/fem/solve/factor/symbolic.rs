@@ -5,8 +5,9 @@ use faer::sparse::SymbolicSparseColMatRef;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-    factorize_symbolic_cholesky,
+    factorize_symbolic_cholesky, supernodal,
 };
+use faer::traits::RealField;
 
 use crate::fem::assembly::Pattern;
 
@@ -18,6 +19,8 @@ pub(in crate::fem::solve) struct SymbolicFactor {
     pub(super) pressure_diagonal: Vec<(usize, f64)>,
     /// Number of negative pivots of a stable state: one for each pressure and each multiplier.
     pub(super) negative_when_stable: usize,
+    /// Numbers of floating-point operations of a factorisation and of a solve.
+    flops: (f64, f64),
 }
 
 /// Kind of factorisation.
@@ -29,6 +32,8 @@ pub(super) enum Route {
     Indefinite,
     /// LU with pivoting.
     Pivoted,
+    /// None: residual steps with the preconditioner of `two_level`.
+    TwoLevel,
 }
 
 impl SymbolicFactor {
@@ -57,7 +62,8 @@ impl SymbolicFactor {
             .iter()
             .map(|&(equation, size)| (pattern.column_starts[equation], size))
             .collect();
-        Self { symbolic, pressure_diagonal, negative_when_stable }
+        let flops = flops(&symbolic);
+        Self { symbolic, pressure_diagonal, negative_when_stable, flops }
     }
 
     /// The factorisations in the order of the attempts.
@@ -72,28 +78,44 @@ impl SymbolicFactor {
     /// over the columns of the factor. It estimates the saving of a frozen factor and is the same on every
     /// machine.
     pub(in crate::fem::solve) fn factor_over_solve(&self) -> f64 {
-        let (factor, solve) = self.flops();
+        let (factor, solve) = self.flops;
         factor / solve
     }
 
     /// Numbers of floating-point operations of a factorisation and of a solve.
     pub(in crate::fem::solve) fn flops(&self) -> (f64, f64) {
-        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.raw() else { return (1.0, 1.0) };
-        let (mut factor, mut solve) = (0.0, 0.0);
-        for s in 0..symbolic.n_supernodes() {
-            let columns = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
-            let below = symbolic.supernode(s).pattern().len();
-            for column in 0..columns {
-                let height = (columns - column + below) as f64;
-                factor += height * height;
-                solve += 4.0 * height;
-            }
-        }
-        (factor, solve)
+        self.flops
     }
 
     /// Number of entries of the factor.
     pub(in crate::fem::solve) fn factor_entries(&self) -> usize {
         self.symbolic.len_val()
     }
+}
+
+/// Number of negative pivots of an LDL^T factor of this analysis.
+pub(super) fn negative_pivots<T: RealField>(symbolic: &SymbolicFactor, values: &[T]) -> Option<usize> {
+    let SymbolicCholeskyRaw::Supernodal(analysis) = symbolic.symbolic.raw() else { return None };
+    let factor = supernodal::SupernodalLdltRef::new(analysis, values);
+    let count = (0..analysis.n_supernodes()).map(|s| {
+        let block = factor.supernode(s).val();
+        (0..block.ncols()).filter(|&j| block[(j, j)] < T::zero_impl()).count()
+    });
+    Some(count.sum())
+}
+
+/// Numbers of floating-point operations of a factorisation and of a solve.
+fn flops(symbolic: &SymbolicCholesky<usize>) -> (f64, f64) {
+    let SymbolicCholeskyRaw::Supernodal(symbolic) = symbolic.raw() else { return (1.0, 1.0) };
+    let (mut factor, mut solve) = (0.0, 0.0);
+    for s in 0..symbolic.n_supernodes() {
+        let columns = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
+        let below = symbolic.supernode(s).pattern().len();
+        for column in 0..columns {
+            let height = (columns - column + below) as f64;
+            factor += height * height;
+            solve += 4.0 * height;
+        }
+    }
+    (factor, solve)
 }

@@ -2,3 +2,4 @@
 
 mod constraints;
 mod manufactured;
+mod two_level;

@@ -43,10 +43,10 @@ impl Hands {
 
     /// The hands with these names, or all.
     pub(super) fn all(&self, names: &[String]) -> Vec<Hand> {
-        let presses = [("press20", 0.02), ("press50", 0.05), ("press100", 0.1), ("press200", 0.2)];
-        let presses = presses.map(|(name, speed)| self.press(name, speed));
-        let mut all: Vec<Hand> =
-            presses.into_iter().chain([self.circle(), self.poke(), self.drag()]).collect();
+        let slow = [("press10", 0.01), ("press20", 0.02), ("press30", 0.03)];
+        let fast = [("press50", 0.05), ("press100", 0.1), ("press200", 0.2)];
+        let presses = slow.into_iter().chain(fast).map(|(name, speed)| self.press(name, speed));
+        let mut all: Vec<Hand> = presses.chain([self.circle(), self.poke(), self.drag()]).collect();
         all.retain(|hand| names.is_empty() || names.iter().any(|name| name == hand.name));
         all.iter_mut().flat_map(|hand| &mut hand.control_m).for_each(|d| *d += self.origin_m);
         all

@@ -1,0 +1,118 @@
+//! Solves without a factor of the present tangent, compared with those that make one.
+
+use std::sync::Arc;
+
+use crate::fem::body::{Body, Model};
+use crate::fem::boundary::{Constraints, Contact, Handle};
+use crate::fem::element::Order;
+use crate::fem::material::{Lame, Material, NeoHookean, mooney_rivlin};
+use crate::fem::pad::{Fingertip, Pad, PadProfile};
+use crate::fem::solve::factor::Factor;
+use crate::fem::solve::{Configuration, FollowOptions, Problem, Solver};
+use crate::mesh::testing::{box_mesh, nodes_where};
+
+fn neo_hookean() -> Material {
+    Material::NeoHookean(NeoHookean { lame: Lame::from_young_poisson(15480.0, 0.45) })
+}
+
+const WAY_M: [[f64; 3]; 3] = [[0.001, 0.0, -0.004], [0.003, 0.001, -0.01], [-0.008, 0.002, -0.012]];
+
+/// A beam of 160 x 40 x 40 mm, held at its left end and touched on top near its right end, which turns.
+fn problem(law: Material, order: Order, is_pad: bool, is_large: bool) -> Arc<Problem> {
+    let mesh = box_mesh([8, 2, 2], 0.02);
+    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+    let top =
+        nodes_where(&mesh, |x| (x[0] - 0.12).abs() < 1e-3 && (x[1] - 0.02).abs() < 1e-3 && x[2] == 0.04)[0];
+    let body = Arc::new(Body::new(&mesh, &Model { order, ..Model::uniform(law, &fixed) }).expect("a body"));
+    let mut free = Problem::with(body.clone(), None, Constraints::Elimination);
+    free.newton.large_flops = if is_large { 0.0 } else { f64::INFINITY };
+    let tip = Fingertip { radius_m: 0.015, stiffness_pa_m: 2e6, profile: PadProfile::Quartic };
+    let contact: Contact = match Pad::new(&body, tip, body.nodes_m[top as usize]) {
+        Some(pad) if is_pad => pad.into(),
+        _ => Handle::node(top).into(),
+    };
+    Arc::new(free.at(contact))
+}
+
+fn path(problem: &Arc<Problem>) -> Vec<Configuration> {
+    let mut solver = Solver::new(problem.clone());
+    let mut way = vec![solver.rest().expect("the beam is fixed")];
+    for target_m in WAY_M {
+        let next = solver.advance(&way[way.len() - 1].seed, target_m).expect("the beam converges");
+        way.push(next);
+    }
+    way
+}
+
+#[test]
+fn without_a_factor_of_the_tangent_the_jets_are_the_same() {
+    for (law, order) in [(neo_hookean(), Order::Linear), (mooney_rivlin(), Order::Quadratic)] {
+        for is_pad in [false, true] {
+            let [exact, stepped] =
+                [false, true].map(|is_large| path(&problem(law.clone(), order, is_pad, is_large)));
+            for (exact, stepped) in exact.iter().zip(&stepped) {
+                let (a, b) = (exact.jet(), stepped.jet());
+                let name = format!("{} pad {is_pad} at {:?}", law.name(), a.control_m);
+                assert_eq!(stepped.unstable_modes, None, "{name}: no factor was made");
+                let force: Vec<f64> = (0..3).map(|i| (a.force_n[i] - b.force_n[i]).abs()).collect();
+                assert!(force.iter().all(|e| *e < 1e-7), "{name}: h differs by {force:?} N");
+                assert!((a.energy_j - b.energy_j).abs() < 1e-10, "{name}: W");
+                let stiffness = (a.stiffness_n_m - b.stiffness_n_m).norm() / a.stiffness_n_m.norm();
+                assert!(stiffness < 1e-7, "{name}: S differs by {stiffness:e}");
+                let size = a.third_n_m2.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+                let third = a.third_n_m2.iter().zip(&b.third_n_m2).map(|(a, b)| (a - b).abs() / size);
+                let third = third.fold(0.0, f64::max);
+                assert!(third < 1e-5, "{name}: W_ijk differs by {third:e}");
+            }
+        }
+    }
+}
+
+/// Steps from the sensitivities of a state to those of another one.
+fn steps(problem: &Arc<Problem>, spoil: impl Fn(&mut Solver)) -> u32 {
+    let way = path(problem);
+    let [.., from, to] = &way[..] else { panic!("a path") };
+    let mut solver = Solver::new(problem.clone());
+    solver.state.copy_from_slice(&to.seed.state);
+    solver.prescribe(&to.seed.pose);
+    solver.evaluate(true);
+    solver.translation_columns();
+    solver.factor = Factor::new(&problem.symbolic, &problem.pattern);
+    let made = solver.factor.factorise_first(problem.tangent(&solver.assembled.tangent, &solver.state));
+    assert!(made, "a stable beam");
+    solver.begin_columns(&from.seed);
+    spoil(&mut solver);
+    let matrix = problem.tangent(&solver.assembled.tangent, &solver.state);
+    let (left, steps) = solver.factor.refine(matrix, &solver.right, &mut solver.columns, (1e-7, 30));
+    assert!(left <= 1e-7, "{left:e} left");
+    steps
+}
+
+/// Both the turns and the factor near the tool save steps where the beam has bent.
+#[test]
+fn a_far_field_that_turns_and_a_near_field_that_is_fresh_save_steps() {
+    let problem = problem(mooney_rivlin(), Order::Quadratic, true, true);
+    let whole = steps(&problem, |_| {});
+    let unturned = steps(&problem, |solver| solver.factor.two_level().forget_turns());
+    let far_only = steps(&problem, |solver| solver.factor.two_level().forget_near());
+    assert!(whole <= 8, "{whole} steps");
+    assert!(unturned > whole, "{unturned} steps without turns, {whole} with");
+    assert!(far_only > whole, "{far_only} steps without the near field, {whole} with");
+}
+
+#[test]
+fn a_continuation_without_factors_finds_the_same_force() {
+    let problem = problem(mooney_rivlin(), Order::Quadratic, true, true);
+    let way = path(&problem);
+    let mut solver = Solver::new(problem);
+    let mut to = way[0].seed.clone();
+    let options = FollowOptions::default();
+    for (from, exact) in way.iter().zip(&way[1..]) {
+        let found =
+            solver.follow(&from.seed, exact.jet().control_m, true, &options, &mut to).expect("it converges");
+        assert_eq!(found.unstable_modes, None);
+        let error: f64 =
+            (0..3).map(|i| (to.jet.force_n[i] - exact.jet().force_n[i]).abs()).fold(0.0, f64::max);
+        assert!(error < 1e-4, "{error:e} N at {:?}", exact.jet().control_m);
+    }
+}
