@@ -75,14 +75,13 @@ struct Counts {
     slowest_zero: Duration,
 }
 
-/// Ends a session in the next `within` and checks what it leaves behind.
+/// Kills a session and checks what it leaves behind.
 fn killed(touched: &Touched, device: &Device, session: Session, recording: &Path, counts: &mut Counts) {
     let solver = children(session.pid());
     let before = device.felt();
     session.signal(Signal::SIGKILL);
     let began = Instant::now();
     counts.with_force += u64::from(before.force_n != vec3::ZERO);
-    drop(session.end());
     while device.felt().force_n != vec3::ZERO {
         assert!(
             began.elapsed() < MAX_ZERO,
@@ -93,6 +92,7 @@ fn killed(touched: &Touched, device: &Device, session: Session, recording: &Path
         std::thread::sleep(Duration::from_micros(200));
     }
     counts.slowest_zero = counts.slowest_zero.max(began.elapsed());
+    drop(session.end());
     let requests = device.felt().requests;
     while began.elapsed() < counts.slowest_zero + ZERO_HOLD {
         assert_eq!(device.felt().force_n, vec3::ZERO, "a force returned after the session");
