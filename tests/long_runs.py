@@ -55,12 +55,14 @@ def with_parent():
     """In a child before its program starts: a group of its own, which Ctrl-C at the terminal does not reach, and SIGINT
     when this script ends in any way."""
     os.setpgid(0, 0)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(1, signal.SIGINT)
 
 
 def interrupt_on_term():
-    """A polite kill of the script is like Ctrl-C."""
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    """Ctrl-C and a polite kill raise KeyboardInterrupt, also in the background, where shells let it be ignored."""
+    for wanted in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(wanted, signal.default_int_handler)
 
 
 class Ledger:

@@ -12,6 +12,7 @@ use palpate_host::sys::{self, RtRequest};
 use palpate_precompute::certificate::{Certificate, Health, Origin, SpaceCertificate, Verdict};
 use serialport::SerialPort;
 use std::fs::Permissions;
+use std::io::ErrorKind;
 use std::ops::Range;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
@@ -144,7 +145,11 @@ impl Device {
                 device.set_info(i16::from(presses.contains(&device.requests())));
                 // The motion starts with the first request.
                 let now = begun.map_or(Duration::ZERO, |begun: Instant| begun.elapsed());
-                device.poll(now.as_micros() as u64, &mut link).expect("the terminal is open");
+                match device.poll(now.as_micros() as u64, &mut link) {
+                    // Nobody reads: the session was killed, and a real device would lose its reply.
+                    Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                    polled => polled.expect("the terminal is open"),
+                }
                 if device.requests() > 0 {
                     begun.get_or_insert_with(Instant::now);
                 }
@@ -223,6 +228,10 @@ pub(super) struct Session(Option<Child>);
 impl Session {
     pub(super) fn pid(&self) -> Pid {
         Pid::from_raw(self.0.as_ref().expect("it runs").id() as i32)
+    }
+
+    pub(super) fn has_ended(&mut self) -> bool {
+        self.0.as_mut().expect("it runs").try_wait().expect("the state of a child").is_some()
     }
 
     pub(super) fn signal(&self, signal: Signal) {

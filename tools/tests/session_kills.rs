@@ -170,15 +170,28 @@ fn kills(touched: &Touched, folder: &Path) {
     let (wanted, mut draws) = (number_of("PALPATE_KILLS", KILLS), Draws(number_of("PALPATE_SEED", 5)));
     let (began, input) = (Instant::now(), std::fs::read(&touched.input).expect("there"));
     let mut counts = Counts::default();
-    let mut done = 0;
+    let (mut done, mut ended) = (0, 0);
     while done < wanted {
+        assert!(ended <= 4 * wanted + 4, "sessions end before they are killed: {counts:?}");
         let device = Device::new();
         let recording = folder.join(format!("{done}.mcap"));
-        let session = touched.start(&device, &recording);
+        let mut session = touched.start(&device, &recording);
         assert!(exchanges(&device, 10), "no session: {}", String::from_utf8_lossy(&session.end().stderr));
-        // A machine that is too busy for the loop leaves the hand without a force; the kill counts nevertheless.
-        let touches = draws.unit() < 0.8 && device.leans();
-        std::thread::sleep(Duration::from_secs_f64(if touches { 1.6 } else { 0.6 } * draws.unit()));
+        // Most are killed while the hand pushes.
+        let in_contact = draws.unit() < 0.8;
+        let is_ready = !in_contact || device.leans();
+        std::thread::sleep(Duration::from_secs_f64(if in_contact { 1.6 } else { 0.6 } * draws.unit()));
+        if !is_ready || in_contact && !device.leans() || session.has_ended() {
+            // The loop has faulted on a busy machine.
+            if !session.has_ended() {
+                session.signal(Signal::SIGKILL);
+            }
+            drop(session.end());
+            // The next one records to the same name.
+            let _ = std::fs::remove_file(&recording);
+            ended += 1;
+            continue;
+        }
         killed(touched, &device, session, &recording, &mut counts);
         done += 1;
         if done < wanted {
