@@ -1,5 +1,5 @@
 //! The fuzz targets of the core on the inputs of the corpus, on their seeds, and on mutations of both.
-//! `check-fuzz` runs the fuzzer itself.
+//! `tests/fuzz/run` runs the fuzzer itself.
 
 use std::path::{Path, PathBuf};
 
@@ -9,15 +9,15 @@ use crate::common::jets::jet;
 use crate::common::{Recipe, potential};
 use replay::{kept, replay, write_seeds};
 
-#[path = "../fuzz/bodies.rs"]
+#[path = "../../tests/fuzz/bodies/core.rs"]
 mod bodies;
-#[path = "../fuzz/jets.rs"]
+#[path = "../../tests/fuzz/bodies/jets.rs"]
 mod jet_bodies;
-#[path = "../fuzz/replay.rs"]
+#[path = "../../tests/fuzz/replay.rs"]
 mod replay;
 
 fn corpus(target: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fuzz/corpus").join(target)
 }
 
 /// Seeds: small blobs with every kind of table, with unsolved points and folds.
@@ -122,7 +122,7 @@ fn strokes() -> Vec<Vec<u8>> {
 }
 
 #[test]
-#[ignore = "writes the seeds of check-fuzz: run by hand after a change of the layout"]
+#[ignore = "writes the seeds of tests/fuzz: run by hand after a change of the layout"]
 fn write_the_first_inputs() {
     write_seeds(&corpus("blob"), &blobs());
     write_seeds(&corpus("jets"), &live_touches());

@@ -2,6 +2,7 @@
 //! and modules of the benches.
 
 mod bundled_organ;
+mod fuzz_replay;
 mod no_allocation;
 mod own_law;
 mod sampling;

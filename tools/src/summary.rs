@@ -102,6 +102,7 @@ fn touch(figures: &TouchStatistics) -> Value {
         "peak_reaction_n": figures.peak_reaction_n, "peak_reaction_n_m": figures.peak_reaction_n_m, "peak_hand_force_n": figures.peak_hand_force_n,
         "peak_displacement_m": figures.peak_displacement_m, "clamped_ticks": figures.clamped_ticks,
         "largest_step_n": figures.largest_step_n, "largest_work_j": figures.largest_work_j, "damped_ticks": figures.damped_ticks,
+        "not_finite_ticks": figures.not_finite_ticks,
     })
 }
 

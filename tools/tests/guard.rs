@@ -12,6 +12,7 @@ use palpate_host::sys::{self, RtRequest};
 use palpate_precompute::certificate::{Certificate, Health, Origin, SpaceCertificate, Verdict};
 use serialport::SerialPort;
 use std::fs::Permissions;
+use std::io::ErrorKind;
 use std::ops::Range;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
@@ -34,8 +35,6 @@ const LEANS_N: f32 = 0.5;
 /// The target is 20 ms; the margin is for a shared machine.
 const GENEROUS: Duration = Duration::from_millis(500);
 
-/// Blob and profile. Device z is the outward normal of the first active node, and its origin is on the
-/// surface there.
 /// A certificate that says no more than that the spaces are numerically sound.
 fn sound(names: &[String]) -> Vec<u8> {
     let health = |name: &String| SpaceCertificate {
@@ -72,7 +71,9 @@ fn sound(names: &[String]) -> Vec<u8> {
     serde_json::to_vec(&certificate).expect("plain data")
 }
 
-fn files(folder: &Path) -> (PathBuf, PathBuf) {
+/// Blob and profile. Device z is the outward normal of the first active node, and its origin is on the
+/// surface there.
+pub(super) fn files(folder: &Path) -> (PathBuf, PathBuf) {
     files_of(folder, "polhem")
 }
 
@@ -80,35 +81,36 @@ fn files(folder: &Path) -> (PathBuf, PathBuf) {
 pub(super) fn files_of(folder: &Path, device: &str) -> (PathBuf, PathBuf) {
     let bytes = synthetic::certified_organ(&synthetic::Shape::default(), sound);
     let organ: Organ<'_> = Organ::read(&bytes).expect("a sound blob");
-    let normal = organ.spaces[0].active.outward_normal;
+    let (blob, toml) = (folder.join("organ.blob"), folder.join("leaning.toml"));
+    std::fs::write(&blob, &*bytes).expect("a file");
+    let active = &organ.spaces[0].active;
+    std::fs::write(&toml, profile_at(device, active.rest_position_m, active.outward_normal)).expect("a file");
+    (blob, toml)
+}
+
+/// The bundled profile of a device whose z axis is `normal` and whose origin is at a place of the model, m.
+pub(super) fn profile_at(device: &str, origin_m: Vec3, normal: Vec3) -> String {
     let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
     let second = vec3::cross(normal, first);
     let axes = [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]);
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/devices");
     let own = std::fs::read_to_string(own.join(device).with_extension("toml")).expect("the bundled profile");
     let (head, _) = own.split_once("[mapping]").unwrap_or((&own, ""));
-    let profile = format!(
-        "{head}\n[mapping]\naxes = {axes:?}\nmodel_origin_m = {:?}\n",
-        organ.spaces[0].active.rest_position_m
-    );
-    let (blob, toml) = (folder.join("organ.blob"), folder.join("leaning.toml"));
-    std::fs::write(&blob, &*bytes).expect("a file");
-    std::fs::write(&toml, profile).expect("a file");
-    (blob, toml)
+    format!("{head}\n[mapping]\naxes = {axes:?}\nmodel_origin_m = {origin_m:?}\n")
 }
 
 /// The force on the motors, and the time of the last request with a force.
 #[derive(Debug, Clone, Copy)]
-struct Felt {
-    force_n: Vec3,
-    requests: u64,
-    forced: Option<Instant>,
+pub(super) struct Felt {
+    pub(super) force_n: Vec3,
+    pub(super) requests: u64,
+    pub(super) forced: Option<Instant>,
 }
 
 /// An emulated device that presses its button after the first request and then pushes on the organ
 /// repeatedly. A real device does not depend on this machine's scheduler, so its thread has a higher priority
 /// than the loop if permitted.
-struct Device {
+pub(super) struct Device {
     felt: Arc<Mutex<Felt>>,
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -120,7 +122,7 @@ impl Device {
     /// Time of the first contact, and half of the period of contacts.
     const TOUCHES: Duration = Duration::from_millis(400);
 
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self::pressing(100..200)
     }
 
@@ -143,7 +145,11 @@ impl Device {
                 device.set_info(i16::from(presses.contains(&device.requests())));
                 // The motion starts with the first request.
                 let now = begun.map_or(Duration::ZERO, |begun: Instant| begun.elapsed());
-                device.poll(now.as_micros() as u64, &mut link).expect("the terminal is open");
+                match device.poll(now.as_micros() as u64, &mut link) {
+                    // Nobody reads: the session was killed, and a real device would lose its reply.
+                    Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                    polled => polled.expect("the terminal is open"),
+                }
                 if device.requests() > 0 {
                     begun.get_or_insert_with(Instant::now);
                 }
@@ -160,15 +166,20 @@ impl Device {
         Self { felt, ends, thread: Some(std::thread::spawn(serve)), port, _driver_end: driver_end }
     }
 
-    fn felt(&self) -> Felt {
+    pub(super) fn felt(&self) -> Felt {
         *self.felt.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn run(&self, (blob, profile): &(PathBuf, PathBuf), more: &[&str]) -> Session {
+        let blob = blob.to_str().expect("plain");
+        self.session(&["run", blob, "--uncertified"], profile, more)
+    }
+
+    /// `palpate` with this command on the device.
+    pub(super) fn session(&self, command: &[&str], profile: &Path, more: &[&str]) -> Session {
         let child = Command::new(env!("CARGO_BIN_EXE_palpate"))
-            .arg("run")
-            .arg(blob)
-            .args(["--uncertified", "--headless", "--frame-rate", "0", "--seconds", "30"])
+            .args(command)
+            .args(["--headless", "--frame-rate", "0", "--seconds", "30"])
             .args(["--device", &format!("polhem:{}", self.port), "--profile"])
             .arg(profile)
             .args(more)
@@ -180,7 +191,7 @@ impl Device {
     }
 
     /// Waits until the hand pushes on the organ; false after `SESSION`.
-    fn leans(&self) -> bool {
+    pub(super) fn leans(&self) -> bool {
         let begun = Instant::now();
         while begun.elapsed() < SESSION {
             if vec3::norm(self.felt().force_n) > LEANS_N {
@@ -212,14 +223,18 @@ impl Drop for Device {
     }
 }
 
-struct Session(Option<Child>);
+pub(super) struct Session(Option<Child>);
 
 impl Session {
-    fn pid(&self) -> Pid {
+    pub(super) fn pid(&self) -> Pid {
         Pid::from_raw(self.0.as_ref().expect("it runs").id() as i32)
     }
 
-    fn signal(&self, signal: Signal) {
+    pub(super) fn has_ended(&mut self) -> bool {
+        self.0.as_mut().expect("it runs").try_wait().expect("the state of a child").is_some()
+    }
+
+    pub(super) fn signal(&self, signal: Signal) {
         kill(self.pid(), signal).expect("it is there");
     }
 
@@ -234,7 +249,7 @@ impl Session {
         })
     }
 
-    fn end(mut self) -> Output {
+    pub(super) fn end(mut self) -> Output {
         self.0.take().expect("it runs").wait_with_output().expect("it ends")
     }
 }

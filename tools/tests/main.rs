@@ -20,6 +20,7 @@ mod recording;
 mod report;
 mod scenes;
 mod second;
+mod session_kills;
 mod space_faults;
 mod touch;
 
@@ -40,6 +41,14 @@ fn quiet() -> RwLockWriteGuard<'static, ()> {
 fn run(command: &mut Command) -> Output {
     let _beside_others = QUIET.read().unwrap_or_else(PoisonError::into_inner);
     command.output().expect("the program runs")
+}
+
+/// A number that `tests/kills` gives to a test through the environment.
+fn number_of(variable: &str, otherwise: u64) -> u64 {
+    let given = std::env::var(variable).ok();
+    given.map_or(otherwise, |given| {
+        given.parse().unwrap_or_else(|_| panic!("{variable} = {given} is no number"))
+    })
 }
 
 fn palpate(arguments: &[&str]) -> Output {

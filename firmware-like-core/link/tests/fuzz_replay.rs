@@ -4,21 +4,21 @@ use std::path::{Path, PathBuf};
 
 use palpate_link::{DeviceFault, DeviceMessage, HostMessage, MAX_FRAME, VERSION, encode};
 
-#[path = "../../fuzz/frames.rs"]
+#[path = "../../../tests/fuzz/bodies/link.rs"]
 mod bodies;
-#[path = "../../fuzz/replay.rs"]
+#[path = "../../../tests/fuzz/replay.rs"]
 mod replay;
 
 use replay::{kept, replay, write_seeds};
 
 fn corpus() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus/frames")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/link")
 }
 
 #[test]
 fn frames_are_refused_or_executed_safely() {
-    replay(&conversations(), 2000, |line| _ = bodies::frames(line));
-    replay(&kept(&corpus()), 50, |line| _ = bodies::frames(line));
+    replay(&conversations(), 2000, |line| _ = bodies::link(line));
+    replay(&kept(&corpus()), 50, |line| _ = bodies::link(line));
 }
 
 /// Seeds: conversations of a driver with a device.
@@ -83,11 +83,11 @@ fn conversations() -> Vec<Vec<u8>> {
 /// At least one conversation reaches a torque, otherwise the replay would prove nothing.
 #[test]
 fn the_seeds_of_frames_reach_a_torque() {
-    assert!(conversations().iter().any(|line| bodies::frames(line)), "no seed enables the device");
+    assert!(conversations().iter().any(|line| bodies::link(line)), "no seed enables the device");
 }
 
 #[test]
-#[ignore = "writes the seeds of check-fuzz: run by hand after a change of the protocol"]
+#[ignore = "writes the seeds of tests/fuzz: run by hand after a change of the protocol"]
 fn write_the_first_inputs() {
     write_seeds(&corpus(), &conversations());
 }

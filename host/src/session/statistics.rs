@@ -50,6 +50,8 @@ pub struct TouchStatistics {
     pub largest_work_j: f32,
     /// Ticks in which the energy guard added damping.
     pub damped_ticks: u64,
+    /// Ticks with a number that is not finite. The other largest values ignore it.
+    pub not_finite_ticks: u64,
     /// Time of the first tick with a force of the model, us since the loop began.
     pub first_force_us: Option<u64>,
     /// Changes of the active jet of a touched contact; 0 where tables give the force.
@@ -84,6 +86,8 @@ impl TouchStatistics {
         self.before = Some(*record);
         self.largest_work_j = self.largest_work_j.max(record.hand_work_j);
         self.damped_ticks += u64::from(record.damped);
+        let vectors = [record.hip_m, record.displacement_m, record.reaction_n, record.hand_force_n];
+        self.not_finite_ticks += u64::from(!vectors.into_iter().all(vec3::is_finite));
         self.engaged_ticks += u64::from(engaged);
         self.clamped_ticks += u64::from(record.clamped);
         let kinds = Coverage::ALL.iter().zip(&mut self.coverage_ticks);
@@ -151,5 +155,15 @@ mod tests {
         );
         assert!((table_m - 0.155).abs() < 1e-6 && table.ends_with("peak displacement 155.0 mm"), "{table}");
         assert!(live.starts_with("2 contacts, 71.4 % of the ticks; peak force"), "{live}");
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_counted() {
+        let mut touch = TouchStatistics::default();
+        let forces_n = [0.0, f32::NAN, 1.0, f32::INFINITY, 2.0];
+        for (tick, force_n) in (0..).zip(forces_n) {
+            touch.add(&TickRecord { tick, hand_force_n: [0.0, force_n, 0.0], ..TickRecord::EMPTY });
+        }
+        assert_eq!(touch.not_finite_ticks, 2);
     }
 }

@@ -102,22 +102,71 @@ pub(crate) fn read_with_cell_data(
 fn read_raw(path: &Path, with_cell_data: bool) -> Result<RawMesh, InputError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if matches!(extension.as_str(), "node" | "ele") {
-        return tetgen::read(path);
+        let [node, ele] = tetgen::load(path)?;
+        return MeshBytes::TetGen { node: &node, ele: &ele }.read_raw(path, with_cell_data);
     }
     let bytes = std::fs::read(path).map_err(|e| InputError::unreadable(path, &e))?;
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(256)]).trim_start().to_lowercase();
-    if head.starts_with("$meshformat") || extension == "msh" {
-        gmsh::read(path, &bytes)
+    let content = if head.starts_with("$meshformat") || extension == "msh" {
+        MeshBytes::Gmsh(&bytes)
     } else if head.starts_with("# vtk") || extension == "vtk" {
-        vtk::read_legacy(path, &bytes, with_cell_data)
+        MeshBytes::Vtk(&bytes)
     } else if head.starts_with("<?xml") || head.starts_with("<vtkfile") || extension == "vtu" {
-        vtu::read(path, &bytes, with_cell_data)
+        MeshBytes::Vtu(&bytes)
     } else {
-        Err(InputError::new(
+        return Err(InputError::new(
             path,
             "the mesh format is not known from content or extension",
             "save it as Gmsh .msh (2.2 or 4.1), VTK .vtk, VTU .vtu or TetGen .node/.ele",
-        ))
+        ));
+    };
+    content.read_raw(path, with_cell_data)
+}
+
+/// The content of a mesh file in memory, for callers without a file.
+#[derive(Debug, Clone, Copy)]
+pub enum MeshBytes<'a> {
+    /// Gmsh `.msh`, version 2.2 or 4.1, text or binary.
+    Gmsh(&'a [u8]),
+    /// VTK legacy `.vtk`, ASCII or binary.
+    Vtk(&'a [u8]),
+    /// VTK's XML format `.vtu`.
+    Vtu(&'a [u8]),
+    /// The two files of TetGen.
+    TetGen {
+        /// The `.node` file.
+        node: &'a [u8],
+        /// The `.ele` file.
+        ele: &'a [u8],
+    },
+}
+
+impl MeshBytes<'_> {
+    /// Reads the mesh as [`read`] does. Errors name `path`, which is not opened.
+    pub fn read(self, path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
+        self.read_raw(path, false)?.finish(unit)
+    }
+
+    /// Reads the mesh as a scene with `[mesh] regions` does: each array of whole numbers of the cells becomes
+    /// groups of volumes.
+    pub fn read_with_regions(self, path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
+        let mut raw = self.read_raw(path, true)?;
+        let data = raw.cell_data.take().unwrap_or_default();
+        let mut mesh = raw.finish(unit)?;
+        data.names()
+            .into_iter()
+            .filter_map(|name| data.regions(name).ok())
+            .for_each(|it| mesh.add_regions(it));
+        Ok(mesh)
+    }
+
+    fn read_raw(self, path: &Path, with_cell_data: bool) -> Result<RawMesh, InputError> {
+        match self {
+            Self::Gmsh(bytes) => gmsh::read(path, bytes),
+            Self::Vtk(bytes) => vtk::read_legacy(path, bytes, with_cell_data),
+            Self::Vtu(bytes) => vtu::read(path, bytes, with_cell_data),
+            Self::TetGen { node, ele } => tetgen::read(path, node, ele),
+        }
     }
 }
 

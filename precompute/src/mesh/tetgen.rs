@@ -16,18 +16,22 @@ use crate::error::InputError;
 
 const RENUMBER: &str = "number the lines one after the other from 0 or 1, or export again";
 
-/// Reads both files; `path` is either of them.
-pub(super) fn read(path: &Path) -> Result<RawMesh, InputError> {
-    let node_file = path.with_extension("node");
-    let tet_file = path.with_extension("ele");
-    let text_of = |file: &Path| match std::fs::read(file) {
-        Ok(bytes) => Ok(String::from_utf8_lossy(&bytes).into_owned()),
-        Err(error) => Err(InputError {
+/// Loads the `.node` and the `.ele` file; `path` is either of them.
+pub(super) fn load(path: &Path) -> Result<[Vec<u8>; 2], InputError> {
+    let load = |extension: &str| {
+        let file = path.with_extension(extension);
+        std::fs::read(&file).map_err(|error| InputError {
             fix: "keep the .node and the .ele file of a mesh side by side".into(),
-            ..InputError::unreadable(file, &error)
-        }),
+            ..InputError::unreadable(&file, &error)
+        })
     };
-    let (node_text, tet_text) = (text_of(&node_file)?, text_of(&tet_file)?);
+    Ok([load("node")?, load("ele")?])
+}
+
+/// Reads the content of both files. Errors name them by `path`, which can be either.
+pub(super) fn read(path: &Path, node: &[u8], ele: &[u8]) -> Result<RawMesh, InputError> {
+    let (node_file, tet_file) = (path.with_extension("node"), path.with_extension("ele"));
+    let (node_text, tet_text) = (String::from_utf8_lossy(node), String::from_utf8_lossy(ele));
     let mut raw = RawMesh::new(&node_file, &tet_file);
     let base = nodes(&mut raw, Lines::new(&node_file, &node_text, Some('#')))?;
     tets(&mut raw, Lines::new(&tet_file, &tet_text, Some('#')), base)?;

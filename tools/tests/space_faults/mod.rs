@@ -117,17 +117,17 @@ fn undisturbed(scene: &Path, folder: &Path) -> [Vec<String>; 2] {
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014).
-struct Draws(u64);
+pub(super) struct Draws(pub(super) u64);
 
 impl Draws {
-    fn next(&mut self) -> u64 {
+    pub(super) fn next(&mut self) -> u64 {
         let random = split_mix(self.0);
         self.0 = self.0.wrapping_add(SPLIT_MIX_STEP);
         random
     }
 
     /// Uniform in [0, 1).
-    fn unit(&mut self) -> f64 {
+    pub(super) fn unit(&mut self) -> f64 {
         unit_interval(self.next())
     }
 }

@@ -20,6 +20,8 @@ pub(crate) struct Certificate {
     error_mn: Option<Errors>,
     /// Share of both kinds whose error cannot be felt; none of the second kind.
     not_felt_share: Option<f64>,
+    /// The same of the positions whose force came from a trusted jet.
+    trusted: Trusted,
     /// From the command to the loop, and the wait of the first touch for its force.
     first_force_s: Option<f64>,
     solver_busy_share: f64,
@@ -31,6 +33,14 @@ pub(crate) struct Certificate {
     loops: u32,
     loop_pumped_mj: f64,
     loop_exchanged_mj: f64,
+}
+
+/// Positions that were not extrapolated.
+#[derive(Debug, Serialize)]
+struct Trusted {
+    checked: usize,
+    error_mn: Option<Errors>,
+    not_felt_share: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -54,12 +64,18 @@ impl Certificate {
         let waited = waited_us.map(|(force_us, touch_us)| (force_us - touch_us) as f64 * 1e-6);
         let errors = |[mean, p99, max]: [f64; 3]| Errors { mean: 1e3 * mean, p99: 1e3 * p99, max: 1e3 * max };
         let Loops { count, pumped_j, exchanged_j } = visits.loops;
+        let trusted = checked.trusted();
         Self {
             checked: checked.compared.len(),
             unsolved: checked.unsolved,
             is_cut: checked.is_cut,
             error_mn: checked.summary_n().map(errors),
             not_felt_share: checked.not_felt_share(),
+            trusted: Trusted {
+                checked: trusted.compared.len(),
+                error_mn: trusted.summary_n().map(errors),
+                not_felt_share: trusted.not_felt_share(),
+            },
             first_force_s: ready.zip(waited).map(|(ready, waited)| ready.as_secs_f64() + waited),
             solver_busy_share: counters.busy_ns as f64 * 1e-9 / (summary.ticks.max(1) as f64 * 1e-3),
             jets: counters.solves,

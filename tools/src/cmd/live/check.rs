@@ -114,6 +114,13 @@ impl Checked {
         Ok(checked)
     }
 
+    /// Those whose force came from a trusted jet, as the session promises it; the rest were extrapolated.
+    pub(super) fn trusted(&self) -> Self {
+        let is_trusted = |at: &&Compared| !at.visit.is_extrapolated;
+        let compared = self.compared.iter().filter(is_trusted).copied().collect();
+        Self { compared, unsolved: 0, is_cut: self.is_cut }
+    }
+
     /// Mean, 99 % quantile and maximum of the error, N.
     pub(super) fn summary_n(&self) -> Option<[f64; 3]> {
         let mut errors: Vec<f64> = self.compared.iter().map(Compared::error_n).collect();
@@ -192,6 +199,7 @@ mod tests {
             weights: [NodeWeight::default(); 3],
             control_m: [0.0; 3],
             felt_n: [0.0, 0.0, 1.0],
+            is_extrapolated: false,
             second_m: None,
             begins: false,
             changes: 0,
@@ -201,5 +209,26 @@ mod tests {
         assert_eq!(checked.not_felt_share(), Some(0.5));
         assert_eq!(Checked { compared: Vec::new(), ..checked }.not_felt_share(), Some(0.0));
         assert_eq!(Checked::default().not_felt_share(), None);
+    }
+
+    #[test]
+    fn trusted_positions_are_those_that_are_not_extrapolated() {
+        let at = |is_extrapolated: bool, n: f64| Compared {
+            visit: Visit {
+                weights: [NodeWeight::default(); 3],
+                control_m: [0.0; 3],
+                felt_n: [0.0, 0.0, 1.0],
+                is_extrapolated,
+                second_m: None,
+                begins: false,
+                changes: 0,
+            },
+            true_n: [0.0, 0.0, n],
+        };
+        let compared = vec![at(false, 1.0), at(true, 3.0), at(false, 1.001), at(true, 1.0)];
+        let checked = Checked { compared, unsolved: 1, is_cut: false };
+        assert_eq!(checked.trusted().compared.len(), 2);
+        assert_eq!(checked.trusted().not_felt_share(), Some(1.0));
+        assert_eq!(checked.not_felt_share(), Some(0.6));
     }
 }

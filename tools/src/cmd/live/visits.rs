@@ -1,6 +1,6 @@
 //! Where a session's tool was in touch, and what was felt there.
 
-use palpate_core::{NodeWeight, Vec3, vec3};
+use palpate_core::{Coverage, NodeWeight, Vec3, vec3};
 use palpate_host::rt::TickRecord;
 
 /// Way of the control between two kept visits, m.
@@ -12,6 +12,8 @@ pub(crate) struct Visit {
     pub(crate) weights: [NodeWeight; 3],
     pub(crate) control_m: [f32; 3],
     pub(crate) felt_n: [f32; 3],
+    /// Whether no jet was trusted here, as the window says.
+    pub(super) is_extrapolated: bool,
     /// Place of another tool that presses the same body, or the half axis of a capsule.
     pub(super) second_m: Option<[f32; 3]>,
     /// Whether a new touch begins here.
@@ -86,7 +88,8 @@ impl Visits {
         };
         if begins || self.kept.last().is_none_or(is_far) {
             let (weights, control_m, felt_n) = (record.shares, record.displacement_m, record.reaction_n);
-            self.kept.push(Visit { weights, control_m, felt_n, second_m, begins, changes });
+            let is_extrapolated = record.coverage == Some(Coverage::Extrapolated);
+            self.kept.push(Visit { weights, control_m, felt_n, is_extrapolated, second_m, begins, changes });
         }
     }
 

@@ -1,0 +1,11 @@
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+
+#[path = "../bodies/precompute.rs"]
+#[allow(dead_code, reason = "each target has its own body")]
+mod body;
+
+fuzz_target!(|data: &[u8]| {
+    body::scene(data);
+});
