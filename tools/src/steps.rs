@@ -11,7 +11,7 @@ use crate::files::Output;
 
 /// Counts and prints the steps.
 #[derive(Debug)]
-pub(super) struct Steps {
+pub(crate) struct Steps {
     done: usize,
     total: usize,
     /// Set by Ctrl-C.
@@ -20,12 +20,12 @@ pub(super) struct Steps {
 
 impl Steps {
     /// `total` steps are to follow.
-    pub(super) fn new(total: usize, stop: Arc<AtomicBool>) -> Self {
+    pub(crate) fn new(total: usize, stop: Arc<AtomicBool>) -> Self {
         Self { done: 0, total, stop }
     }
 
     /// Starts a step. Fails after Ctrl-C.
-    pub(super) fn next(&mut self, what: &str) -> Result<(), Failure> {
+    pub(crate) fn next(&mut self, what: &str) -> Result<(), Failure> {
         self.go_on()?;
         self.done += 1;
         eprintln!("palpate: step {} of {}: {what}", self.done, self.total);
@@ -33,7 +33,7 @@ impl Steps {
     }
 
     /// Fails after Ctrl-C.
-    pub(super) fn go_on(&self) -> Result<(), Failure> {
+    pub(crate) fn go_on(&self) -> Result<(), Failure> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Failure::work(
                 "interrupted; finished steps are kept, run the same command to continue",
@@ -51,7 +51,7 @@ struct Kept<T> {
 }
 
 /// The content of the file if it was made for `key`; otherwise computes and stores it.
-pub(super) fn kept<T: Serialize + DeserializeOwned>(
+pub(crate) fn kept<T: Serialize + DeserializeOwned>(
     file: &Output,
     key: String,
     make: impl FnOnce() -> Result<T, Failure>,
