@@ -158,6 +158,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             folder.display()
         ));
     }
+    // Before the sections, so that a wrong file is reported before long work.
+    let systems = read_answers(args, &mut workshop)?;
     let (mut sections, mut failure) = (Vec::new(), None);
     for (number, key) in wanted.iter().enumerate() {
         match workshop.section(key, args.again, &wanted[number..]) {
@@ -171,8 +173,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if sections.is_empty() {
         return failure.map_or(Ok(()), Err);
     }
-    // After Ctrl-C the page has the finished sections, and the columns of others that need no further solve.
-    let systems = if failure.is_none() { read_answers(args, &mut workshop)? } else { Vec::new() };
+    // After Ctrl-C the page has the finished sections.
     let questions: Vec<&Questions> = if systems.is_empty() { Vec::new() } else { workshop.questions()? };
     systems::add_columns(&mut sections, &questions, &systems)?;
     let machine = Machine::here(threads, ticks, started.elapsed().as_secs_f64());

@@ -188,3 +188,39 @@ pub(super) fn hold(renderer: Renderer<'_>, stiffness_n_m: f64, profile: &Profile
     result.motion_m = ranges.map(|(low, high)| (high - low).max(0.0));
     Ok(result)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A profile without Coulomb friction, which would stop small oscillations.
+    fn smooth(name: &str, rate_hz: u32) -> Profile {
+        let mut profile = Profile::bundled(name).expect("bundled").at_period(1_000_000 / rate_hz);
+        (profile.mechanism.coulomb_n, profile.assumed.coulomb_n) = (None, 0.0);
+        profile
+    }
+
+    #[test]
+    fn a_soft_wall_holds_still_and_a_stiff_one_shakes_the_hand() {
+        for name in ["omega", "falcon"] {
+            let profile = smooth(name, 1000);
+            let quantum_m = profile.mechanism.encoder_quantum_m.expect("an encoder");
+            let soft = hold(Renderer::Wall, 300.0, &profile).expect("no controller to refuse");
+            assert!(soft.is_passive(quantum_m), "{name}: {soft:?}");
+            assert!((soft.peak_n - PRELOAD_N).abs() < 0.4, "{name}: held with {} N", soft.peak_n);
+            let stiff = hold(Renderer::Wall, 20_000.0, &profile).expect("no controller to refuse");
+            assert!(!stiff.is_passive(quantum_m) && stiff.motion_m[1] > 5.0 * quantum_m, "{name}: {stiff:?}");
+        }
+    }
+
+    #[test]
+    fn a_faster_loop_and_more_damping_allow_a_stiffer_wall() {
+        let is_passive = |rate_hz, damping: f32, stiffness| {
+            let mut profile = smooth("omega", rate_hz);
+            profile.assumed.damping_n_s_m = damping;
+            hold(Renderer::Wall, stiffness, &profile).expect("no controller to refuse").is_passive(10e-6)
+        };
+        assert!(is_passive(500, 1.0, 600.0) && !is_passive(500, 1.0, 3_000.0));
+        assert!(is_passive(4000, 1.0, 2_500.0) && is_passive(500, 4.0, 2_500.0));
+    }
+}
