@@ -50,16 +50,21 @@ struct Kept<T> {
     value: T,
 }
 
+/// The content of the file if it was made for `key`.
+pub(crate) fn stored<T: DeserializeOwned>(file: &Output, key: &str) -> Option<T> {
+    let bytes = std::fs::read(file.path()).ok()?;
+    let kept: Kept<T> = serde_json::from_slice(&bytes).ok()?;
+    (kept.key == key).then_some(kept.value)
+}
+
 /// The content of the file if it was made for `key`; otherwise computes and stores it.
 pub(crate) fn kept<T: Serialize + DeserializeOwned>(
     file: &Output,
     key: String,
     make: impl FnOnce() -> Result<T, Failure>,
 ) -> Result<T, Failure> {
-    let there = std::fs::read(file.path()).ok();
-    let there: Option<Kept<T>> = there.and_then(|bytes| serde_json::from_slice(&bytes).ok());
-    if let Some(kept) = there.filter(|kept| kept.key == key) {
-        return Ok(kept.value);
+    if let Some(value) = stored(file, &key) {
+        return Ok(value);
     }
     let kept = Kept { key, value: make()? };
     let text = serde_json::to_string(&kept).map_err(Failure::work)?;

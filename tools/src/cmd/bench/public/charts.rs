@@ -16,6 +16,7 @@ fn style(column: &str, number: usize) -> Style {
         (Some(method), _) => Style::of_method(method),
         (None, "live") => Style::number(0).hollow(),
         (None, "energy, guarded") => Style::of_method(Method::Energy).hollow(),
+        (None, "plain wall") => Style::number(0),
         _ => Style::number(number),
     }
 }
@@ -191,7 +192,7 @@ fn zwidth(tables: &[Table]) -> String {
     };
     let label = "largest passive stiffness K, N/m";
     let first = Chart {
-        title: "Plain wall: any motion, on springs (hollow), bound (lines)".into(),
+        title: "Plain wall, ideal device".into(),
         x: Axis::linear("virtual damping B, N s/m", values(&of_wall, |p| p.x)),
         y: Axis::linear(label, values(&of_wall, |p| p.y)),
         series: of_wall,

@@ -160,16 +160,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     // Before the sections, so that a wrong file is reported before long work.
     let systems = read_answers(args, &mut workshop)?;
-    let (mut sections, mut failure) = (Vec::new(), None);
-    for (number, key) in wanted.iter().enumerate() {
-        match workshop.section(key, args.again, &wanted[number..]) {
-            Ok(section) => sections.push(section),
-            Err(error) => {
-                failure = Some(error);
-                break;
-            }
-        }
-    }
+    let (mut sections, failure) = sections(&mut workshop, &wanted, args.again);
     if sections.is_empty() {
         return failure.map_or(Ok(()), Err);
     }
@@ -192,6 +183,25 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         page::JSON,
         page::CSV
     ))
+}
+
+/// The wanted sections, and those that are finished from an earlier run, in the order of the page; and the failure
+/// that ended the work.
+fn sections(workshop: &mut Workshop<'_>, wanted: &[&str], again: bool) -> (Vec<Section>, Option<Failure>) {
+    let (mut sections, mut failure) = (Vec::new(), None);
+    let mut left = wanted;
+    for key in KEYS {
+        if failure.is_some() || !wanted.contains(&key) {
+            sections.extend(workshop.stored(key));
+            continue;
+        }
+        match workshop.section(key, again, left) {
+            Ok(section) => sections.push(section),
+            Err(error) => failure = Some(error),
+        }
+        left = &left[1..];
+    }
+    (sections, failure)
 }
 
 /// The answers of the command line.

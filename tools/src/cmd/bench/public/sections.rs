@@ -1,6 +1,7 @@
 //! Makes the sections, each at most once: what is finished is kept in DIR/work.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use palpate_precompute::pipeline::Run;
@@ -12,10 +13,10 @@ use super::organs::{Amount, Ready, Rooms};
 use super::questions::{Questions, VERSION};
 use super::run::Context;
 use super::scenes::{self, ORGANS};
-use super::{cost, first_touch, forces, nodule, table_kind, ticks, zwidth};
+use super::{cost, first_touch, forces, interrupted, nodule, table_kind, ticks, zwidth};
 use crate::failure::Failure;
-use crate::files::{FileKind, Files, Folder};
-use crate::steps::kept;
+use crate::files::{FileKind, Files, Folder, Output};
+use crate::steps::{kept, stored};
 
 /// All sections in the order of the page.
 pub(super) const KEYS: [&str; 8] = [
@@ -133,7 +134,7 @@ impl<'s> Workshop<'s> {
         let seconds_of = |keys: &[&str]| -> f64 {
             KEYS.iter().zip(SECONDS).filter(|(one, _)| keys.contains(one)).map(|(_, s)| s[quick]).sum()
         };
-        let file = self.rooms.work.file(&format!("section-{key}.json"));
+        let (file, made_for) = self.kept_in(key);
         if again {
             // A file that is not there is as good as a removed one.
             let _ = std::fs::remove_file(file.path());
@@ -144,8 +145,23 @@ impl<'s> Workshop<'s> {
             seconds_of(left),
             self.began.elapsed().as_secs_f64()
         );
+        let stop = self.context.stop;
+        // A solve that Ctrl-C ends reports it in words of its own.
+        let is_stopped = |failure| if stop.load(Ordering::Relaxed) { interrupted() } else { failure };
+        kept(&file, made_for, || self.measure(key)).map_err(is_stopped)
+    }
+
+    /// File of a section, and what it must have been made for.
+    fn kept_in(&self, key: &str) -> (Output, String) {
+        let quick = u8::from(self.context.quick);
         let made_for = format!("{VERSION} {quick} {} {}", env!("CARGO_PKG_VERSION"), solver_version());
-        kept(&file, made_for, || self.measure(key))
+        (self.rooms.work.file(&format!("section-{key}.json")), made_for)
+    }
+
+    /// A finished section of an earlier run.
+    pub(super) fn stored(&self, key: &str) -> Option<Section> {
+        let (file, made_for) = self.kept_in(key);
+        stored(&file, &made_for)
     }
 
     fn measure(&mut self, key: &str) -> Result<Section, Failure> {

@@ -56,11 +56,16 @@ pub(super) struct Hold {
 }
 
 impl Hold {
-    /// No oscillation remains, and the device gave no energy.
+    /// The device gave no energy, and the controller did not latch a fault. The hand may tremble.
+    pub(super) fn gives_no_energy(&self) -> bool {
+        self.active && self.given_j <= GIVEN_J
+    }
+
+    /// The device gave no energy, and no oscillation remains.
     pub(super) fn is_passive(&self, quantum_m: f32) -> bool {
         let [first_m, last_m] = self.motion_m;
         let is_still = last_m <= (STILL_STEPS * quantum_m).max(STILL_M);
-        self.active && (is_still || last_m < DECAYED * first_m) && self.given_j <= GIVEN_J
+        self.gives_no_energy() && (is_still || last_m < DECAYED * first_m)
     }
 }
 

@@ -33,29 +33,46 @@ const RANGE_N_M: [f64; 2] = [50.0, 50_000.0];
 const SCAN: f64 = 1.25;
 const CLOSE: f64 = 0.02;
 
-/// The renderers, in the order of the columns.
-fn renderers<'r>(organ: &'r Organ<'r>) -> [(&'static str, Renderer<'r>); 4] {
+/// What must hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wanted {
+    /// No energy for the hand, and no oscillation.
+    Stillness,
+    /// No energy for the hand.
+    NoEnergy,
+}
+
+/// A column: its name, what renders, and what must hold.
+type Column<'r> = (&'static str, Renderer<'r>, Wanted);
+
+/// The columns of the emulated devices.
+fn columns<'r>(organ: &'r Organ<'r>) -> [Column<'r>; 6] {
     let of = |method, guard| Renderer::Organ { organ, method, guard };
+    let (free, guarded) = (of(Method::Energy, false), of(Method::Energy, true));
     [
-        ("plain wall", Renderer::Wall),
-        ("trilinear", of(Method::Trilinear, false)),
-        ("energy", of(Method::Energy, false)),
-        ("energy, guarded", of(Method::Energy, true)),
+        ("plain wall", Renderer::Wall, Wanted::Stillness),
+        ("trilinear", of(Method::Trilinear, false), Wanted::Stillness),
+        ("energy", free, Wanted::Stillness),
+        ("energy, guarded", guarded, Wanted::Stillness),
+        ("energy, 5 mJ", free, Wanted::NoEnergy),
+        ("guarded, 5 mJ", guarded, Wanted::NoEnergy),
     ]
 }
 
-/// The largest stiffness of a case that is passive, N/m; NaN if none is.
-fn largest_n_m(renderer: Renderer<'_>, profile: &Profile) -> Result<f64, Failure> {
+/// The largest stiffness of a case at which a column holds, N/m; NaN if there is none.
+fn largest_n_m((_, renderer, wanted): Column<'_>, profile: &Profile) -> Result<f64, Failure> {
     let quantum_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
     let mut failure = None;
     let [low, high] = RANGE_N_M;
-    let found = largest(low, high, SCAN, CLOSE, |stiffness| match hold(renderer, stiffness, profile) {
-        Ok(held) => held.is_passive(quantum_m),
-        Err(error) => {
-            failure.get_or_insert(error);
-            false
-        }
-    });
+    let found =
+        largest(low, high, SCAN, CLOSE, |stiffness| match (hold(renderer, stiffness, profile), wanted) {
+            (Ok(held), Wanted::Stillness) => held.is_passive(quantum_m),
+            (Ok(held), Wanted::NoEnergy) => held.gives_no_energy(),
+            (Err(error), _) => {
+                failure.get_or_insert(error);
+                false
+            }
+        });
     failure.map_or(Ok(found.unwrap_or(f64::NAN)), Err)
 }
 
@@ -109,25 +126,24 @@ struct Case {
     profile: Profile,
 }
 
-/// A table of cases by renderers.
+/// A table of cases by columns.
 fn emulated(
     mut table: Table,
     cases: Vec<Case>,
     organ: &Organ<'_>,
     context: &Context<'_>,
 ) -> Result<Table, Failure> {
-    let renderers = renderers(organ);
-    table.columns = renderers.iter().map(|(name, _)| (*name).to_owned()).collect();
-    let jobs: Vec<(usize, usize)> = (0..cases.len())
-        .flat_map(|case| (0..renderers.len()).map(move |renderer| (case, renderer)))
-        .collect();
-    let found = in_parallel(&jobs, context.threads, |&(case, renderer)| {
+    let columns = columns(organ);
+    table.columns = columns.iter().map(|(name, ..)| (*name).to_owned()).collect();
+    let jobs: Vec<(usize, usize)> =
+        (0..cases.len()).flat_map(|case| (0..columns.len()).map(move |column| (case, column))).collect();
+    let found = in_parallel(&jobs, context.threads, |&(case, column)| {
         context.go_on()?;
-        largest_n_m(renderers[renderer].1, &cases[case].profile)
+        largest_n_m(columns[column], &cases[case].profile)
     })
     .map_err(Failure::work)?;
     let values = found.into_iter().collect::<Result<Vec<f64>, Failure>>()?;
-    for (case, values) in cases.into_iter().zip(values.chunks(renderers.len())) {
+    for (case, values) in cases.into_iter().zip(values.chunks(columns.len())) {
         table.rows.push(Row::new(case.row, case.name, Best::Most, values.to_vec()));
     }
     Ok(table)
@@ -185,7 +201,7 @@ pub(in crate::cmd::bench::public) fn section(
         &[
             "A sampled spring gives back more energy than it took. Beyond a stiffness K the device hums or kicks. The \
              figures are the largest K that is passive: no oscillation is left a second after a knock, and the device \
-             gives the hand at most 5 mJ.",
+             gives the hand at most 5 mJ in it. Columns with \u{201c}5 mJ\u{201d} ask for the energy alone: the hand may tremble.",
             "K of an organ is that of its skin at rest; it is made stiffer by multiplying all its constants. \u{201c}trilinear\u{201d} and \
              \u{201c}energy\u{201d} are methods in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} adds the energy guard. \
              Devices are held by two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall.",
