@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::judge::Judged;
-
 /// A finished section.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Section {
@@ -77,6 +75,19 @@ pub(super) struct Row {
     pub(super) best: Best,
     /// One value for each column.
     pub(super) values: Vec<Option<f64>>,
+}
+
+/// A figure of one system.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Judged {
+    /// Name in files.
+    pub(super) key: String,
+    /// Name with its unit.
+    pub(super) name: String,
+    /// Which value of several systems is the best one.
+    pub(super) best: Best,
+    /// The figure; `None` if the system did not answer.
+    pub(super) value: Option<f64>,
 }
 
 impl Row {

@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use super::answers::Forces;
-use super::figures::{Section, Table};
-use super::judge::{self, Judged};
+use super::figures::{Judged, Section, Table};
+use super::judge;
 use super::organs::Ready;
 use super::ours::{LIVE, live_along, of_methods};
 use super::questions::{Questions, Way};

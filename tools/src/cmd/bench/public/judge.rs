@@ -3,21 +3,8 @@
 use palpate_precompute::certificate::{Compared, Errors};
 
 use super::answers::Forces;
-use super::figures::Best;
+use super::figures::{Best, Judged};
 use super::questions::{Questions, Vec3, Way};
-
-/// A figure of one system.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Judged {
-    /// Name in files.
-    pub(super) key: String,
-    /// Name with its unit.
-    pub(super) name: String,
-    /// Which value of several systems is the best one.
-    pub(super) best: Best,
-    /// The figure; `None` if the system did not answer.
-    pub(super) value: Option<f64>,
-}
 
 /// A position that was solved and answered.
 type Pair = (Vec3, Vec3);

@@ -54,7 +54,8 @@ use sections::{KEYS, Workshop};
 ///
 /// Force error, energy round loops, cost, Z-width on emulated devices, detectability of nodules, time to the first
 /// touch, worst tick. The page is DIR/page.html; its figures are beside it as JSON and CSV. A full run takes less
-/// than 20 minutes on two cores. After Ctrl-C the same command continues; finished sections are kept.
+/// than ten minutes on two cores. After Ctrl-C the same command continues; finished sections are kept.
+/// --only measures some sections and keeps the others.
 ///
 /// The questions in DIR/questions let anybody run another system; --answers puts it beside ours.
 ///
