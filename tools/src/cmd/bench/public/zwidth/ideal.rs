@@ -105,7 +105,7 @@ impl Device {
             // With the wall's own spring: at a low resonance it stores most of the energy.
             let energy_j =
                 0.5 * mass_kg * state.y * state.y + 0.5 * (spring_n_m + stiffness_n_m) * state.x * state.x;
-            if !(energy_j < 1e6) {
+            if !energy_j.is_finite() || energy_j > 1e6 {
                 return false;
             }
             let window = &mut most_j[4 * tick / ticks];
