@@ -288,7 +288,7 @@ const HIL: [&str; 29] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 68] = [
+const TOOLS: [&str; 69] = [
     "memory",
     "resident",
     "timing",
@@ -298,6 +298,9 @@ const TOOLS: [&str; 68] = [
     "output",
     "words",
     "plot",
+    "html",
+    "machine",
+    "steps",
     "points",
     "setting",
     "interrupt",
@@ -340,7 +343,6 @@ const TOOLS: [&str; 68] = [
     "cmd::report::args",
     "cmd::report::outputs",
     "cmd::report::plan",
-    "cmd::report::steps",
     "cmd::report::solve",
     "cmd::report::tables",
     "cmd::report::measure",
@@ -349,7 +351,6 @@ const TOOLS: [&str; 68] = [
     "cmd::report::forms",
     "cmd::report::hard",
     "cmd::report::ledger",
-    "cmd::report::machine",
     "cmd::report::parts",
     "cmd::report::results",
     "cmd::report::files",

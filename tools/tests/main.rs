@@ -16,6 +16,7 @@ mod outputs;
 mod paper;
 mod plan;
 mod progress;
+mod public;
 mod recording;
 mod report;
 mod scenes;

@@ -1,7 +1,7 @@
 //! `palpate bench live`: how well a solver beside the loop follows scripted hands.
 
-mod hands;
-mod simulation;
+pub(super) mod hands;
+pub(super) mod simulation;
 
 use std::path::PathBuf;
 use std::time::Instant;

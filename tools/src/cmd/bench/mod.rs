@@ -4,6 +4,7 @@ mod common;
 mod core;
 mod fem;
 mod live;
+mod public;
 mod sizes;
 
 use clap::{Args as ClapArgs, Subcommand};
@@ -23,6 +24,7 @@ enum What {
     Fem(fem::Args),
     FemSizes(sizes::Args),
     Live(live::Args),
+    Public(public::Args),
 }
 
 /// Runs the command.
@@ -32,5 +34,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
         What::Live(args) => live::run(args),
+        What::Public(args) => public::run(args),
     }
 }

@@ -11,9 +11,9 @@ use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};
 
 use super::plan::{Family, Plan};
-use super::steps::{Steps, kept};
 use crate::cmd::paper::compare::by_law;
 use crate::failure::Failure;
+use crate::steps::{Steps, kept};
 
 /// The paper's laws.
 const LAWS: [&str; 3] = ["st-venant-kirchhoff", "modified-st-venant-kirchhoff", "mooney-rivlin"];

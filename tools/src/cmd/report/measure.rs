@@ -10,9 +10,9 @@ use serde::Serialize;
 
 use super::plan::{Case, Family, Plan};
 use super::solve::solved;
-use super::steps::Steps;
 use super::tables::{Fitted, LeftOut, fitted};
 use crate::failure::Failure;
+use crate::steps::Steps;
 
 /// Cost of a space (the paper's Fig. 7).
 #[derive(Debug, Clone, Serialize)]

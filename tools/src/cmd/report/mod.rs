@@ -8,14 +8,12 @@
 mod args;
 mod curves;
 mod files;
-mod machine;
 mod measure;
 mod outputs;
 mod page;
 mod plan;
 mod results;
 mod solve;
-mod steps;
 mod tables;
 
 use std::path::PathBuf;
@@ -28,11 +26,11 @@ use crate::failure::Failure;
 use crate::interrupt::stop_flag;
 use crate::output;
 
-use machine::{Machine, Ticks};
+use crate::machine::{Machine, Ticks};
+use crate::steps::Steps;
 use outputs::PAGE;
 use plan::Plan;
 use results::Report;
-use steps::Steps;
 
 /// Number of timing rounds.
 const ROUNDS: usize = 5;

@@ -1,9 +1,9 @@
 //! The measured results.
 
 use super::curves::CurveRow;
-use super::machine::Machine;
 use super::measure::Measured;
 use super::plan::Plan;
+use crate::machine::Machine;
 
 /// All data of the page.
 #[derive(Debug)]

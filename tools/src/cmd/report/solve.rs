@@ -7,9 +7,9 @@ use palpate_precompute::pipeline::Run;
 use palpate_precompute::space::Store;
 
 use super::plan::{Case, Plan};
-use super::steps::Steps;
 use crate::failure::Failure;
 use crate::progress::WorkProgress;
+use crate::steps::Steps;
 
 /// Solves the space of a case and its held-out solutions. Paths start from rest on every grid. The paths that
 /// `sibling`, a space of the same body, contains are copied, so that every grid is queried at the same

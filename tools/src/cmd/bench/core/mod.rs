@@ -106,6 +106,19 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
 }
 
+/// Median time of a query of every method on one space with its fastest instruction set, ns.
+pub(in crate::cmd::bench) fn fastest_ns(space: &Space<'_>, rounds: usize) -> Vec<(String, f64)> {
+    let rows = measure(space, true, rounds);
+    let mut fastest: Vec<(String, f64)> = Vec::new();
+    for row in rows.into_iter().filter(|row| row.instructions != PEER) {
+        match fastest.iter_mut().find(|(method, _)| *method == row.method) {
+            Some((_, ns)) => *ns = ns.min(row.median_ns),
+            None => fastest.push((row.method, row.median_ns)),
+        }
+    }
+    fastest
+}
+
 /// Measures every method on one space. `fitted`: whether the RBF weights cancel like those of a real fit.
 fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
     let grid = space.planes().flags.iter().filter(|bits| **bits & flags::SOLVED != 0).count() - 1;

@@ -99,7 +99,7 @@ impl Hands {
 }
 
 /// Minimum-jerk moves between stops with this peak speed, and a pause at each, ms.
-fn moves(stops: &[V], m_s: f64, pause: usize) -> Vec<V> {
+pub(in crate::cmd::bench) fn moves(stops: &[V], m_s: f64, pause: usize) -> Vec<V> {
     let mut way = vec![stops[0]];
     for ends in stops.windows(2) {
         let step = ends[1] - ends[0];
@@ -114,7 +114,7 @@ fn moves(stops: &[V], m_s: f64, pause: usize) -> Vec<V> {
 }
 
 /// Three waves of 8 to 13 Hz in different directions, the same in every run.
-fn tremor(way: &mut [V]) {
+pub(in crate::cmd::bench) fn tremor(way: &mut [V]) {
     let mut state = 7u64;
     let mut random = || {
         state = state.wrapping_add(SPLIT_MIX_STEP);

@@ -168,28 +168,32 @@ struct Ticks {
     handover_n: f64,
 }
 
-pub(super) fn run(
+/// What the solver spent beside the ticks.
+struct Spent {
+    solving_ms: f64,
+    longest_ms: f64,
+    busy_s: f64,
+}
+
+/// Forces of the loop at every millisecond of a hand, N, without their comparison. The time is simulated: a solve
+/// takes `slower` times as long as on this CPU.
+pub(in crate::cmd::bench) fn felt_forces(
     solver: &mut LiveSolver,
     contact: u16,
-    hand: &Hand,
+    control_m: &[V],
     slower: f64,
-    every: usize,
-) -> Result<Outcome, Failure> {
-    let mut memory: Box<JetMemory<8, 256>> = Box::default();
-    solver.renew_beside(lower_priority);
-    let (mut solving_ms, mut longest_ms) = (0.0, 0.0f64);
-    // When the jets of the present solve are known to the loop.
-    let mut solved_ms: Option<f64> = None;
-    let mut free_ms = 0.0;
+) -> Vec<V> {
+    follow(solver, contact, control_m, slower).0.felt_n
+}
+
+/// Solves what a tool that comes near finds solved.
+fn solve_near(solver: &mut LiveSolver, near: &Seen, slower: f64, memory: &mut JetMemory<8, 256>) -> u32 {
     let mut sequence = 0;
-    let (mut at, mut velocity) = (hand.control_m[0], V::zeros());
-    // What a tool that comes near finds solved.
-    let near = Seen { touch: Some(touch(contact, &at)), ..Seen::default() };
     loop {
         let start = Instant::now();
-        if solver.step(&near) == Step::Idle {
+        if solver.step(near) == Step::Idle {
             if !solver.is_renewing() {
-                break;
+                return sequence;
             }
             std::thread::sleep(Duration::from_millis(1));
             continue;
@@ -200,10 +204,23 @@ pub(super) fn run(
             sequence += 1;
         }
     }
+}
+
+/// The ticks along a hand.
+fn follow(solver: &mut LiveSolver, contact: u16, control_m: &[V], slower: f64) -> (Ticks, Spent) {
+    let mut memory: Box<JetMemory<8, 256>> = Box::default();
+    solver.renew_beside(lower_priority);
+    let (mut solving_ms, mut longest_ms) = (0.0, 0.0f64);
+    // When the jets of the present solve are known to the loop.
+    let mut solved_ms: Option<f64> = None;
+    let mut free_ms = 0.0;
+    let (mut at, mut velocity) = (control_m[0], V::zeros());
+    let near = Seen { touch: Some(touch(contact, &at)), ..Seen::default() };
+    let mut sequence = solve_near(solver, &near, slower, &mut memory);
     let begun_ns = cpu_ns();
     let mut ticks =
         Ticks { felt_n: Vec::new(), extrapolated: 0, first_force_ms: usize::MAX, handover_n: 0.0 };
-    for (ms, d) in hand.control_m.iter().enumerate() {
+    for (ms, d) in control_m.iter().enumerate() {
         let now_ms = ms as f64;
         let expected = at + velocity * 1e-3;
         at = expected + (d - expected) * ALPHA;
@@ -246,8 +263,19 @@ pub(super) fn run(
         ticks.tick(&mut memory, contact, ms, d);
     }
     let busy_s = slower * 1e-9 * (cpu_ns() - begun_ns) as f64;
+    (ticks, Spent { solving_ms, longest_ms, busy_s })
+}
+
+pub(super) fn run(
+    solver: &mut LiveSolver,
+    contact: u16,
+    hand: &Hand,
+    slower: f64,
+    every: usize,
+) -> Result<Outcome, Failure> {
+    let (ticks, Spent { solving_ms, longest_ms, busy_s }) = follow(solver, contact, &hand.control_m, slower);
     let totals = solver.totals();
-    let rows = truth(solver, contact, hand, &ticks.felt_n, every)?;
+    let rows = rows(solver, contact, hand, &ticks.felt_n, every)?;
     let first = ticks.first_force_ms;
     let rows: Vec<Row> = rows.into_iter().filter(|row| row.ms >= first).collect();
     let mut errors: Vec<(f64, f64)> =
@@ -307,11 +335,12 @@ impl Ticks {
     }
 }
 
-fn touch(contact: u16, d: &V) -> Touch {
+/// The tool at the control `d` of one contact.
+pub(in crate::cmd::bench) fn touch(contact: u16, d: &V) -> Touch {
     Touch { contacts: [(contact, 1.0), (0, 0.0), (0, 0.0)], control_m: (*d).into() }
 }
 
-fn truth(
+fn rows(
     solver: &LiveSolver,
     contact: u16,
     hand: &Hand,

@@ -6,8 +6,8 @@ use palpate_precompute::spec::Tolerance;
 
 use super::super::measure::{Measured, MethodRow};
 use super::super::results::Report;
-use super::html::{figure as plots, files, paragraph, says, section};
 use super::{is_of_the_paper, least, method_keys, row, title};
+use crate::html::{figure as plots, files, paragraph, says, section};
 use crate::plot::{Axis, Chart, Point, Series, Style};
 use crate::words::{bytes, count, figure, list, milli, plain, seconds, times};
 

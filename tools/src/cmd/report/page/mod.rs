@@ -2,7 +2,6 @@
 
 mod cost;
 mod footer;
-mod html;
 mod overview;
 mod paper;
 
@@ -12,11 +11,9 @@ use super::measure::{Measured, MethodRow};
 use super::results::Report;
 use crate::failure::Failure;
 use crate::files::Output;
-use crate::plot::{self, Style, escaped};
+use crate::html::{self, Key};
+use crate::plot::Style;
 use crate::words;
-use html::Key;
-
-const STYLE: &str = include_str!("style.css");
 
 /// Writes the page.
 pub(super) fn write(report: &Report, file: &Output) -> Result<(), Failure> {
@@ -25,14 +22,7 @@ pub(super) fn write(report: &Report, file: &Output) -> Result<(), Failure> {
     let body =
         [overview::section(report), cost::sections(report), paper::section(report), footer::section(report)]
             .concat();
-    let page = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n\
-         <style>\n{}{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
-        escaped(&title),
-        plot::STYLE
-    );
-    file.put(page.as_bytes())
+    file.put(html::page(&title, &body).as_bytes())
 }
 
 /// The legend of the displayed methods.

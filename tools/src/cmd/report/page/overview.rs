@@ -3,8 +3,8 @@
 use super::super::measure::{Measured, MethodRow};
 use super::super::plan::Family;
 use super::super::results::Report;
-use super::html::{Cell, files, heading, paragraph, section as whole, table};
 use super::{least, method_words, row, title};
+use crate::html::{Cell, files, heading, paragraph, section as whole, table};
 use crate::words::{bytes, count, figure, law, milli, percent};
 use palpate_precompute::spec::Tolerance;
 use palpate_precompute::spec::{Lattice, Sampling};

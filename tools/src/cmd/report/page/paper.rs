@@ -8,8 +8,8 @@ use super::super::curves::CurveRow;
 use super::super::measure::{Along, Measured, PathRow};
 use super::super::results::Report;
 use super::cost::radius;
-use super::html::{Key, figure as plots, files, heading, paragraph, says, section as whole};
 use super::{method_keys, title};
+use crate::html::{Key, figure as plots, files, heading, paragraph, says, section as whole};
 use crate::plot::{Axis, Bars, Chart, Point, Series, Style, Value};
 use crate::words::{count, figure, law, list, milli, percent, seconds};
 

@@ -11,7 +11,7 @@ use crate::files::Output;
 
 /// Counts and prints the steps.
 #[derive(Debug)]
-pub(super) struct Steps {
+pub(crate) struct Steps {
     done: usize,
     total: usize,
     /// Set by Ctrl-C.
@@ -20,12 +20,12 @@ pub(super) struct Steps {
 
 impl Steps {
     /// `total` steps are to follow.
-    pub(super) fn new(total: usize, stop: Arc<AtomicBool>) -> Self {
+    pub(crate) fn new(total: usize, stop: Arc<AtomicBool>) -> Self {
         Self { done: 0, total, stop }
     }
 
     /// Starts a step. Fails after Ctrl-C.
-    pub(super) fn next(&mut self, what: &str) -> Result<(), Failure> {
+    pub(crate) fn next(&mut self, what: &str) -> Result<(), Failure> {
         self.go_on()?;
         self.done += 1;
         eprintln!("palpate: step {} of {}: {what}", self.done, self.total);
@@ -33,7 +33,7 @@ impl Steps {
     }
 
     /// Fails after Ctrl-C.
-    pub(super) fn go_on(&self) -> Result<(), Failure> {
+    pub(crate) fn go_on(&self) -> Result<(), Failure> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Failure::work(
                 "interrupted; finished steps are kept, run the same command to continue",
@@ -50,16 +50,21 @@ struct Kept<T> {
     value: T,
 }
 
+/// The content of the file if it was made for `key`.
+pub(crate) fn stored<T: DeserializeOwned>(file: &Output, key: &str) -> Option<T> {
+    let bytes = std::fs::read(file.path()).ok()?;
+    let kept: Kept<T> = serde_json::from_slice(&bytes).ok()?;
+    (kept.key == key).then_some(kept.value)
+}
+
 /// The content of the file if it was made for `key`; otherwise computes and stores it.
-pub(super) fn kept<T: Serialize + DeserializeOwned>(
+pub(crate) fn kept<T: Serialize + DeserializeOwned>(
     file: &Output,
     key: String,
     make: impl FnOnce() -> Result<T, Failure>,
 ) -> Result<T, Failure> {
-    let there = std::fs::read(file.path()).ok();
-    let there: Option<Kept<T>> = there.and_then(|bytes| serde_json::from_slice(&bytes).ok());
-    if let Some(kept) = there.filter(|kept| kept.key == key) {
-        return Ok(kept.value);
+    if let Some(value) = stored(file, &key) {
+        return Ok(value);
     }
     let kept = Kept { key, value: make()? };
     let text = serde_json::to_string(&kept).map_err(Failure::work)?;

@@ -1,24 +1,37 @@
 //! HTML elements of the page. Every element is closed, so that the page is also well-formed XML.
 
-use crate::plot::{Style, escaped};
+use crate::plot::{self, Style, escaped};
+
+const STYLE: &str = include_str!("style.css");
+
+/// The whole page with its style sheets.
+pub(crate) fn page(title: &str, body: &str) -> String {
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n\
+         <style>\n{}{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
+        escaped(title),
+        plot::STYLE
+    )
+}
 
 /// A section with its anchor.
-pub(super) fn section(id: &str, title: &str, body: &str) -> String {
+pub(crate) fn section(id: &str, title: &str, body: &str) -> String {
     format!("<section id=\"{id}\">\n<h2>{}</h2>\n{body}</section>\n", escaped(title))
 }
 
 /// A heading within a section.
-pub(super) fn heading(text: &str) -> String {
+pub(crate) fn heading(text: &str) -> String {
     format!("<h3>{}</h3>\n", escaped(text))
 }
 
 /// A paragraph.
-pub(super) fn paragraph(class: &str, text: &str) -> String {
+pub(crate) fn paragraph(class: &str, text: &str) -> String {
     format!("<p class=\"{class}\">{}</p>\n", escaped(text))
 }
 
 /// Sentences that describe the result.
-pub(super) fn says(sentences: &[String]) -> String {
+pub(crate) fn says(sentences: &[String]) -> String {
     if sentences.is_empty() {
         return String::new();
     }
@@ -28,7 +41,7 @@ pub(super) fn says(sentences: &[String]) -> String {
 
 /// An entry of a legend.
 #[derive(Debug)]
-pub(super) struct Key {
+pub(crate) struct Key {
     /// A small drawing.
     pub swatch: String,
     /// Its name.
@@ -37,18 +50,18 @@ pub(super) struct Key {
 
 impl Key {
     /// Entry of a line with markers.
-    pub(super) fn line(style: Style, name: impl Into<String>) -> Self {
+    pub(crate) fn line(style: Style, name: impl Into<String>) -> Self {
         Self { swatch: style.swatch(), name: name.into() }
     }
 
     /// Entry of a bar.
-    pub(super) fn bar(style: Style, name: impl Into<String>) -> Self {
+    pub(crate) fn bar(style: Style, name: impl Into<String>) -> Self {
         Self { swatch: style.block(), name: name.into() }
     }
 }
 
 /// Plots in a row with a common legend.
-pub(super) fn figure(keys: &[Key], note: &str, plots: &[String]) -> String {
+pub(crate) fn figure(keys: &[Key], note: &str, plots: &[String]) -> String {
     let entry = |key: &Key| format!("<span>{}{}</span>", key.swatch, escaped(&key.name));
     let mut legend: String = keys.iter().map(entry).collect();
     if !note.is_empty() {
@@ -61,7 +74,7 @@ pub(super) fn figure(keys: &[Key], note: &str, plots: &[String]) -> String {
 }
 
 /// Links to the tables.
-pub(super) fn files(names: &[&str]) -> String {
+pub(crate) fn files(names: &[&str]) -> String {
     let links: Vec<String> = names
         .iter()
         .map(|name| format!("<a href=\"{name}.csv\">{name}.csv</a>, <a href=\"{name}.json\">{name}.json</a>"))
@@ -71,7 +84,7 @@ pub(super) fn files(names: &[&str]) -> String {
 
 /// A cell of a table.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Cell {
+pub(crate) struct Cell {
     /// Its text.
     pub text: String,
     /// Whether it is the best value.
@@ -85,7 +98,7 @@ impl<T: Into<String>> From<T> for Cell {
 }
 
 /// A table. A row whose first cell differs from that of the row before starts a group.
-pub(super) fn table(head: &[&str], rows: &[Vec<Cell>]) -> String {
+pub(crate) fn table(head: &[&str], rows: &[Vec<Cell>]) -> String {
     // Columns of text are left-aligned.
     let words = |n: usize| {
         rows.first().and_then(|row| row.get(n)?.text.chars().next()).is_some_and(char::is_alphabetic)

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// Data for the page's footer.
 #[derive(Debug, Serialize)]
-pub(super) struct Machine {
+pub(crate) struct Machine {
     /// Model of the processor.
     pub cpu: String,
     /// Hardware threads.
@@ -36,7 +36,7 @@ pub(super) struct Machine {
 
 /// Clock ticks up to now: of all processors, busy ones, and those of this process.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Ticks {
+pub(crate) struct Ticks {
     all: u64,
     busy: u64,
     own: u64,
@@ -44,7 +44,7 @@ pub(super) struct Ticks {
 
 impl Ticks {
     /// The present values; `None` if the system does not report them.
-    pub(super) fn now() -> Option<Self> {
+    pub(crate) fn now() -> Option<Self> {
         let whole = std::fs::read_to_string("/proc/stat").ok()?;
         let fields = whole.lines().next()?.split_whitespace().skip(1).take(8);
         let fields: Vec<u64> = fields.map(|n| n.parse().ok()).collect::<Option<_>>()?;
@@ -67,7 +67,7 @@ impl Ticks {
 
 impl Machine {
     /// The data of this machine.
-    pub(super) fn here(threads: usize, start: Option<Ticks>, wall_seconds: f64) -> Self {
+    pub(crate) fn here(threads: usize, start: Option<Ticks>, wall_seconds: f64) -> Self {
         let field = |path: &str, key: &str| -> Option<String> {
             let text = std::fs::read_to_string(path).ok()?;
             let line = text.lines().find(|line| line.starts_with(key))?;
@@ -96,7 +96,7 @@ impl Machine {
     }
 
     /// Whether the load of other processes makes times unreliable.
-    pub(super) fn is_shared(&self) -> bool {
+    pub(crate) fn is_shared(&self) -> bool {
         self.others_share.is_some_and(|share| share > 0.1)
     }
 }

@@ -1,0 +1,190 @@
+//! Answers of a system: its forces at the questions, and figures that it states itself.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::questions::{HANDS, LOOPS, POSITIONS, Questions, Vec3, Way, rows};
+use crate::failure::Failure;
+use crate::files::Folder;
+use crate::output;
+
+/// File of the stated figures.
+pub(super) const SYSTEM: &str = "system.toml";
+
+/// Forces on the body at the questions of one organ, N; `None` where the system did not answer.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Forces {
+    /// At the positions.
+    pub(super) positions: Vec<Option<Vec3>>,
+    /// At the ticks of each loop.
+    pub(super) loops: Vec<Vec<Option<Vec3>>>,
+    /// At the ticks of each hand.
+    pub(super) hands: Vec<Vec<Option<Vec3>>>,
+}
+
+/// Figures that a system states: by table and row.
+pub(super) type Stated = BTreeMap<String, BTreeMap<String, f64>>;
+
+/// The content of `system.toml`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct System {
+    /// Program, version and machine, for the page.
+    #[serde(default)]
+    pub(super) about: String,
+    /// `[figures."TABLE"]` with `ROW = number`.
+    #[serde(default)]
+    pub(super) figures: Stated,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct PositionRow {
+    position: usize,
+    fx_n: Option<f64>,
+    fy_n: Option<f64>,
+    fz_n: Option<f64>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct WayRow {
+    way: String,
+    tick: usize,
+    fx_n: Option<f64>,
+    fy_n: Option<f64>,
+    fz_n: Option<f64>,
+}
+
+/// A force of three finite components.
+fn force(x: Option<f64>, y: Option<f64>, z: Option<f64>) -> Option<Vec3> {
+    let force = [x?, y?, z?];
+    force.iter().all(|x| x.is_finite()).then_some(force)
+}
+
+impl Forces {
+    /// No answer to any of these questions.
+    pub(super) fn none(questions: &Questions) -> Self {
+        let ways = |ways: &[Way]| ways.iter().map(|way| vec![None; way.displacement_m.len()]).collect();
+        Self {
+            positions: vec![None; questions.positions.len()],
+            loops: ways(&questions.loops),
+            hands: ways(&questions.hands),
+        }
+    }
+
+    /// The answers of a force field to all questions.
+    pub(super) fn of_field(questions: &Questions, field: impl Fn(Vec3) -> Option<Vec3>) -> Self {
+        let ways = |ways: &[Way]| -> Vec<Vec<Option<Vec3>>> {
+            ways.iter().map(|way| way.displacement_m.iter().map(|d| field(*d)).collect()).collect()
+        };
+        Self {
+            positions: questions.positions.iter().map(|at| field(at.displacement_m)).collect(),
+            loops: ways(&questions.loops),
+            hands: ways(&questions.hands),
+        }
+    }
+
+    /// Reads the files in the folder of an organ; a missing file is no answer.
+    pub(super) fn read(questions: &Questions, folder: &Path) -> Result<Self, Failure> {
+        let mut forces = Self::none(questions);
+        let path = folder.join(POSITIONS);
+        if path.exists() {
+            for row in rows::<PositionRow>(&path)? {
+                let slot = forces.positions.get_mut(row.position).ok_or_else(|| {
+                    Failure::input(format!(
+                        "{}: there is no position {}; answer those of {}/{POSITIONS} of the same version",
+                        path.display(),
+                        row.position,
+                        questions.organ
+                    ))
+                })?;
+                *slot = force(row.fx_n, row.fy_n, row.fz_n);
+            }
+        }
+        read_ways(&folder.join(LOOPS), &questions.loops, &mut forces.loops)?;
+        read_ways(&folder.join(HANDS), &questions.hands, &mut forces.hands)?;
+        Ok(forces)
+    }
+
+    /// Writes the files that have an answer into a folder.
+    pub(super) fn write(&self, questions: &Questions, folder: &Folder) -> Result<(), Failure> {
+        if self.positions.iter().any(Option::is_some) {
+            let row = |(position, f): (usize, &Option<Vec3>)| {
+                let [fx_n, fy_n, fz_n] = f.map_or([None; 3], |f| f.map(Some));
+                PositionRow { position, fx_n, fy_n, fz_n }
+            };
+            let rows: Vec<PositionRow> = self.positions.iter().enumerate().map(row).collect();
+            folder.file(POSITIONS).put(&output::csv(&rows)?)?;
+        }
+        for (name, ways, forces) in
+            [(LOOPS, &questions.loops, &self.loops), (HANDS, &questions.hands, &self.hands)]
+        {
+            if forces.iter().flatten().any(Option::is_some) {
+                folder.file(name).put(&output::csv(&way_rows(ways, forces))?)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn read_ways(path: &Path, ways: &[Way], forces: &mut [Vec<Option<Vec3>>]) -> Result<(), Failure> {
+    if !path.exists() {
+        return Ok(());
+    }
+    for row in rows::<WayRow>(path)? {
+        let way = ways.iter().position(|way| way.name == row.way);
+        let slot = way.and_then(|way| forces[way].get_mut(row.tick)).ok_or_else(|| {
+            Failure::input(format!(
+                "{}: there is no tick {} of `{}`; answer the questions of the same version",
+                path.display(),
+                row.tick,
+                row.way
+            ))
+        })?;
+        *slot = force(row.fx_n, row.fy_n, row.fz_n);
+    }
+    Ok(())
+}
+
+fn way_rows(ways: &[Way], forces: &[Vec<Option<Vec3>>]) -> Vec<WayRow> {
+    let mut rows = Vec::new();
+    for (way, forces) in ways.iter().zip(forces) {
+        rows.extend(forces.iter().enumerate().map(|(tick, f)| {
+            let [fx_n, fy_n, fz_n] = f.map_or([None; 3], |f| f.map(Some));
+            WayRow { way: way.name.clone(), tick, fx_n, fy_n, fz_n }
+        }));
+    }
+    rows
+}
+
+/// All that another system has answered.
+#[derive(Debug)]
+pub(super) struct Answers {
+    /// Its name on the command line.
+    pub(super) name: String,
+    /// What it states.
+    pub(super) system: System,
+    /// Its forces for each organ.
+    pub(super) forces: BTreeMap<String, Forces>,
+}
+
+impl Answers {
+    /// Reads a folder with `system.toml` and a folder for each organ.
+    pub(super) fn read(name: &str, folder: &Path, questions: &[&Questions]) -> Result<Self, Failure> {
+        let path = folder.join(SYSTEM);
+        let system = if path.exists() {
+            let text = std::fs::read_to_string(&path).map_err(|error| Failure::file(&path, &error))?;
+            toml::from_str(&text).map_err(|error| {
+                Failure::input(format!("{}: {}; give `about` and [figures]", path.display(), error.message()))
+            })?
+        } else {
+            System::default()
+        };
+        let mut forces = BTreeMap::new();
+        for of in questions {
+            forces.insert(of.organ.clone(), Forces::read(of, &folder.join(&of.organ))?);
+        }
+        Ok(Self { name: name.into(), system, forces })
+    }
+}

@@ -1,0 +1,47 @@
+//! What every section needs: amount, threads, interruption.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::figures::{Section, Table};
+use super::interrupted;
+use crate::failure::Failure;
+
+/// How a section is measured.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Context<'s> {
+    /// Fewer positions.
+    pub(super) quick: bool,
+    /// Worker threads.
+    pub(super) threads: usize,
+    /// Set by Ctrl-C.
+    pub(super) stop: &'s AtomicBool,
+}
+
+impl Context<'_> {
+    /// Fails after Ctrl-C.
+    pub(super) fn go_on(&self) -> Result<(), Failure> {
+        if self.stop.load(Ordering::Relaxed) { Err(interrupted()) } else { Ok(()) }
+    }
+}
+
+/// A section of these tables.
+pub(super) fn finished(
+    context: &Context<'_>,
+    key: &str,
+    title: &str,
+    explains: &[&str],
+    repeats: &[&str],
+    seconds: f64,
+    tables: Vec<Table>,
+) -> Section {
+    let owned = |texts: &[&str]| texts.iter().map(|text| (*text).to_owned()).collect();
+    Section {
+        key: key.into(),
+        title: title.into(),
+        explains: owned(explains),
+        repeats: owned(repeats),
+        quick: context.quick,
+        seconds,
+        tables,
+    }
+}

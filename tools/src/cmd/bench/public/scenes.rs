@@ -1,0 +1,133 @@
+//! The scenes of the questions, made from the bundled ones, and their description for other programs.
+
+use std::path::Path;
+
+use palpate_core::Method;
+use palpate_precompute::scene::ResolvedScene;
+
+use super::questions::VERSION;
+use crate::failure::Failure;
+use crate::files::Folder;
+use crate::output;
+
+/// Name of the scene file in the folder of an organ.
+pub(super) const SCENE: &str = "scene.toml";
+/// Name of its mesh.
+const MESH: &str = "mesh.msh";
+
+/// A scene of the questions.
+#[derive(Debug)]
+pub(super) struct OrganScene {
+    /// Name of its folder.
+    pub(super) name: &'static str,
+    /// The bundled scene that it is made from, in the folder of the assets.
+    pub(super) from: &'static str,
+    /// Its `[grid]`; that of the bundled scene if empty.
+    grid: &'static str,
+    /// The same of a quick run.
+    quick_grid: &'static str,
+    /// Methods of its blob.
+    pub(super) methods: &'static [Method],
+    /// What it is, for the page.
+    pub(super) about: &'static str,
+}
+
+/// The two organs: the paper's kind of tool and table, and a tool with a size on quadratic elements.
+pub(super) const ORGANS: [OrganScene; 2] = [
+    OrganScene {
+        name: "point",
+        from: "liver-small.toml",
+        grid: "radius_m = 0.025\nspacing_m = 0.005\n",
+        quick_grid: "radius_m = 0.025\nspacing_m = 0.0125\n",
+        methods: &Method::OF_LATTICE,
+        about: "a node of the liver phantom (498 nodes, 1,795 linear tetrahedra, incompressible Mooney-Rivlin) is moved \
+                by up to 25 mm; the tables come from a lattice of five cells along the radius, the paper's coarsest (quick: two)",
+    },
+    OrganScene {
+        name: "fingertip",
+        from: "scenes/palpation.toml",
+        grid: "",
+        quick_grid: "",
+        methods: &Method::ALL,
+        about: "a fingertip of 15 mm presses the same phantom (quadratic elements) by up to 10 mm; the tables come from \
+                adaptive sampling",
+    },
+];
+
+impl OrganScene {
+    /// Writes scene, mesh and the description for other programs into its folder.
+    pub(super) fn write(&self, assets: &Path, folder: &Folder, quick: bool) -> Result<(), Failure> {
+        let from = assets.join(self.from);
+        let read = |path: &Path| std::fs::read(path).map_err(|error| Failure::file(path, &error));
+        let text = String::from_utf8(read(&from)?).map_err(Failure::work)?;
+        let bundled = |error: &dyn std::fmt::Display| {
+            Failure::input(format!("{}: {error}; give the bundled assets with --assets", from.display()))
+        };
+        let mut scene: toml::Table = toml::from_str(&text).map_err(|error| bundled(&error.message()))?;
+        let mesh = scene.get_mut("mesh").and_then(toml::Value::as_table_mut);
+        let mesh = mesh.ok_or_else(|| bundled(&"has no [mesh]"))?;
+        let file = mesh.insert("file".into(), MESH.into());
+        let file = file.as_ref().and_then(toml::Value::as_str).ok_or_else(|| bundled(&"has no mesh file"))?;
+        let beside = from.parent().unwrap_or(Path::new(""));
+        folder.file(MESH).put(&read(&beside.join(file))?)?;
+        scene.insert("name".into(), self.name.into());
+        if let Some(active) = scene.get_mut("active").and_then(toml::Value::as_array_mut) {
+            active.truncate(1);
+        }
+        if let Some(needs) = scene.get_mut("needs").and_then(toml::Value::as_table_mut) {
+            needs.remove("visual");
+        }
+        let grid = if quick { self.quick_grid } else { self.grid };
+        if !grid.is_empty() {
+            let grid: toml::Table = toml::from_str(grid).map_err(Failure::work)?;
+            scene.insert("grid".into(), grid.into());
+        }
+        let head = format!(
+            "# A scene of the public benchmark, questions version {VERSION}: {}.\n# Units: m, N, Pa. Made from {}.\n\n",
+            self.about, self.from
+        );
+        let text = head + &toml::to_string(&scene).map_err(Failure::work)?;
+        folder.file(SCENE).put(text.as_bytes())
+    }
+}
+
+/// Writes the body as tables: nodes, tetrahedra, fixed nodes, and the touched place.
+pub(super) fn write_body(scene: &ResolvedScene, folder: &Folder) -> Result<(), Failure> {
+    let mut nodes = output::Csv::new(["node", "x_m", "y_m", "z_m", "fixed"])?;
+    for (node, [x, y, z]) in scene.mesh.nodes_m.iter().enumerate() {
+        let fixed = u8::from(scene.fixed.binary_search(&(node as u32)).is_ok());
+        nodes.row((node, x, y, z, fixed))?;
+    }
+    folder.file("nodes.csv").put(&nodes.finish()?)?;
+    let mut tets = output::Csv::new(["tet", "a", "b", "c", "d"])?;
+    for (tet, [a, b, c, d]) in scene.mesh.tets.iter().enumerate() {
+        tets.row((tet, a, b, c, d))?;
+    }
+    folder.file("tets.csv").put(&tets.finish()?)?;
+    let mut place = output::Csv::new(["node", "x_m", "y_m", "z_m", "nx", "ny", "nz"])?;
+    let skin = palpate_precompute::mesh::Surface::of(&scene.mesh);
+    for active in &scene.active {
+        let ([x, y, z], [nx, ny, nz]) =
+            (active.place_m(&scene.mesh), active.normal(&skin).unwrap_or([f64::NAN; 3]));
+        place.row((active.node, x, y, z, nx, ny, nz))?;
+    }
+    folder.file("place.csv").put(&place.finish()?)
+}
+
+/// The description of the folder of questions.
+pub(super) fn readme() -> String {
+    let organs: String = ORGANS.iter().map(|organ| format!("{}/: {}.\n", organ.name, organ.about)).collect();
+    format!(
+        "Questions of `palpate bench public`, version {VERSION}. All numbers are in m, N, Pa and s.\n\n{organs}\n\
+         Each folder has\n\
+         scene.toml, mesh.msh   law, constants, fixed nodes and tool, as Palpate reads them\n\
+         nodes.csv, tets.csv    the body; fixed nodes do not move; corners of a tetrahedron are nodes from 0\n\
+         place.csv              the touched place and its outward normal\n\
+         positions.csv          displacements d of the place; h is the force of the tool on the body by finite elements\n\
+         loops.csv, hands.csv   displacements once in a millisecond, in their order; `counted` 0 is the way to a loop\n\n\
+         A system answers in a folder of its own, with the same folders: positions.csv with\n\
+         position,fx_n,fy_n,fz_n, and loops.csv and hands.csv with way,tick,fx_n,fy_n,fz_n: its force on the body.\n\
+         system.toml has `about`, and figures that it states: [figures.\"TABLE\"] with ROW = number, under the names of\n\
+         figures.csv. Then `palpate bench public --answers NAME=FOLDER` fills its column. What is missing stays empty.\n"
+    )
+}

@@ -1,0 +1,213 @@
+//! The section of the Z-width: tables over rate, damping and device.
+
+use palpate_core::{Method, Organ};
+use palpate_host::device::profile::{Damping, Profile};
+use palpate_precompute::num::in_parallel;
+
+use super::emulated::{Renderer, hold};
+use super::ideal::Device;
+use super::largest;
+use crate::cmd::bench::public::figures::{Best, Others, Row, Section, Table};
+use crate::cmd::bench::public::run::{Context, finished};
+use crate::failure::Failure;
+
+/// Name of the section.
+pub(in crate::cmd::bench::public) const KEY: &str = "zwidth";
+/// Names of its tables.
+pub(in crate::cmd::bench::public) const WALL: &str = "zwidth.wall";
+pub(in crate::cmd::bench::public) const SPRINGS: &str = "zwidth.springs";
+pub(in crate::cmd::bench::public) const DAMPING: &str = "zwidth.damping";
+pub(in crate::cmd::bench::public) const DEVICES: &str = "zwidth.devices";
+
+/// Rates of the loop, Hz.
+pub(in crate::cmd::bench::public) const RATES_HZ: [u32; 4] = [500, 1000, 2000, 4000];
+/// The ideal device: mass, kg, and damping, N s/m.
+const MASS_KG: f64 = 0.15;
+const DAMPING_N_S_M: f64 = 1.0;
+/// Emulated devices.
+const PROFILES: [&str; 4] = ["falcon", "touch", "omega", "polhem"];
+/// The device whose damping is varied.
+const VARIED: &str = "omega";
+/// Range of the stiffness that is searched, N/m, the step of the scan, and the accuracy.
+const RANGE_N_M: [f64; 2] = [50.0, 50_000.0];
+const SCAN: f64 = 1.25;
+const CLOSE: f64 = 0.02;
+
+/// What must hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wanted {
+    /// No energy for the hand, and no oscillation.
+    Stillness,
+    /// No energy for the hand.
+    NoEnergy,
+}
+
+/// A column: its name, what renders, and what must hold.
+type Column<'r> = (&'static str, Renderer<'r>, Wanted);
+
+/// The columns of the emulated devices.
+fn columns<'r>(organ: &'r Organ<'r>) -> [Column<'r>; 6] {
+    let of = |method, guard| Renderer::Organ { organ, method, guard };
+    let (free, guarded) = (of(Method::Energy, false), of(Method::Energy, true));
+    [
+        ("plain wall", Renderer::Wall, Wanted::Stillness),
+        ("trilinear", of(Method::Trilinear, false), Wanted::Stillness),
+        ("energy", free, Wanted::Stillness),
+        ("energy, guarded", guarded, Wanted::Stillness),
+        ("energy, 5 mJ", free, Wanted::NoEnergy),
+        ("guarded, 5 mJ", guarded, Wanted::NoEnergy),
+    ]
+}
+
+/// The largest stiffness of a case at which a column holds, N/m; NaN if there is none.
+fn largest_n_m((_, renderer, wanted): Column<'_>, profile: &Profile) -> Result<f64, Failure> {
+    let quantum_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
+    let mut failure = None;
+    let [low, high] = RANGE_N_M;
+    let found =
+        largest(low, high, SCAN, CLOSE, |stiffness| match (hold(renderer, stiffness, profile), wanted) {
+            (Ok(held), Wanted::Stillness) => held.is_passive(quantum_m),
+            (Ok(held), Wanted::NoEnergy) => held.gives_no_energy(),
+            (Err(error), _) => {
+                failure.get_or_insert(error);
+                false
+            }
+        });
+    failure.map_or(Ok(found.unwrap_or(f64::NAN)), Err)
+}
+
+/// The bundled profile at a rate.
+fn profile(name: &str, rate_hz: u32) -> Result<Profile, Failure> {
+    let found = Profile::bundled(name).ok_or_else(|| Failure::work(format!("no bundled profile {name}")))?;
+    Ok(found.at_period(1_000_000 / rate_hz))
+}
+
+/// The wall of the ideal device: in any motion with the condition, and on springs.
+fn walls(quick: bool) -> [Table; 2] {
+    let rates = || RATES_HZ.iter().map(|rate| format!("{rate} Hz"));
+    let mut any = Table::new(
+        WALL,
+        "Plain wall, ideal device, any motion of the hand",
+        "Largest stiffness K, N/m, that gives no energy in any motion, against the virtual damping B of the wall, for a \
+         device with b = 1 N s/m. \u{201c}bound\u{201d} is the condition of Colgate and Schenkel, K = 2 (b - B) / T: it checks the \
+         simulation.",
+        "virtual damping B, N s/m",
+        rates().flat_map(|rate| [rate.clone(), format!("{rate} bound")]).collect(),
+    );
+    let mut springs = Table::new(
+        SPRINGS,
+        "The same wall, a mass of 0.15 kg in the hold of lossless springs",
+        "Largest K at which the mass comes to rest on every spring, N/m. A spring has one resonance, so some virtual damping \
+         helps; a hand that moves at half of the sampling rate is not among them.",
+        "virtual damping B, N s/m",
+        rates().collect(),
+    );
+    for tenths in (0..10).step_by(if quick { 3 } else { 1 }) {
+        let virtual_n_s_m = 0.1 * f64::from(tenths);
+        let devices = RATES_HZ.map(|rate| Device {
+            mass_kg: MASS_KG,
+            damping_n_s_m: DAMPING_N_S_M,
+            period_s: 1.0 / f64::from(rate),
+        });
+        let name = format!("{virtual_n_s_m:.1}");
+        let values =
+            devices.iter().flat_map(|d| [d.stiffness_in_any_motion(virtual_n_s_m), d.bound(virtual_n_s_m)]);
+        any.rows.push(Row::new(name.clone(), name.clone(), Best::None, values.collect()));
+        let values = devices.iter().map(|device| device.stiffness_on_springs(virtual_n_s_m));
+        springs.rows.push(Row::new(name.clone(), name, Best::None, values.collect()));
+    }
+    [any, springs]
+}
+
+/// A case of an emulated device.
+struct Case {
+    row: String,
+    name: String,
+    profile: Profile,
+}
+
+/// A table of cases by columns.
+fn emulated(
+    mut table: Table,
+    cases: Vec<Case>,
+    organ: &Organ<'_>,
+    context: &Context<'_>,
+) -> Result<Table, Failure> {
+    let columns = columns(organ);
+    table.columns = columns.iter().map(|(name, ..)| (*name).to_owned()).collect();
+    let jobs: Vec<(usize, usize)> =
+        (0..cases.len()).flat_map(|case| (0..columns.len()).map(move |column| (case, column))).collect();
+    let found = in_parallel(&jobs, context.threads, |&(case, column)| {
+        context.go_on()?;
+        largest_n_m(columns[column], &cases[case].profile)
+    })
+    .map_err(Failure::work)?;
+    let values = found.into_iter().collect::<Result<Vec<f64>, Failure>>()?;
+    for (case, values) in cases.into_iter().zip(values.chunks(columns.len())) {
+        table.rows.push(Row::new(case.row, case.name, Best::Most, values.to_vec()));
+    }
+    Ok(table)
+}
+
+/// Measures the section on an organ whose first space is touched.
+pub(in crate::cmd::bench::public) fn section(
+    organ: &Organ<'_>,
+    context: &Context<'_>,
+) -> Result<Section, Failure> {
+    let start = std::time::Instant::now();
+    let [wall, springs] = walls(context.quick);
+    let mut varied = Vec::new();
+    let dampings: &[f32] = if context.quick { &[0.25, 1.0, 4.0] } else { &[0.25, 0.5, 1.0, 2.0, 4.0] };
+    for rate_hz in RATES_HZ {
+        for damping in dampings {
+            let mut profile = profile(VARIED, rate_hz)?;
+            profile.mechanism.damping = Some(Damping { n_s_m: *damping, measured: true });
+            (profile.mechanism.coulomb_n, profile.assumed.coulomb_n) = (None, 0.0);
+            let row = format!("{rate_hz}_hz.{damping}");
+            varied.push(Case { row, name: format!("{rate_hz} Hz, b = {damping} N s/m"), profile });
+        }
+    }
+    let damping = Table::new(
+        DAMPING,
+        "Against the damping of the device",
+        "Largest passive stiffness at the hand, N/m, on an emulated omega.3 without Coulomb friction, held by two \
+         fingers (1.1 N s/m) with 1 N and knocked once.",
+        "rate and damping b of the device",
+        Vec::new(),
+    );
+    let damping = emulated(damping, varied, organ, context)?;
+    let mut bundled = Vec::new();
+    for name in PROFILES {
+        for rate_hz in RATES_HZ {
+            let profile = profile(name, rate_hz)?;
+            let shown = format!("{}, {rate_hz} Hz", profile.name);
+            bundled.push(Case { row: format!("{name}.{rate_hz}_hz"), name: shown, profile });
+        }
+    }
+    let mut devices = Table::new(
+        DEVICES,
+        "On the bundled device profiles",
+        "The same with mass, damping, Coulomb friction, encoder, motors and delays of each profile. A profile states \
+         assumptions where its maker states nothing (docs/devices.md).",
+        "device and rate",
+        Vec::new(),
+    );
+    devices.others = Others::Declared;
+    let devices = emulated(devices, bundled, organ, context)?;
+    Ok(finished(
+        context,
+        KEY,
+        "Z-width: how stiff a loop can be and stay passive",
+        &[
+            "A sampled spring gives back more energy than it took. Beyond a stiffness K the device hums or kicks. The \
+             figures are the largest K that is passive: no oscillation is left a second after a knock, and the device \
+             gives the hand at most 5 mJ in it. Columns with \u{201c}5 mJ\u{201d} ask for the energy alone: the hand may tremble.",
+            "K of an organ is that of its skin at rest; it is made stiffer by multiplying all its constants. \u{201c}trilinear\u{201d} and \
+             \u{201c}energy\u{201d} are methods in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} adds the energy guard. \
+             Devices are held by two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall.",
+        ],
+        &["palpate bench public --only zwidth"],
+        start.elapsed().as_secs_f64(),
+        vec![wall, springs, damping, devices],
+    ))
+}
