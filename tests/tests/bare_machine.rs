@@ -19,7 +19,7 @@ const ANYWHERE: [(&str, &str); 5] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 14] = [
+const HERE: [(&str, &str, &str); 15] = [
     (
         "host/tests/live/process.rs",
         "std::env::current_exe().expect(\"a test has a file\")",
@@ -34,6 +34,7 @@ const HERE: [(&str, &str, &str); 14] = [
     ("host/tests/no_allocation.rs", "this", "the test itself"),
     ("host/tests/soak.rs", "this", "the test itself"),
     ("tools/tests/guard.rs", "program", "a copy of palpate"),
+    ("tools/src/cmd/bench/public/first_touch.rs", "program", "the running program"),
     ("hil/src/hosts/process.rs", "program", "palpate-hil, and /bin/false of coreutils, essential"),
     ("hil/src/bin/falcon-guest/killed_hosts.rs", "program", "the running program"),
     ("tools/tests/command_line.rs", "\"bash\"", "essential"),

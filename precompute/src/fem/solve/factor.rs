@@ -11,9 +11,11 @@
 //! order. Refinement then removes the effect of delta. If the measured residual shows that this fails (a part
 //! of the body is about a million times softer than the rest), an LU factorisation with pivoting is used.
 
+mod residual_steps;
 mod residuals;
 mod single;
 mod symbolic;
+mod two_level;
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
@@ -24,13 +26,15 @@ use faer::sparse::{SparseColMat, SparseColMatRef, SymbolicSparseColMatRef, Tripl
 use faer::{Conj, Mat, MatMut, Par, Side};
 use nalgebra::{Matrix3, Vector3};
 
+pub(super) use residual_steps::MAX_STEPS;
+use residual_steps::ResidualSteps;
 pub(super) use single::{SingleFactor, SingleScratch};
 pub(super) use symbolic::SymbolicFactor;
 use symbolic::{Route, negative_pivots};
+pub(super) use two_level::NearEquations;
+use two_level::TwoLevel;
 
 use super::Problem;
-use super::residual_steps::ResidualSteps;
-use super::two_level::TwoLevel;
 
 use crate::fem::assembly::Pattern;
 use crate::num::vector::magnitude;
@@ -67,7 +71,7 @@ const FLOOR: f64 = 1e-14;
 /// Maximum number of refinement steps; each gains at least four digits with a good factor.
 const REFINEMENTS: usize = 6;
 /// Largest number of residual steps with a preconditioner; beyond it the matrix is factorised.
-const MAX_STEPS: usize = 30;
+const MAX_STEPS_WITHOUT: usize = 30;
 
 /// A symmetric matrix: the values of its lower triangle on a pattern, and the analysis of the pattern.
 #[derive(Clone, Copy)]
@@ -291,7 +295,7 @@ impl Factor {
     ) -> f64 {
         x.fill(0.0);
         if self.route == Route::TwoLevel {
-            return self.refine(matrix, right, x, (accuracy.target, MAX_STEPS)).0;
+            return self.refine(matrix, right, x, (accuracy.target, MAX_STEPS_WITHOUT)).0;
         }
         let mut best = f64::INFINITY;
         self.residual[..right.len()].copy_from_slice(right);
@@ -371,7 +375,7 @@ impl Factor {
             return Err(SingularMatrix { residual: best });
         }
         if self.precondition(matrix) {
-            let (residual, _) = self.refine(matrix, right, x, (accuracy.target, MAX_STEPS));
+            let (residual, _) = self.refine(matrix, right, x, (accuracy.target, MAX_STEPS_WITHOUT));
             if residual <= accuracy.accepted {
                 return Ok(residual);
             }

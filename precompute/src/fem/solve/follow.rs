@@ -15,8 +15,7 @@
 
 use nalgebra::Matrix3;
 
-use super::factor::Accuracy;
-use super::residual_steps::MAX_STEPS;
+use super::factor::{Accuracy, MAX_STEPS};
 use super::{FailureReason, Seed, SolveFailure, Solver};
 use crate::fem::boundary::Pose;
 use crate::num::jet::EnergyJet;

@@ -10,9 +10,8 @@
 
 use std::sync::Arc;
 
-use super::factor::{Accuracy, Factor, RIGHT_SIDES, held_stiffness};
+use super::factor::{Accuracy, Factor, MAX_STEPS, RIGHT_SIDES, held_stiffness};
 use super::follow::{FollowCount, Followed};
-use super::residual_steps::MAX_STEPS;
 use super::{FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::fem::boundary::{Contact, Pose};
 

@@ -18,9 +18,7 @@ mod profile;
 mod quasi_newton;
 mod relax;
 mod renewal;
-mod residual_steps;
 mod sphere;
-mod two_level;
 
 #[cfg(test)]
 mod tests;
@@ -44,11 +42,10 @@ use crate::fem::boundary::{Constraints, Contact, DofMap, Handle, Pose};
 use crate::fem::elastic::ElasticState;
 use crate::fem::element::Order;
 use crate::num::jet::EnergyJet;
-use factor::{Factor, Matrix, RIGHT_SIDES, SingleFactor, SingleScratch, SymbolicFactor};
+use factor::{Factor, Matrix, NearEquations, RIGHT_SIDES, SingleFactor, SingleScratch, SymbolicFactor};
 use held::HeldEntries;
 use partner::Partner;
 use quasi_newton::StepHistory;
-use two_level::NearEquations;
 
 /// A body, the tool's handle on it, and all data that are constant for all solves.
 #[derive(Debug)]

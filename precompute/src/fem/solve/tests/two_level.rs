@@ -22,7 +22,7 @@ fn problem(law: Material, order: Order, is_pad: bool, is_large: bool) -> Arc<Pro
     let mesh = box_mesh([8, 2, 2], 0.02);
     let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
     let top =
-        nodes_where(&mesh, |x| (x[0] - 0.12).abs() < 1e-3 && (x[1] - 0.02).abs() < 1e-3 && x[2] == 0.04)[0];
+        nodes_where(&mesh, |x| (x[0] - 0.12).abs() < 0.01 && (x[1] - 0.02).abs() < 0.01 && x[2] == 0.04)[0];
     let body = Arc::new(Body::new(&mesh, &Model { order, ..Model::uniform(law, &fixed) }).expect("a body"));
     let mut free = Problem::with(body.clone(), None, Constraints::Elimination);
     free.newton.large_flops = if is_large { 0.0 } else { f64::INFINITY };

@@ -10,11 +10,11 @@
 //! of low rank, as between two contact points, takes about as many steps as it has rank. The directions can be kept
 //! for the next matrix and right-hand side of the same state: their images cost a product each instead of a solve.
 
-use super::factor::{Factor, Matrix, RIGHT_SIDES};
+use super::{Factor, Matrix, RIGHT_SIDES};
 use crate::num::vector::{inner, magnitude};
 
 /// Largest number of steps with a factor.
-pub(super) const MAX_STEPS: usize = 12;
+pub(in crate::fem::solve) const MAX_STEPS: usize = 12;
 /// More directions are not kept.
 const MAX_KEPT: usize = 36;
 /// A direction whose image is left with this share by those before is none.

@@ -16,8 +16,8 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::factor::{Matrix, RIGHT_SIDES, SingleFactor, SingleScratch, SymbolicFactor};
-use super::{Problem, regularised_diagonal};
+use super::super::{Problem, regularised_diagonal};
+use super::{Matrix, RIGHT_SIDES, SingleFactor, SingleScratch, SymbolicFactor};
 use crate::fem::assembly::Pattern;
 use crate::fem::body::{ABSENT, Body};
 use crate::fem::boundary::{Contact, DofMap};
@@ -30,7 +30,7 @@ const POLAR_STEPS: usize = 8;
 
 /// The equations nearest to the tool.
 #[derive(Debug)]
-pub(super) struct NearEquations {
+pub(in crate::fem::solve) struct NearEquations {
     /// Ascending.
     equations: Vec<usize>,
     /// The places of their entries in the values of the whole matrix.
@@ -41,7 +41,7 @@ pub(super) struct NearEquations {
 
 impl NearEquations {
     /// Those of a problem whose tool has a place on the body: a held node or a fingertip.
-    pub(super) fn of(problem: &Problem) -> Option<Self> {
+    pub(in crate::fem::solve) fn of(problem: &Problem) -> Option<Self> {
         let (body, dofs) = (&*problem.body, &*problem.dofs);
         let centre_m = match problem.contact.as_ref()? {
             Contact::Held(handle) => body.rest_position_m(handle.centre),
@@ -122,7 +122,7 @@ impl Near {
 
 /// The preconditioner of one thread.
 #[derive(Debug)]
-pub(super) struct TwoLevel {
+pub(in crate::fem::solve) struct TwoLevel {
     far: Arc<SingleFactor>,
     scratch: SingleScratch,
     near: Option<Near>,
@@ -134,7 +134,7 @@ pub(super) struct TwoLevel {
 
 impl TwoLevel {
     /// That of a problem; `None` where its body at rest has no factor.
-    pub(super) fn new(problem: &Problem) -> Option<Self> {
+    pub(in crate::fem::solve) fn new(problem: &Problem) -> Option<Self> {
         let n = problem.unknowns();
         Some(Self {
             far: problem.far_factor()?,
@@ -147,7 +147,12 @@ impl TwoLevel {
     }
 
     /// Follows the tangent and the state at hand; whether the tangent near the tool has a factor.
-    pub(super) fn refresh(&mut self, values: &[f64], problem: &Problem, state: &[f64]) -> bool {
+    pub(in crate::fem::solve) fn refresh(
+        &mut self,
+        values: &[f64],
+        problem: &Problem,
+        state: &[f64],
+    ) -> bool {
         let near = problem.near_equations();
         if !near.zip(self.near.as_ref()).is_some_and(|(wanted, at_hand)| Arc::ptr_eq(wanted, &at_hand.of)) {
             self.near = near.cloned().map(Near::new);
@@ -158,23 +163,23 @@ impl TwoLevel {
 
     /// The identity in place of the rotations.
     #[cfg(test)]
-    pub(super) fn forget_turns(&mut self) {
+    pub(in crate::fem::solve) fn forget_turns(&mut self) {
         self.turns.clear();
     }
 
     /// The far field alone.
     #[cfg(test)]
-    pub(super) fn forget_near(&mut self) {
+    pub(in crate::fem::solve) fn forget_near(&mut self) {
         self.near = None;
     }
 
     /// Unstable modes of the part near the tool with its surroundings fixed. The body has at least as many.
-    pub(super) fn unstable_near(&self) -> Option<u32> {
+    pub(in crate::fem::solve) fn unstable_near(&self) -> Option<u32> {
         self.near.as_ref().and_then(|near| near.factor.unstable_modes(&near.of.symbolic))
     }
 
     /// Replaces the columns r by B r.
-    pub(super) fn apply(&mut self, matrix: Matrix<'_>, columns: &mut [f64]) {
+    pub(in crate::fem::solve) fn apply(&mut self, matrix: Matrix<'_>, columns: &mut [f64]) {
         let n = matrix.pattern.unknowns();
         let Self { far, scratch, near, turns, right, left } = self;
         let (right, left) = (&mut right[..columns.len()], &mut left[..columns.len()]);
