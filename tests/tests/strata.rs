@@ -288,11 +288,12 @@ const HIL: [&str; 29] = [
 ];
 
 /// The command line, lowest stratum first.
-const TOOLS: [&str; 69] = [
+const TOOLS: [&str; 72] = [
     "memory",
     "resident",
     "timing",
     "usage",
+    "version",
     "failure",
     "files",
     "output",
@@ -333,6 +334,8 @@ const TOOLS: [&str; 69] = [
     "cmd::live_solver",
     "cmd::live",
     "cmd::control",
+    "cmd::man",
+    "cmd::completions",
     "cmd::plan",
     "cmd::pack",
     "cmd::query",

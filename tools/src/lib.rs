@@ -39,6 +39,7 @@ mod timing;
 mod touch;
 mod truth;
 mod usage;
+mod version;
 mod words;
 
 use std::process::ExitCode;
@@ -50,7 +51,7 @@ Start with `palpate demo`. The guide from scene to hand is docs/guide.md.";
 
 /// Touch a nonlinear soft organ: solve its model offline, interpolate at 1 kHz.
 #[derive(Debug, Parser)]
-#[command(name = "palpate", version, arg_required_else_help = true, max_term_width = 100, after_help = FLOW)]
+#[command(name = "palpate", version, long_version = version::long(), arg_required_else_help = true, max_term_width = 100, after_help = FLOW)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -81,6 +82,9 @@ enum Command {
     Paper(cmd::paper::Args),
     /// Measure the cost of the parts, and of installed peers
     Bench(cmd::bench::Args),
+    #[command(hide = true)]
+    Man(cmd::man::Args),
+    Completions(cmd::completions::Args),
 }
 
 #[cfg(feature = "mpi")]
@@ -112,6 +116,8 @@ pub fn palpate() -> ExitCode {
         Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Paper(args) => cmd::paper::run(&args),
         Command::Bench(args) => cmd::bench::run(&args),
+        Command::Man(args) => cmd::man::run(&args, usage::command::<Cli>()),
+        Command::Completions(args) => cmd::completions::run(&args, usage::command::<Cli>()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

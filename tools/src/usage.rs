@@ -24,9 +24,14 @@ fn with_help(command: Command) -> Command {
         .mut_subcommands(with_help)
 }
 
+/// The command line as it is parsed, with the help flags of [`with_help`].
+pub(crate) fn command<P: Parser>() -> Command {
+    with_help(P::command())
+}
+
 /// Parses these arguments, the first of which is the name of the program.
 pub(crate) fn parse<P: Parser>(arguments: impl IntoIterator<Item = OsString>) -> Result<P, Error> {
-    let matches = with_help(P::command()).try_get_matches_from(arguments)?;
+    let matches = command::<P>().try_get_matches_from(arguments)?;
     P::from_arg_matches(&matches)
 }
 

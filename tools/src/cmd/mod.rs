@@ -1,6 +1,7 @@
 //! One file per command of `palpate`.
 
 pub(crate) mod bench;
+pub(crate) mod completions;
 pub(crate) mod control;
 pub(crate) mod demo;
 pub(crate) mod doctor;
@@ -9,6 +10,7 @@ pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod live;
 pub(crate) mod live_solver;
+pub(crate) mod man;
 pub(crate) mod map;
 pub(crate) mod pack;
 pub(crate) mod paper;
