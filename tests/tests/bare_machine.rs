@@ -19,7 +19,7 @@ const ANYWHERE: [(&str, &str); 5] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 15] = [
+const HERE: [(&str, &str, &str); 17] = [
     (
         "host/tests/live/process.rs",
         "std::env::current_exe().expect(\"a test has a file\")",
@@ -27,6 +27,8 @@ const HERE: [(&str, &str, &str); 15] = [
     ),
     ("host/tests/live/start.rs", "\"/nonexistent/palpate\"", "absent on purpose"),
     ("tools/build.rs", "rustc", "the compiler that cargo names in RUSTC"),
+    ("tools/build.rs", "program", "git, which may be absent, and the compiler"),
+    ("tools/src/cmd/completions.rs", "command.get_name()", "an argument parser, no program"),
     ("host/src/sys/process.rs", "\"cat\"", "coreutils, essential"),
     ("tools/src/cmd/bench/fem.rs", "\"/usr/bin/python3\"", "the peer of `bench fem`, which no test asks for"),
     ("tests/tests/read_blob.rs", "PYTHON", "ignored tests, run by tests/peers/numpy"),
