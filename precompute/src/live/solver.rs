@@ -335,8 +335,9 @@ impl LiveSolver {
         {
             return step;
         }
+        let waits = self.waits_for_factors();
         let Self { skin, body, known, growth, lost, branches, workers, states, times, near, .. } = self;
-        let renewals = self.renewals.as_ref().filter(|_| times.factor_is_long());
+        let renewals = self.renewals.as_ref().filter(|_| waits);
         let doubted = self.doubted;
         let choice =
             Choice { skin, body, known, growth, lost, branches, workers, renewals, doubted, states, times };

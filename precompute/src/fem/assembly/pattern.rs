@@ -202,7 +202,22 @@ impl Pattern {
         (starts, columns.concat())
     }
 
-    /// The same for all columns of x, at most three at a time.
+    /// y = A x for the symmetric matrix whose lower triangle has the `values`.
+    pub(crate) fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
+        y.fill(0.0);
+        for column in 0..self.unknowns() {
+            let (start, end) = (self.column_starts[column], self.column_starts[column + 1]);
+            let x_column = x[column];
+            let mut sum = values[start] * x_column;
+            for (&row, &value) in self.rows[start + 1..end].iter().zip(&values[start + 1..end]) {
+                y[row] += value * x_column;
+                sum += value * x[row];
+            }
+            y[column] += sum;
+        }
+    }
+
+    /// y = A x for every column of x. Three at a time read the matrix once.
     pub(crate) fn multiply_columns(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
         let n = self.unknowns();
         for (x, y) in x.chunks(3 * n).zip(y.chunks_mut(3 * n)) {
@@ -230,21 +245,6 @@ impl Pattern {
                 y1[column] += sums[1];
                 y2[column] += sums[2];
             }
-        }
-    }
-
-    /// y = A x for the symmetric matrix whose lower triangle has the `values`.
-    pub(crate) fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
-        y.fill(0.0);
-        for column in 0..self.unknowns() {
-            let (start, end) = (self.column_starts[column], self.column_starts[column + 1]);
-            let x_column = x[column];
-            let mut sum = values[start] * x_column;
-            for (&row, &value) in self.rows[start + 1..end].iter().zip(&values[start + 1..end]) {
-                y[row] += value * x_column;
-                sum += value * x[row];
-            }
-            y[column] += sum;
         }
     }
 }

@@ -8,7 +8,12 @@ use super::LiveSolver;
 impl LiveSolver {
     /// Whether the steps go on with the factors at hand, because a new one takes too long to wait for it.
     pub(super) fn waits_for_factors(&self) -> bool {
-        self.renewals.is_some() && self.times.factor_is_long()
+        self.renewals.is_some() && self.times.factor_is_long() && !self.needs_no_factor()
+    }
+
+    /// Whether the body is so large that its states are solved without a factor of their tangent.
+    pub(super) fn needs_no_factor(&self) -> bool {
+        self.skin.sphere().is_none() && self.free.is_large()
     }
 
     /// Begins to make the factor of a kept state beside the steps; whether that is possible.

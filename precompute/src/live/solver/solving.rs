@@ -205,8 +205,7 @@ impl LiveSolver {
 
     /// The contact at rest, by the factor of the free body; `None` if that does not serve.
     fn first(&mut self, task: &Task, to: &mut Seed) -> Option<Followed> {
-        // A large body needs no factor of the contact either.
-        if task.aim == Aim::Renewal || task.control_m != [0.0; 3] || self.free.is_large() {
+        if task.aim == Aim::Renewal || task.control_m != [0.0; 3] || self.needs_no_factor() {
             return None;
         }
         let free_body = self.free_body.get_or_insert_with(|| FreeBody::new(&self.free));

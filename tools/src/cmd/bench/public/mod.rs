@@ -68,7 +68,7 @@ pub(crate) struct Args {
     /// Folder of the bundled scenes
     #[arg(long, value_name = "DIR", default_value = "assets")]
     assets: PathBuf,
-    /// Fewer positions and cases, in less than a minute; the page says so
+    /// Fewer positions and cases, in a minute or two; the page says so
     #[arg(long)]
     quick: bool,
     /// Sections, separated by commas: force, hands, energy, cost, zwidth, nodule, start, tick
