@@ -19,7 +19,7 @@ const ANYWHERE: [(&str, &str); 5] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 17] = [
+const HERE: [(&str, &str, &str); 18] = [
     (
         "host/tests/live/process.rs",
         "std::env::current_exe().expect(\"a test has a file\")",
@@ -29,6 +29,7 @@ const HERE: [(&str, &str, &str); 17] = [
     ("tools/build.rs", "rustc", "the compiler that cargo names in RUSTC"),
     ("tools/build.rs", "program", "git, which may be absent, and the compiler"),
     ("tools/src/cmd/completions.rs", "command.get_name()", "an argument parser, no program"),
+    ("tools/src/cmd/completions.rs", "\"palpate\"", "an argument parser, no program"),
     ("host/src/sys/process.rs", "\"cat\"", "coreutils, essential"),
     ("tools/src/cmd/bench/fem.rs", "\"/usr/bin/python3\"", "the peer of `bench fem`, which no test asks for"),
     ("tests/tests/read_blob.rs", "PYTHON", "ignored tests, run by tests/peers/numpy"),

@@ -14,7 +14,7 @@ use palpate_hil::haply::{Held, Reply, Service, World, now_ns};
 use palpate_record::Recording;
 
 use super::guard::files_of;
-use super::maker::{end, proxy_of, send};
+use super::maker::{RETRY_S, end, proxy_of, send};
 use super::{quiet, text};
 
 /// Largest force of the bundled profile, N.
@@ -39,12 +39,17 @@ impl Hand {
         let (ends, moved) = (Arc::new(AtomicBool::new(false)), service.clone());
         let has_ended = ends.clone();
         let thread = std::thread::spawn(move || {
-            let mut begun: Option<Instant> = None;
+            let (mut begun, mut has_felt): (Option<Instant>, bool) = (None, false);
             while !has_ended.load(Ordering::Relaxed) {
                 if begun.is_none() && moved.with(|world| world.messages) > 100 {
                     begun = Some(Instant::now());
                 }
                 let s = begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
+                // A session that starts slowly has not seen the button: the hand begins again.
+                has_felt |= moved.with(|world| world.held().size_n()) > 0.1;
+                if s > RETRY_S && !has_felt {
+                    begun = Some(Instant::now());
+                }
                 let height_mm = 8.0 - 24.0 * (s - 0.8).clamp(0.0, 1.0);
                 moved.with(|world| {
                     // Not quite still: a hand trembles.

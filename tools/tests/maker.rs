@@ -22,6 +22,14 @@ pub(super) fn library() -> PathBuf {
     library
 }
 
+/// Time after which a hand that has felt nothing begins again, s.
+pub(super) const RETRY_S: f64 = 4.0;
+
+/// Size of the force on the motors, N.
+fn force_n(cable: &Cable) -> f64 {
+    (0..3).map(|axis| cable.quantity(Field::Force(axis)).powi(2)).sum::<f64>().sqrt()
+}
+
 /// The device behind the stand-in with a hand that presses its button, then pushes and stays.
 pub(super) struct Hand {
     pub(super) cable: Arc<Cable>,
@@ -40,12 +48,17 @@ impl Hand {
         let (ends, moved) = (Arc::new(AtomicBool::new(false)), cable.clone());
         let has_ended = ends.clone();
         let thread = std::thread::spawn(move || {
-            let mut begun: Option<Instant> = None;
+            let (mut begun, mut has_felt): (Option<Instant>, bool) = (None, false);
             while !has_ended.load(Ordering::Relaxed) {
                 if begun.is_none() && moved.whole(Field::Frames) > 100 {
                     begun = Some(Instant::now());
                 }
                 let s = begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
+                // A session that starts slowly has not seen the button: the hand begins again.
+                has_felt |= force_n(&moved) > 0.1;
+                if s > RETRY_S && !has_felt {
+                    begun = Some(Instant::now());
+                }
                 let height_m = 0.008 - 0.014 * (s - 0.8).clamp(0.0, 1.0);
                 // Not quite still: a hand trembles.
                 moved.set_quantity(Field::Position(2), (height_m + 0.2e-3 * (40.0 * s).sin()) / unit_m);
@@ -90,8 +103,7 @@ impl Hand {
 
     /// Size of the force on the motors, N.
     pub(super) fn force_n(&self) -> f64 {
-        let squares = (0..3).map(|axis| self.cable.quantity(Field::Force(axis)).powi(2));
-        squares.sum::<f64>().sqrt()
+        force_n(&self.cable)
     }
 
     /// Waits until the hand feels the body.

@@ -1,13 +1,13 @@
 //! `palpate man`: the manual pages, from the definitions of the help.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::builder::Resettable;
 use clap::{Args as ClapArgs, Command};
 use clap_mangen::Man;
-use palpate_precompute::write_atomically;
 
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Replace};
 use crate::output;
 
 /// Write the manual pages into a folder.
@@ -18,18 +18,19 @@ use crate::output;
 pub(crate) struct Args {
     /// The folder; it is created if it is missing, and pages in it are replaced
     folder: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// Runs the command; `command` is the whole command line.
 pub(crate) fn run(args: &Args, command: Command) -> Result<(), Failure> {
-    let folder = &args.folder;
-    std::fs::create_dir_all(folder).map_err(|error| Failure::file(folder, &error))?;
     let pages = pages(command)?;
+    let is_page = |name: &str| pages.iter().any(|(page, _)| page == name).then_some(FileKind::Text);
+    let folder = Files::new(args.replace).folder("FOLDER", &args.folder, is_page)?;
     for (name, page) in &pages {
-        let path = folder.join(name);
-        write_atomically(&path, page).map_err(|error| Failure::file(&path, &error))?;
+        folder.file(name).put(page)?;
     }
-    output::line(format!("{} manual pages in {}", pages.len(), Path::display(folder)))
+    output::line(format!("{} manual pages in {}", pages.len(), args.folder.display()))
 }
 
 /// File names and contents.

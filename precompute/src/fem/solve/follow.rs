@@ -47,7 +47,7 @@ impl Default for FollowOptions {
             residual: 1e-3,
             max_frozen_steps: 8,
             max_steps: 30,
-            sensitivity: 1e-2,
+            sensitivity: 3e-3,
             max_sweeps: 6,
             worst_sensitivity: 0.3,
             renews: true,

@@ -21,7 +21,7 @@ pub(super) const OPTIONS: FollowOptions = FollowOptions {
     residual: 1e-3,
     max_frozen_steps: 8,
     max_steps: 10,
-    sensitivity: 1e-2,
+    sensitivity: 3e-3,
     max_sweeps: 8,
     worst_sensitivity: 0.3,
     renews: true,

@@ -69,10 +69,8 @@ impl ResidualSteps {
             factor.correct(matrix, &mut block[..x.len()]);
             matrix.pattern.multiply_columns(matrix.values, &block[..x.len()], &mut self.products[..x.len()]);
             for (column, direction) in block[..x.len()].chunks(n).enumerate() {
-                if left.of(column) > target {
-                    self.add(direction, column);
-                    self.take_last(factor, x);
-                }
+                self.add(direction, column);
+                self.take_last(factor, x);
             }
             self.block = block;
             left = factor.left(right);

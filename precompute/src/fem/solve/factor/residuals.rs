@@ -11,10 +11,6 @@ pub(in crate::fem::solve) struct Left {
 }
 
 impl Left {
-    pub(in crate::fem::solve) fn of(&self, column: usize) -> f64 {
-        self.relative[column]
-    }
-
     /// The largest one, or NaN.
     pub(in crate::fem::solve) fn worst(&self) -> f64 {
         // `max` would ignore a NaN.
