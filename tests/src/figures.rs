@@ -55,7 +55,16 @@ pub struct Place {
 pub enum Spot {
     /// A cell of the only table that has all these rows and columns, and the label `corner` above its rows if the
     /// entry has one.
-    Cell { row: String, column: String, rows: Vec<String>, columns: Vec<String> },
+    Cell {
+        /// Label of its row; those of several cells are separated by ` | `.
+        row: String,
+        /// Label of its column.
+        column: String,
+        /// Labels of all rows of the entry.
+        rows: Vec<String>,
+        /// Labels of all columns of the entry.
+        columns: Vec<String>,
+    },
     /// A sentence, with `{}` for each number.
     Sentence(String),
 }
