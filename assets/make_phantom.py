@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Makes the bundled organ: liver-small.msh and liver-large.msh, from the formula in phantom/shape.py.
 
-    python3 make_phantom.py            make both meshes anew, check them, print the table of README.md
-    python3 make_phantom.py --check    only check the files that are here (needs numpy, not gmsh's libraries) and print the table
+    python3 make_phantom.py                   make both meshes anew, check them, print the table of README.md
+    python3 make_phantom.py --check           only check the files that are here (needs numpy, not gmsh's libraries) and print the table
+    python3 make_phantom.py --large FOLDER    make finer meshes of the body in FOLDER, each with a scene, to measure large bodies (a minute)
 
 Needs Python 3.11 or newer and, from PyPI, numpy and gmsh (made with numpy 2.x and gmsh 4.15.2: `pip install gmsh numpy`). On a bare
 Debian the gmsh wheel wants these libraries to be there before it can be imported:
@@ -35,6 +36,45 @@ RECIPES = {
     "liver-small": {"surface": 0.0144, "inside": 0.0144, "touch": 0.020, "most_surface_nodes": 360},
     "liver-large": {"surface": 0.0110, "inside": 0.0071, "touch": 0.017, "most_surface_nodes": 640},
 }
+# Finer meshes, named by their equations with quadratic displacements and linear pressures.
+LARGE = {
+    "liver-50k": {"surface": 0.0110, "inside": 0.0068, "touch": 0.014},
+    "liver-100k": {"surface": 0.0095, "inside": 0.0053, "touch": 0.012},
+}
+LARGE_SCENE = """\
+# {nodes} vertices, {tets} tetrahedra: about {thousands},000 equations, touched by a fingertip in the middle of the front.
+name = "{name}"
+
+[mesh]
+file = "{name}.msh"
+order = 2
+
+[material]
+law = "mooney-rivlin"
+c10_pa = 1300.0
+c01_pa = 1280.0
+
+[fixed]
+group = "F1"
+
+[tool]
+shape = "fingertip"
+radius_m = 0.015
+
+[[active]]
+name = "A1"
+node = {a1}
+
+[grid]
+radius_m = 0.025
+cannot_be_felt = true
+
+[device]
+max_force_n = 4.0
+
+[needs]
+contact = "push"
+"""
 TOUCH_REACH = 0.025
 SWEEPS = 40
 
@@ -57,10 +97,9 @@ def edge_length(base, touch):
     return lambda x: base + (touch - base) * near(x)
 
 
-def build(name):
+def build(file, recipe):
     from phantom import surface, volume
 
-    recipe = RECIPES[name]
     pins = [shape.unit(np.array(q)) for q in (*ENDS, *ACTIVE.values())]
     q, triangles, pinned = surface.triangulate(edge_length(recipe["surface"], recipe["touch"]), pins)
     x, tets = volume.fill(shape.point(q), triangles, edge_length(recipe["inside"], recipe["touch"]))
@@ -78,7 +117,7 @@ def build(name):
     first = lambda rows: rows[np.lexsort(np.sort(rows, axis=1).T[::-1])]
     surfaces = ((mshfile.F1, in_f1), (mshfile.F2, in_f2), (mshfile.FREE, ~(in_f1 | in_f2)))
     mshfile.write(
-        HERE / f"{name}.msh",
+        file,
         x,
         [(dim, entity, np.flatnonzero(kind == k)) for k, (dim, entity) in enumerate(((2, 2), (2, 3), (2, 1), (3, 1)))],
         [(entity, first(triangles[inside])) for entity, inside in surfaces],
@@ -115,12 +154,29 @@ def check_with_gmsh(name, mesh):
         gmsh.finalize()
 
 
+def make_large(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, recipe in LARGE.items():
+        file = folder / f"{name}.msh"
+        build(file, recipe)
+        x, elements = mshfile.read(file)
+        tets = len(elements[3, "tissue"])
+        scene = LARGE_SCENE.format(name=name, thousands=name[6:-1], nodes=len(x), tets=tets, a1=active_nodes(x)["A1"])
+        (folder / f"{name}.toml").write_text(scene)
+        print(f"{file.with_suffix('.toml')}: {len(x)} vertices, {tets} tets")
+
+
 def main():
+    if "--large" in sys.argv[1:]:
+        at = sys.argv.index("--large") + 1
+        if at == len(sys.argv):
+            sys.exit("make_phantom.py: --large needs a folder")
+        return make_large(Path(sys.argv[at]))
     only_check = "--check" in sys.argv[1:]
     columns = []
     for name, recipe in RECIPES.items():
         if not only_check:
-            build(name)
+            build(HERE / f"{name}.msh", recipe)
         mesh = mshfile.read(HERE / f"{name}.msh")
         if not only_check:
             check_with_gmsh(name, mesh)

@@ -14,17 +14,13 @@ factorises the system as symmetric. Both choices are GetFEM's fastest (README.md
 Needs Debian's python3-getfem (see `install`), run with /usr/bin/python3.
 """
 
-import os
-
-# Before numpy loads its BLAS: one thread, for comparable times and repeatable digits.
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
 import sys
-import time
 
 MISSING = "GetFEM is missing: run tests/peers/install (Debian's python3-getfem), then use /usr/bin/python3"
 try:
+    # First, because it limits the BLAS of numpy to one thread.
+    from newton import PARAMETERS_PA, Failed, NewtonBody, clock  # noqa: F401: scripts import Failed from here
+
     import getfem as gf
     import numpy as np
 
@@ -32,18 +28,8 @@ try:
 except ImportError as error:
     sys.exit(f"{MISSING} ({error})")
 
-# Clock of the times below: wall time, unless a caller sets time.process_time.
-clock = time.perf_counter
-
 gf.util_trace_level(0)
 gf.util_warning_level(0)
-
-# Liver, as in the bundled scenes and in the paper.
-YOUNG_PA, POISSON = 15480.0, 0.49
-LAMBDA_PA = YOUNG_PA * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
-MU_PA = YOUNG_PA / (2 * (1 + POISSON))
-C10_PA, C01_PA = 1300.0, 1280.0
-PARAMETERS_PA = {"lambda": LAMBDA_PA, "mu": MU_PA, "c10": C10_PA, "c01": C01_PA}
 
 
 def lame(young_pa, poisson):
@@ -108,11 +94,7 @@ LAWS = {
 }
 
 
-class Failed(Exception):
-    """No equilibrium found."""
-
-
-class Model:
+class Model(NewtonBody):
     """One body, held at `fixed` (0-based nodes) and moved at `active`, with a law of LAWS and order 1 or 2.
 
     The state is GetFEM's vector of all unknowns: u of the whole body, then p on the vertices if
@@ -156,11 +138,7 @@ class Model:
         held[self.u[prescribed]] = True
         held[self.active] = True
         self.free = np.flatnonzero(~held)
-        # Residuals of the constraint (m3) are measured as forces: times mu over the body's size, Pa/m.
-        volume = np.abs(np.linalg.det(mesh.nodes[mesh.tets[:, 1:]] - mesh.nodes[mesh.tets[:, :1]])).sum() / 6
-        self.weight = np.ones(len(self.rest))
-        self.weight[self.p] = MU_PA / volume ** (1 / 3)
-        self.force_floor_n = 1e-6 * MU_PA * volume ** (2 / 3)
+        self.scale_residual(mesh, self.p)
 
     def _add_terms(self, model, stress, regions):
         """Adds the weak form and returns the names of the pressure fields, one a region."""
@@ -271,9 +249,6 @@ class Model:
         columns[self.active] = direction
         return np.array(tangent.mult(columns)).ravel()[self.free]
 
-    def norm(self, residual):
-        return np.linalg.norm((self.weight * residual)[self.free])
-
     def energy(self, state):
         self.model.to_variables(state)
         return float(gf.asm_generic(self.mim, 0, self.energy_density, -1, self.model))
@@ -283,53 +258,3 @@ class Model:
         self.model.to_variables(state)
         points = gf.MeshImData(self.mim, -1)
         return float(np.min(self.model.interpolation(J, points)))
-
-    def solve_at(self, displacement, state, tolerance=1e-8, max_iterations=30, final_corrections=0, record=None):
-        """Newton's method at u_A = displacement from the guess `state`.
-
-        Returns (state, force / N, iterations, relative residual).
-
-        Converged at a residual of `tolerance` times the reaction (2-norms). The first step is always taken in
-        full. It may raise the residual, which is concentrated in the elements around the active node before.
-        Later steps are halved, up to five times, if the residual is a NaN or grows tenfold. After convergence
-        up to `final_corrections` more iterations follow while they lower the residual. `record` collects the
-        (assembly, solve) seconds of every iteration; a residual alone, as at the end, counts as (assembly,
-        None).
-        """
-        state = state.copy()
-        state[self.active] = displacement
-        residual, seconds = self.residual(state)
-        iterations = 0
-        extra = 0
-        while True:
-            size, force = self.norm(residual), residual[self.active]
-            scale = np.linalg.norm(force) + self.force_floor_n
-            if not np.isfinite(size) or size > 1e8 * scale:
-                raise Failed(f"diverged after {iterations} iterations")
-            if size <= tolerance * scale:
-                if extra == final_corrections:
-                    break
-                extra += 1
-            elif iterations >= max_iterations:
-                raise Failed(f"not converged after {iterations} iterations, residual {size / scale:.1e} of the force")
-            matrix, assembly = self.tangent()
-            step, solve = self.solve_linear(matrix, -residual[self.free])
-            if record is not None:
-                record.append((seconds + assembly, solve))
-            iterations += 1
-            omega, seconds = 1.0, 0.0
-            for _ in range(6):
-                trial = state.copy()
-                trial[self.free] += omega * step
-                trial_residual, taken = self.residual(trial)
-                seconds += taken
-                trial_size = self.norm(trial_residual)
-                if np.isfinite(trial_size) and (iterations == 1 or trial_size < 10 * size):
-                    break
-                omega *= 0.5
-            if extra and trial_size >= size:
-                break
-            state, residual = trial, trial_residual
-        if record is not None:
-            record.append((seconds, None))
-        return state, residual[self.active].copy(), iterations, size / scale

@@ -15,6 +15,17 @@ TRIANGLE, TETRAHEDRON = 2, 4
 DIMENSIONS = {TRIANGLE: 2, TETRAHEDRON: 3}
 
 
+# Edges of a tet, in the order of the middle nodes 4 to 9 of VTK.
+EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+
+
+def edges(tets):
+    """The edges of all tets, as rows of two nodes, and the edges of each tet (n x 6, in the order of EDGES)."""
+    pairs = np.sort(tets[:, EDGES], axis=2).reshape(-1, 2)
+    unique, number = np.unique(pairs, axis=0, return_inverse=True)
+    return unique, number.reshape(-1, len(EDGES))
+
+
 class Mesh:
     """Nodes (n x 3, m), tets (m x 4, 0-based nodes in file order), node sets of surface groups and indices of
     the tets of volume groups, both by name."""

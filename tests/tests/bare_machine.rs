@@ -19,7 +19,7 @@ const ANYWHERE: [(&str, &str); 5] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 18] = [
+const HERE: [(&str, &str, &str); 19] = [
     (
         "host/tests/live/process.rs",
         "std::env::current_exe().expect(\"a test has a file\")",
@@ -33,6 +33,7 @@ const HERE: [(&str, &str, &str); 18] = [
     ("host/src/sys/process.rs", "\"cat\"", "coreutils, essential"),
     ("tools/src/cmd/bench/fem.rs", "\"/usr/bin/python3\"", "the peer of `bench fem`, which no test asks for"),
     ("tests/tests/read_blob.rs", "PYTHON", "ignored tests, run by tests/peers/numpy"),
+    ("tests/tests/records.rs", "PYTHON", "an ignored test, run by tests/peers/numpy"),
     ("tests/tests/stored_fit.rs", "this", "the test itself"),
     ("host/tests/no_allocation.rs", "this", "the test itself"),
     ("host/tests/soak.rs", "this", "the test itself"),

@@ -13,6 +13,7 @@ mod held_out;
 mod parity;
 mod platform_math;
 mod read_blob;
+mod records;
 mod release;
 mod scattered;
 mod sizes;

@@ -19,6 +19,7 @@ mod plan;
 mod progress;
 mod public;
 mod recording;
+mod records;
 mod report;
 mod scenes;
 mod second;

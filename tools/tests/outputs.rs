@@ -80,7 +80,7 @@ const PATH: &str = "path beam.toml --direction=0,0,-1 --steps 1";
 const COMPARE: &str = "paper compare beam.toml --direction=0,0,-1 --length-mm 1";
 
 /// Commands whose last argument is the one output, and their inputs.
-const COMMANDS: [(&str, &[&str]); 16] = [
+const COMMANDS: [(&str, &[&str]); 17] = [
     ("pack a.space --no-certificate --out", &["a.space"]),
     ("precompute beam.toml --out", &["beam.toml", "beam.msh"]),
     ("precompute beam.toml --salvage --out", &["beam.toml", "beam.msh"]),
@@ -97,6 +97,7 @@ const COMMANDS: [(&str, &[&str]); 16] = [
     ("run a.blob --uncertified --headless --seconds 0.1 --frame-rate 0 --histograms", &["a.blob"]),
     ("run a.blob --uncertified --headless --seconds 0.1 --frame-rate 0 --record", &["a.blob"]),
     ("bench core --grids 514 --rounds 1 --blob a.blob --csv", &["a.blob"]),
+    ("bench core --rounds 1 --blob a.blob --points in.csv --json --csv", &["a.blob", "in.csv"]),
 ];
 
 #[test]

@@ -11,20 +11,24 @@ use clap::Parser;
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::space::{self, Store, StoreIdentity};
 use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
-use simulated::{Costs, Simulated, Solves, nanoseconds};
+use simulated::{Costs, Durations, Simulated, Solves, nanoseconds};
 use solved::SolvedSpace;
 
 /// Simulate the makespan of configuration spaces on 1 to 4,096 workers.
 ///
 /// The real planner and dispatcher run with workers in simulated time.
 ///
-/// With --space the solve times are drawn from that file, and its own expansion is simulated too, with its
-/// failures and retries. Without --space every solve takes --solve-ms.
+/// With --space its own expansion is simulated, on a lattice or adaptive, with its failures and retries, and the
+/// solve times of the grids are drawn from it. With --times all solve times are drawn from that file, which need
+/// not be finished. Without either every solve takes --solve-ms.
 #[derive(Debug, Parser)]
 struct Args {
-    /// File with the solve times
+    /// File whose expansion is simulated
     #[arg(long, value_name = "FILE.space")]
     space: Option<PathBuf>,
+    /// File with the solve times
+    #[arg(long, value_name = "FILE.space")]
+    times: Option<PathBuf>,
     /// Numbers of points of the grids: 514, 1418, 4168 or 14146; cells are completed
     #[arg(long, value_name = "N,M", value_delimiter = ',', default_value = "514,1418,4168,14146")]
     points: Vec<usize>,
@@ -81,8 +85,10 @@ struct Row {
 /// A space to simulate.
 struct Case<'a> {
     name: String,
-    grid: SpaceGrid,
-    complete_cells: bool,
+    identity: StoreIdentity,
+    mesh: TetMesh,
+    fixed: Vec<u32>,
+    active: Vec<(String, u32)>,
     actives: Vec<usize>,
     solves: Solves<'a>,
 }
@@ -94,11 +100,11 @@ fn main() -> Result<(), Failure> {
     }
     let dir = tempfile::tempdir()?;
     let solved = args.space.as_deref().map(SolvedSpace::load).transpose()?;
-    let seconds = match &solved {
-        Some(solved) => solved.seconds(),
-        None => vec![args.solve_ms / 1e3],
-    };
-    if seconds.is_empty() {
+    let given = args.times.as_deref().map(solved::durations_in).transpose()?;
+    let own = solved.as_ref().map(SolvedSpace::durations);
+    let constant = Durations::constant(args.solve_ms / 1e3);
+    let durations = given.as_ref().or(own.as_ref()).unwrap_or(&constant);
+    if durations.others.is_empty() {
         return Err("the file contains no solves".into());
     }
     let rank0_us = args.rank0_us;
@@ -108,29 +114,14 @@ fn main() -> Result<(), Failure> {
         take: nanoseconds(rank0_us / 2.0 * 1e-6),
         message: nanoseconds(args.message_us * 1e-6),
     };
-    let pool: Vec<u64> = seconds.iter().map(|&s| nanoseconds(s)).collect();
-    let mut cases = Vec::new();
-    if let Some(solved) = &solved {
-        cases.push(Case {
-            name: "as solved".into(),
-            grid: solved.grid,
-            complete_cells: solved.complete_cells,
-            actives: solved.actives.clone(),
-            solves: Solves::Known(&solved.records),
-        });
-    }
+    let mut cases: Vec<Case<'_>> = Vec::new();
+    cases.extend(solved.as_ref().map(|solved| Case::of(solved, given.as_ref())));
     for &points in &args.points {
-        cases.push(Case {
-            name: points.to_string(),
-            grid: grid_of(points)?,
-            complete_cells: true,
-            actives: vec![0],
-            solves: Solves::Drawn(&pool),
-        });
+        cases.push(Case::lattice(points, durations)?);
     }
     println!(
         "mean solve {:.1} ms; rank 0 {rank0_us:.0} us per attempt and {:.0} us per send; latency of a message {:.0} us\n",
-        1e3 * seconds.iter().sum::<f64>() / seconds.len() as f64,
+        1e3 * durations.mean_s(),
         args.send_us,
         args.message_us
     );
@@ -140,7 +131,7 @@ fn main() -> Result<(), Failure> {
     for case in &cases {
         for &workers in &args.workers {
             let path = dir.path().join("simulated.space");
-            println!("{}", simulate(case, workers, costs, &path)?.line());
+            println!("{}", case.simulate(workers, costs, &path)?.line());
             std::fs::remove_file(&path)?;
         }
     }
@@ -158,52 +149,75 @@ fn grid_of(points: usize) -> Result<SpaceGrid, Failure> {
     Ok(SpaceGrid::new(0.05 / cells, 0.05)?)
 }
 
-/// An empty store of an arbitrary body.
-fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) -> Result<Store, Failure> {
-    let mesh = TetMesh::cuboid([1; 3], 0.1);
-    let identity = StoreIdentity {
-        scene_name: "scheduler".into(),
-        scene: String::new(),
-        content_hash: String::new(),
-        mesh_hash: mesh.content_hash(),
-        law: String::new(),
-        max_force_n: f64::INFINITY,
-        sampling: Sampling::Lattice(Lattice { grid: *grid, complete_cells, increments: None }),
-        normals: Vec::new(),
-        visited_m: Vec::new(),
-        contacts: None,
-        charts: None,
-        visual: false,
-        displacement_bound: DisplacementBound::default(),
-    };
-    let active: Vec<(String, u32)> = (0..actives).map(|i| (format!("A{i}"), 0)).collect();
-    Ok(Store::create_or_resume(path, &identity, &mesh, &[], &active)?)
-}
+impl<'a> Case<'a> {
+    /// The expansion of a solved space, with other solve times if some are given.
+    fn of(solved: &'a SolvedSpace, times: Option<&'a Durations>) -> Self {
+        Self {
+            name: "as solved".into(),
+            identity: solved.identity.clone(),
+            mesh: solved.mesh.clone(),
+            fixed: solved.fixed.clone(),
+            active: solved.active.clone(),
+            actives: solved.actives.clone(),
+            solves: Solves::Known(&solved.records, times),
+        }
+    }
 
-fn simulate(case: &Case<'_>, workers: usize, costs: Costs, path: &Path) -> Result<Row, Failure> {
-    let store = scratch(path, &case.grid, case.complete_cells, case.actives.len())?;
-    let mut executor = Simulated::new(workers, costs, &case.solves, case.grid);
-    space::expand(&case.actives, &store, &mut executor, &AtomicBool::new(false), |_| ())?;
-    let seconds = |ns: u64| ns as f64 * 1e-9;
-    let ran = executor.ran();
-    let (makespan, work, chain) = (seconds(ran.makespan), seconds(ran.work), seconds(ran.chain));
-    let mean = work / ran.tries.max(1) as f64;
-    let rounds = ran.levels.values().map(|tries| tries.div_ceil(workers)).sum::<usize>();
-    let speed_up = work / makespan;
-    Ok(Row {
-        case: case.name.clone(),
-        points: case.actives.len() * (case.grid.points(case.complete_cells).len() - 1),
-        tries: ran.tries,
-        levels: ran.levels.len(),
-        workers,
-        makespan_s: makespan,
-        speed_up,
-        efficiency: speed_up / workers as f64,
-        bound_s: (work / workers as f64).max(chain),
-        chain_s: chain,
-        barrier_s: rounds as f64 * mean,
-        rank0_busy: seconds(ran.rank0_busy) / makespan,
-    })
+    /// A grid of this many points on an arbitrary body.
+    fn lattice(points: usize, durations: &'a Durations) -> Result<Self, Failure> {
+        let grid = grid_of(points)?;
+        let mesh = TetMesh::cuboid([1; 3], 0.1);
+        let identity = StoreIdentity {
+            scene_name: "scheduler".into(),
+            scene: String::new(),
+            content_hash: String::new(),
+            mesh_hash: mesh.content_hash(),
+            law: String::new(),
+            max_force_n: f64::INFINITY,
+            sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
+            normals: Vec::new(),
+            visited_m: Vec::new(),
+            contacts: None,
+            charts: None,
+            visual: false,
+            displacement_bound: DisplacementBound::default(),
+        };
+        Ok(Self {
+            name: points.to_string(),
+            identity,
+            mesh,
+            fixed: Vec::new(),
+            active: vec![("A".into(), 0)],
+            actives: vec![0],
+            solves: Solves::Spring(grid, durations),
+        })
+    }
+
+    fn simulate(&self, workers: usize, costs: Costs, path: &Path) -> Result<Row, Failure> {
+        let store = Store::create_or_resume(path, &self.identity, &self.mesh, &self.fixed, &self.active)?;
+        let mut executor = Simulated::new(workers, costs, &self.solves);
+        space::expand(&self.actives, &store, &mut executor, &AtomicBool::new(false), |_| ())?;
+        let seconds = |ns: u64| ns as f64 * 1e-9;
+        let ran = executor.ran();
+        let (makespan, work, chain) = (seconds(ran.makespan), seconds(ran.work), seconds(ran.chain));
+        let mean = work / ran.tries.max(1) as f64;
+        let rounds = ran.levels.values().map(|tries| tries.div_ceil(workers)).sum::<usize>();
+        let speed_up = work / makespan;
+        Ok(Row {
+            case: self.name.clone(),
+            points: ran.tries - self.actives.len(),
+            tries: ran.tries,
+            levels: ran.levels.len(),
+            workers,
+            makespan_s: makespan,
+            speed_up,
+            efficiency: speed_up / workers as f64,
+            bound_s: (work / workers as f64).max(chain),
+            chain_s: chain,
+            barrier_s: rounds as f64 * mean,
+            rank0_busy: seconds(ran.rank0_busy) / makespan,
+        })
+    }
 }
 
 impl Row {

@@ -23,14 +23,44 @@ pub(crate) struct Costs {
 /// An attempt: active node, grid point, attempt number.
 pub(crate) type Try = (u32, GridIndex, u32);
 
-/// Durations and results of the solves.
+/// Durations of solves, ns, sorted. Those drawn from them are the same for a point in every run.
+#[derive(Debug)]
+pub(crate) struct Durations {
+    /// Of the solves at rest, with which the space of an active node begins.
+    pub(crate) at_rest: Vec<u64>,
+    /// Of all others.
+    pub(crate) others: Vec<u64>,
+}
+
+impl Durations {
+    /// The same duration of every solve, s.
+    pub(crate) fn constant(seconds: f64) -> Self {
+        Self { at_rest: Vec::new(), others: vec![nanoseconds(seconds)] }
+    }
+
+    /// Mean, s.
+    pub(crate) fn mean_s(&self) -> f64 {
+        let all = self.at_rest.iter().chain(&self.others);
+        all.map(|&ns| ns as f64 * 1e-9).sum::<f64>() / (self.at_rest.len() + self.others.len()) as f64
+    }
+
+    fn draw(&self, active: u32, task: &Task) -> u64 {
+        let is_at_rest = task.parent.is_none() && !self.at_rest.is_empty();
+        let pool = if is_at_rest { &self.at_rest } else { &self.others };
+        let [i, j, k] = task.target.map(|n| n as u32 as u64);
+        let attempt = u64::from(active) << 32 | u64::from(task.attempt);
+        let number = split_mix(i ^ split_mix(j ^ split_mix(k ^ split_mix(attempt))));
+        pool[(number % pool.len() as u64) as usize]
+    }
+}
+
+/// Results and durations of the solves.
 #[derive(Debug)]
 pub(crate) enum Solves<'a> {
-    /// Every point is solved at the first attempt. Durations are drawn from these values, ns, with the same
-    /// duration for a point in every run.
-    Drawn(&'a [u64]),
-    /// The recorded attempts.
-    Known(&'a HashMap<Try, Record>),
+    /// Every point of the grid is solved at the first attempt.
+    Spring(SpaceGrid, &'a Durations),
+    /// The recorded attempts, with their own durations or with drawn ones.
+    Known(&'a HashMap<Try, Record>, Option<&'a Durations>),
 }
 
 /// Times of a simulated run, ns.
@@ -55,7 +85,6 @@ pub(crate) struct SimulatedRun {
 pub(crate) struct Simulated<'a> {
     costs: Costs,
     solves: &'a Solves<'a>,
-    grid: SpaceGrid,
     seed: StoredSeed,
     /// Rank 0's clock.
     now: u64,
@@ -87,11 +116,10 @@ fn blank_seed() -> StoredSeed {
 
 impl<'a> Simulated<'a> {
     /// An executor with `workers` idle workers.
-    pub(crate) fn new(workers: usize, costs: Costs, solves: &'a Solves<'a>, grid: SpaceGrid) -> Self {
+    pub(crate) fn new(workers: usize, costs: Costs, solves: &'a Solves<'a>) -> Self {
         Self {
             costs,
             solves,
-            grid,
             seed: blank_seed(),
             now: 0,
             free: vec![0; workers],
@@ -116,20 +144,17 @@ impl<'a> Simulated<'a> {
 
     fn solve(&self, active: u32, task: &Task) -> Result<(u64, Record), ExecutorError> {
         match self.solves {
-            Solves::Drawn(pool) => {
-                let [i, j, k] = task.target.map(|n| n as u32 as u64);
-                let number = split_mix(i ^ split_mix(j ^ split_mix(k ^ split_mix(u64::from(task.attempt)))));
-                let duration = pool[(number % pool.len() as u64) as usize];
-                Ok((duration, harmonic(task, &self.grid)))
-            }
-            Solves::Known(records) => {
+            Solves::Spring(grid, durations) => Ok((durations.draw(active, task), harmonic(task, grid))),
+            Solves::Known(records, drawn) => {
                 let record = records.get(&(active, task.target, task.attempt)).ok_or_else(|| {
                     ExecutorError::Lost(format!(
                         "the file has no attempt {} at {:?}",
                         task.attempt, task.target
                     ))
                 })?;
-                Ok((nanoseconds(record.seconds), record.clone()))
+                let duration =
+                    drawn.map_or_else(|| nanoseconds(record.seconds), |times| times.draw(active, task));
+                Ok((duration, record.clone()))
             }
         }
     }

@@ -7,7 +7,7 @@ mod pattern;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use pattern::Pattern;
+pub(crate) use pattern::{Pattern, PlacedEntry, subtract_product};
 
 use std::ops::Range;
 use std::slice::ChunksExact;

@@ -24,6 +24,26 @@ pub(crate) struct Pattern {
     pub(super) handle_elements: Vec<u32>,
 }
 
+/// An entry of the lower triangle and its place in the values.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PlacedEntry {
+    row: usize,
+    column: usize,
+    place: usize,
+}
+
+/// y -= A x of the symmetric matrix with these entries alone, for every column of `n` numbers.
+pub(crate) fn subtract_product(entries: &[PlacedEntry], values: &[f64], x: &[f64], y: &mut [f64], n: usize) {
+    for (x, y) in x.chunks(n).zip(y.chunks_mut(n)) {
+        for &PlacedEntry { row, column, place } in entries {
+            y[row] -= values[place] * x[column];
+            if row != column {
+                y[column] -= values[place] * x[row];
+            }
+        }
+    }
+}
+
 /// Equations and entries of the elements with the same number of nodes.
 #[derive(Debug)]
 struct ElementEntries {
@@ -148,6 +168,21 @@ impl Pattern {
             handle_elements: Vec::new(),
         };
         (pattern, places)
+    }
+
+    /// The entries that have some of the equations, ascending, as their row or column.
+    pub(crate) fn entries_of(&self, equations: &[usize]) -> Vec<PlacedEntry> {
+        let mut is_wanted = vec![false; self.unknowns()];
+        equations.iter().for_each(|&equation| is_wanted[equation] = true);
+        let column = |column: usize| {
+            (self.column_starts[column]..self.column_starts[column + 1]).map(move |place| PlacedEntry {
+                row: self.rows[place],
+                column,
+                place,
+            })
+        };
+        let all = (0..self.unknowns()).flat_map(column);
+        all.filter(|entry| is_wanted[entry.row] || is_wanted[entry.column]).collect()
     }
 
     /// Place in the values of the entry of two equations that share an element; one past the end if one of them

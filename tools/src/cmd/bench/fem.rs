@@ -75,6 +75,8 @@ struct Row {
     /// The same including the last correction, S, du/dd and W_ijk.
     configuration_with_derivatives_s: f64,
     residual_n: f64,
+    /// Force by the tool on the body at the active node there, N: other codes must reach the same.
+    force_n: [f64; 3],
     peer: Option<Peer>,
 }
 
@@ -152,9 +154,9 @@ fn measure(
         let start = Instant::now();
         let configuration = solver.advance_to(&neighbour.seed, &at(TARGET_MM)).map_err(failed)?;
         whole.push(start.elapsed().as_secs_f64());
-        reached = Some((spent, configuration.residual_n));
+        reached = Some((spent, configuration.residual_n, configuration.seed.jet.force_n));
     }
-    let ((iterations, factorisations), residual_n) = reached.expect("at least one repetition");
+    let ((iterations, factorisations), residual_n, force_n) = reached.expect("at least one repetition");
     let part = |of: fn(&IterationProfile) -> f64| median(profiles.iter().map(of).collect());
     let profile = IterationProfile {
         assembly_s: part(|p| p.assembly_s),
@@ -181,6 +183,7 @@ fn measure(
         factorisations,
         configuration_with_derivatives_s,
         residual_n,
+        force_n,
         peer: None,
     })
 }

@@ -16,13 +16,16 @@ use crate::output;
 
 /// Measure time and memory of a configuration for increasing numbers of equations.
 ///
-/// The bodies are cubes of 0.1 m, pressed on top by a fingertip of 15 mm. A configuration is that 15 mm deep, from the
-/// one 5 mm deep. "with factors" makes a factor of every tangent, which large bodies do without.
+/// The bodies are cubes of 0.1 m, pressed on top by a fingertip of 15 mm. A configuration starts from the one 10 mm
+/// less deep. "with factors" makes a factor of every tangent, which large bodies do without.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Stop before the first body with more equations than this
     #[arg(long, value_name = "N", default_value_t = 110_000)]
     largest: usize,
+    /// Depth of the configuration, mm; more than 10
+    #[arg(long, value_name = "MM", default_value_t = 12.0)]
+    depth_mm: f64,
     /// Elements and laws, separated by commas: p1, p1p1, p2p1; all if not given
     #[arg(long, value_name = "A,B", value_delimiter = ',')]
     elements: Vec<String>,
@@ -32,14 +35,16 @@ pub(crate) struct Args {
 const FITTED_FROM: usize = 5_000;
 /// Edge of the cube, m.
 const EDGE_M: f64 = 0.1;
-/// Depths of the neighbour and of the configuration, m.
-const DEPTHS_M: [f64; 2] = [0.005, 0.015];
+/// How far a configuration is from its neighbour, m.
+const TRANSITION_M: f64 = 0.01;
 
 /// One body of the table.
 struct Row {
     equations: usize,
     entries: usize,
     factor_s: f64,
+    iterations: u32,
+    increments: u32,
     configuration_s: f64,
     /// The same with factors, for a large body.
     with_factors_s: Option<f64>,
@@ -59,8 +64,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(unknown) = args.elements.iter().find(|name| !all.iter().any(|(key, ..)| key == name)) {
         return Err(Failure::input(format!("no elements `{unknown}`; give p1, p1p1 or p2p1")));
     }
+    let depth_m = 1e-3 * args.depth_mm;
+    if !(depth_m > TRANSITION_M && depth_m < EDGE_M) {
+        return Err(Failure::input(format!("--depth-mm is {}; give one between 10 and 100", args.depth_mm)));
+    }
     output::line(
-        "body                 equations  entries of factor  factor s  first s  configuration s  with factors s  MB (peak)",
+        "body                 equations  entries of factor  factor s  first s  steps (increments)  configuration s  with factors s  MB (peak)",
     )?;
     for (key, name, law, order, cells) in all {
         if !args.elements.is_empty() && !args.elements.iter().any(|wanted| wanted == key) {
@@ -68,14 +77,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
         let mut rows = Vec::new();
         for &n in cells {
-            let Some(row) = measure(name, &law, order, n, args.largest)? else { break };
+            let Some(row) = measure(name, &law, order, n, args.largest, depth_m)? else { break };
             let seconds = |s: Option<f64>| s.map_or_else(|| "-".into(), |s| format!("{s:.3}"));
             output::line(format!(
-                "{name:20} {:>9} {:>18} {:>9.3} {:>8.2} {:>16.3} {:>15} {:>10}",
+                "{name:20} {:>9} {:>18} {:>9.3} {:>8.2} {:>19} {:>16.3} {:>15} {:>10}",
                 row.equations,
                 row.entries,
                 row.factor_s,
                 row.first_s,
+                format!("{} ({})", row.iterations, row.increments),
                 row.configuration_s,
                 seconds(row.with_factors_s),
                 shown(row.peak_mb),
@@ -116,6 +126,7 @@ fn measure(
     order: Order,
     n: usize,
     largest: usize,
+    depth_m: f64,
 ) -> Result<Option<Row>, Failure> {
     let mesh = TetMesh::cuboid([n; 3], EDGE_M / n as f64);
     let fixed: Vec<u32> =
@@ -134,22 +145,22 @@ fn measure(
     let timed = |solver: &mut Solver, from: &Seed, depth_m: f64| {
         let start = Instant::now();
         let reached = solver.advance(from, [0.0, 0.0, -depth_m]).map_err(failed)?;
-        Ok::<_, Failure>((reached.seed, start.elapsed().as_secs_f64()))
+        Ok::<_, Failure>((reached, start.elapsed().as_secs_f64()))
     };
     let problem = Arc::new(free.at(pad.clone()));
     let mut solver = Solver::new(problem.clone());
     let start = Instant::now();
     let rest = solver.rest().map_err(failed)?.seed;
     let first_s = start.elapsed().as_secs_f64();
-    let (neighbour, _) = timed(&mut solver, &rest, DEPTHS_M[0])?;
-    let (_, configuration_s) = timed(&mut solver, &neighbour, DEPTHS_M[1])?;
+    let neighbour = timed(&mut solver, &rest, depth_m - TRANSITION_M)?.0.seed;
+    let (reached, configuration_s) = timed(&mut solver, &neighbour, depth_m)?;
     let peak = peak_mb();
     drop(solver);
     let mut exact = free;
     exact.newton.large_flops = f64::INFINITY;
     let mut solver = Solver::new(Arc::new(exact.at(pad)));
     let with_factors_s = match problem.is_large() {
-        true => Some(timed(&mut solver, &neighbour, DEPTHS_M[1])?.1),
+        true => Some(timed(&mut solver, &neighbour, depth_m)?.1),
         false => None,
     };
     let factor_s = solver.profile(&neighbour).map_err(failed)?.factorisation_s;
@@ -157,6 +168,8 @@ fn measure(
         equations: problem.unknowns(),
         entries: problem.entries().1,
         factor_s,
+        iterations: reached.iterations,
+        increments: reached.increments,
         configuration_s,
         with_factors_s,
         first_s,

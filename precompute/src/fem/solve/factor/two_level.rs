@@ -18,7 +18,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::super::{Problem, regularised_diagonal};
 use super::{Matrix, RIGHT_SIDES, SingleFactor, SingleScratch, SymbolicFactor};
-use crate::fem::assembly::Pattern;
+use crate::fem::assembly::{Pattern, PlacedEntry, subtract_product};
 use crate::fem::body::{ABSENT, Body};
 use crate::fem::boundary::{Contact, DofMap};
 use crate::num::vector::{difference, distance};
@@ -35,6 +35,8 @@ pub(in crate::fem::solve) struct NearEquations {
     equations: Vec<usize>,
     /// The places of their entries in the values of the whole matrix.
     places: Vec<usize>,
+    /// The same with the entries that join them to others.
+    joined: Vec<PlacedEntry>,
     pattern: Pattern,
     symbolic: SymbolicFactor,
 }
@@ -72,7 +74,8 @@ impl NearEquations {
             .filter_map(|(equation, size)| Some((equations.binary_search(&equation).ok()?, size)))
             .collect();
         let symbolic = SymbolicFactor::new(&pattern, &diagonal, negative);
-        Some(Self { equations, places, pattern, symbolic })
+        let joined = problem.pattern.entries_of(&equations);
+        Some(Self { equations, places, joined, pattern, symbolic })
     }
 }
 
@@ -188,23 +191,20 @@ impl TwoLevel {
         columns.fill(0.0);
         if let Some(near) = near {
             near.add(right, columns, n);
-            defect(matrix, right, columns, left);
+            // The columns are zero elsewhere.
+            subtract_product(&near.of.joined, matrix.values, columns, left, n);
         }
         turned(turns, left, n, Matrix3::tr_mul);
         far.solve(matrix.symbolic, left, scratch);
         turned(turns, left, n, |turn, vector| turn * vector);
         columns.iter_mut().zip(&*left).for_each(|(z, y)| *z += y);
         if let Some(near) = near {
-            defect(matrix, right, columns, left);
+            // What is left elsewhere is not read.
+            left.copy_from_slice(right);
+            subtract_product(&near.of.joined, matrix.values, columns, left, n);
             near.add(left, columns, n);
         }
     }
-}
-
-/// left = right - K x of all columns.
-fn defect(matrix: Matrix<'_>, right: &[f64], x: &[f64], left: &mut [f64]) {
-    matrix.pattern.multiply_columns(matrix.values, x, left);
-    left.iter_mut().zip(right).for_each(|(left, right)| *left = right - *left);
 }
 
 /// Turns the displacements or forces of all nodes.

@@ -16,6 +16,7 @@ use serde::Serialize;
 
 use super::common::{Out, Pinned};
 use crate::failure::Failure;
+use crate::points::read_points;
 use crate::{blob, output};
 use tables::Tables;
 use timing::{Run, Timing};
@@ -39,6 +40,10 @@ pub(crate) struct Args {
     /// Active node of the blob; the first if not given
     #[arg(long, value_name = "NAME", requires = "blob")]
     active: Option<String>,
+    /// Also give the force of every method and peer at these displacements: a table with the columns
+    /// x_m,y_m,z_m. JSON only
+    #[arg(long, value_name = "FILE.csv", requires = "blob", requires = "json")]
+    points: Option<PathBuf>,
     /// Number of interleaved batches of each method
     #[arg(long, value_name = "N", default_value_t = 400)]
     rounds: usize,
@@ -73,11 +78,16 @@ struct Row {
     off_n: Option<f64>,
     /// Bytes of its tables.
     bytes: usize,
+    /// Forces at the points of --points, N.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    answers: Vec<Vec3>,
 }
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let out = args.out.ready(args.blob.as_deref())?;
+    let out = args.out.ready(args.blob.iter().chain(&args.points).map(PathBuf::as_path))?;
+    let points = args.points.as_ref().map(|path| read_points(path, "--points")).transpose()?;
+    let points: Vec<Vec3> = points.unwrap_or_default().iter().map(|at| at.map(|x| x as f32)).collect();
     let mut figures = Figures {
         processor: processor(),
         built_for: Instructions::built_for(),
@@ -95,12 +105,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             let names: Vec<&str> = organ.spaces.iter().map(|space| space.active.name.as_str()).collect();
             Failure::input(format!("no such active node in the blob; it has {}", names.join(", ")))
         })?;
-        figures.rows = measure(space, true, figures.rounds);
+        figures.rows = measure(space, true, figures.rounds, &points);
     } else {
         for &grid in &args.grids {
             eprintln!("palpate: {grid} points");
             let tables = Tables::made_up(grid)?;
-            figures.rows.extend(measure(&tables.space(), tables.fitted, figures.rounds));
+            figures.rows.extend(measure(&tables.space(), tables.fitted, figures.rounds, &[]));
         }
     }
     out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
@@ -108,7 +118,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Median time of a query of every method on one space with its fastest instruction set, ns.
 pub(in crate::cmd::bench) fn fastest_ns(space: &Space<'_>, rounds: usize) -> Vec<(String, f64)> {
-    let rows = measure(space, true, rounds);
+    let rows = measure(space, true, rounds, &[]);
     let mut fastest: Vec<(String, f64)> = Vec::new();
     for row in rows.into_iter().filter(|row| row.instructions != PEER) {
         match fastest.iter_mut().find(|(method, _)| *method == row.method) {
@@ -119,8 +129,9 @@ pub(in crate::cmd::bench) fn fastest_ns(space: &Space<'_>, rounds: usize) -> Vec
     fastest
 }
 
-/// Measures every method on one space. `fitted`: whether the RBF weights cancel like those of a real fit.
-fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
+/// Measures every method on one space, and evaluates it at `points`. `fitted`: whether the RBF weights cancel
+/// like those of a real fit.
+fn measure(space: &Space<'_>, fitted: bool, rounds: usize, points: &[Vec3]) -> Vec<Row> {
     let grid = space.planes().flags.iter().filter(|bits| **bits & flags::SOLVED != 0).count() - 1;
     let queries = timing::queries(space.lattice().radius_m());
     let methods = || Method::ALL.into_iter().filter(|method| space.has(*method));
@@ -149,6 +160,7 @@ fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
             waits_ns: timing.waits_ns,
             off_n,
             bytes: run.bytes,
+            answers: points.iter().map(|point| run.ask(point)).collect(),
         }
     };
     runs.iter_mut().zip(timings).map(row).collect()
