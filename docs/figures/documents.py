@@ -48,10 +48,10 @@ def numbers(text, offset=0):
 
 
 def pattern(words):
-    """`{}` is a number, `{_}` a number that is not wanted, ` ... ` any text; white space is any white space."""
-    parts = re.split(r"(\{\}|\{_\}|\.\.\.|\s+)", words.strip())
+    """`{}` is a number, `{_}` a number that is not wanted, `...` any text; white space is any white space."""
+    parts = re.split(r"(\{\}|\{_\}|\s*\.\.\.\s*|\s+)", words.strip())
     regex = {"{}": f"({PLAIN})", "{_}": PLAIN, "...": r".*?"}
-    return re.compile("".join(regex.get(p) or (r"\s+" if p.isspace() else re.escape(p)) for p in parts), re.DOTALL)
+    return re.compile("".join(regex.get(p.strip()) or (r"\s+" if p.isspace() else re.escape(p)) for p in parts), re.DOTALL)
 
 
 def without_date(heading):

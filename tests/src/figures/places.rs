@@ -204,7 +204,8 @@ fn matched(text: &str, like: &str) -> Option<Vec<Number>> {
     if like.is_empty() {
         return Some(Vec::new());
     }
-    if let Some(rest) = like.strip_prefix("...") {
+    if let Some(rest) = like.trim_start().strip_prefix("...") {
+        let rest = rest.trim_start();
         return text.char_indices().find_map(|(at, _)| matched(&text[at..], rest));
     }
     for (mark, is_wanted) in [("{}", true), ("{_}", false)] {
@@ -253,6 +254,7 @@ mod tests {
         assert_eq!(at("MR | 1,418", "s"), Ok(vec![2.0, 3.0]));
         assert!(at("MR", "s").is_err() && at("StVK", "s").is_err() && at("MR | 514", "t").is_err());
         assert_eq!(find(section, "Within {} mN").map(|n| n[0].value), Ok(4.0));
+        assert_eq!(find(section, "MR | {_} ... | {} ({} %)").map(|n| (n[0].value, n[1].value)), Ok((2.0, 3.0)));
         assert!(find(section, "Within {} N").is_err());
     }
 }
