@@ -4,6 +4,7 @@
 pub mod circles;
 pub mod coarse_blob;
 pub mod documents;
+pub mod figures;
 pub mod platform_math;
 pub mod sizes;
 pub mod space_bench;

@@ -6,6 +6,7 @@ mod bare_machine;
 mod between;
 mod certificate;
 mod documents;
+mod figures;
 mod hard;
 mod hazards;
 mod held_out;

@@ -4,6 +4,7 @@ mod command_line;
 mod doctor;
 mod documents;
 mod extremes;
+mod figures;
 mod fingertip;
 mod force_dimension;
 mod guard;
