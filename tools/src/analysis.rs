@@ -10,6 +10,7 @@ use palpate_precompute::space::Store;
 
 use crate::failure::Failure;
 use crate::files::{FileKind, Output};
+use crate::interrupt::Beginning;
 use crate::progress::WorkProgress;
 
 /// Loads a scene, prints its warnings, builds its body and chooses its contact points.
@@ -53,7 +54,9 @@ fn built(
     if let Some(progress) = &mut progress {
         progress.phase("choosing contact points");
     }
+    let beginning = scene.cover.is_some().then(Beginning::new);
     let analysis = build(scene);
+    drop(beginning);
     if let Some(progress) = progress {
         progress.finish();
     }

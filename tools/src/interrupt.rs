@@ -15,7 +15,28 @@ static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 /// When the first signal came.
 static FIRST: Mutex<Option<Instant>> = Mutex::new(None);
 
-/// A flag that Ctrl-C and SIGTERM set. A later second signal ends the process.
+/// Whether there is nothing to keep yet.
+static IS_BEGINNING: AtomicBool = AtomicBool::new(false);
+
+/// While it exists the first signal ends the process: its work has no result to keep.
+#[derive(Debug)]
+pub(crate) struct Beginning;
+
+impl Beginning {
+    /// Begins such work.
+    pub(crate) fn new() -> Self {
+        IS_BEGINNING.store(true, Ordering::SeqCst);
+        Self
+    }
+}
+
+impl Drop for Beginning {
+    fn drop(&mut self) {
+        IS_BEGINNING.store(false, Ordering::SeqCst);
+    }
+}
+
+/// A flag that Ctrl-C and SIGTERM set. A later second signal ends the process, and the first one during a [`Beginning`].
 pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     if let Some(stop) = STOP.get() {
         return Ok(stop.clone());
@@ -23,6 +44,9 @@ pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let stop = STOP.get_or_init(Arc::default).clone();
     let raised = stop.clone();
     on_signal(move || {
+        if IS_BEGINNING.load(Ordering::SeqCst) {
+            nothing_is_kept();
+        }
         raised.store(true, Ordering::SeqCst);
         let mut first = FIRST.lock().unwrap_or_else(PoisonError::into_inner);
         if first.get_or_insert_with(Instant::now).elapsed() > SECOND_SIGNAL_DELAY {
@@ -41,10 +65,12 @@ pub(crate) fn restart(stop: &AtomicBool) {
 
 /// Ends the process at the first Ctrl-C or SIGTERM, for a command that keeps no results.
 pub(crate) fn end_when_interrupted() -> Result<(), Failure> {
-    on_signal(|| {
-        eprintln!("palpate: interrupted; nothing is kept");
-        std::process::exit(1);
-    })
+    on_signal(|| nothing_is_kept())
+}
+
+fn nothing_is_kept() -> ! {
+    eprintln!("palpate: interrupted; nothing is kept");
+    std::process::exit(1);
 }
 
 fn on_signal(handle: impl FnMut() + Send + 'static) -> Result<(), Failure> {
