@@ -254,7 +254,10 @@ mod tests {
         assert_eq!(at("MR | 1,418", "s"), Ok(vec![2.0, 3.0]));
         assert!(at("MR", "s").is_err() && at("StVK", "s").is_err() && at("MR | 514", "t").is_err());
         assert_eq!(find(section, "Within {} mN").map(|n| n[0].value), Ok(4.0));
-        assert_eq!(find(section, "MR | {_} ... | {} ({} %)").map(|n| (n[0].value, n[1].value)), Ok((2.0, 3.0)));
+        assert_eq!(
+            find(section, "MR | {_} ... | {} ({} %)").map(|n| (n[0].value, n[1].value)),
+            Ok((2.0, 3.0))
+        );
         assert!(find(section, "Within {} N").is_err());
     }
 }
