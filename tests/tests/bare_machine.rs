@@ -19,7 +19,7 @@ const ANYWHERE: [(&str, &str); 5] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 19] = [
+const HERE: [(&str, &str, &str); 20] = [
     (
         "host/tests/live/process.rs",
         "std::env::current_exe().expect(\"a test has a file\")",
@@ -43,6 +43,7 @@ const HERE: [(&str, &str, &str); 19] = [
     ("hil/src/bin/falcon-guest/killed_hosts.rs", "program", "the running program"),
     ("tools/tests/command_line.rs", "\"bash\"", "essential"),
     ("tools/tests/documents.rs", "\"sh\"", "dash, essential"),
+    ("tools/tests/figures.rs", "\"sh\"", "dash, essential"),
 ];
 
 /// The expressions in `Command::new(..)` of a source file.
