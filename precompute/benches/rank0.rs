@@ -73,9 +73,9 @@ impl Executor for AtOnce {
     fn stop(&mut self) {}
 }
 
-/// The 1,014 points of the paper's coarsest grid, with the unknowns of the small and of the large organ. The
+/// The 1,014 points of the paper's coarsest grid, with the unknowns of the small, the large and a finer organ. The
 /// worker's part, to encode the outcome, is included.
-#[divan::bench(args = [1_839, 7_862], sample_count = 5, sample_size = 1)]
+#[divan::bench(args = [1_839, 7_862, 51_971], sample_count = 5, sample_size = 1)]
 fn attempts(bencher: Bencher<'_, '_>, unknowns: usize) {
     let grid = SpaceGrid::new(0.01, 0.05).expect("a grid");
     let mesh = TetMesh::cuboid([1; 3], 0.1);

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use palpate_precompute::space::{Executor, Job, Task, Work};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
-use simulated::{Costs, Simulated, Solves};
+use simulated::{Costs, Durations, Simulated, Solves};
 
 fn job(target: GridIndex, parent: Option<GridIndex>) -> Work {
     let task = Task { target, attempt: 0, round: 1, parent: parent.map(|index| (index, 0)), chart: None };
@@ -18,8 +18,9 @@ fn job(target: GridIndex, parent: Option<GridIndex>) -> Work {
 #[test]
 fn time_passes_as_on_a_machine() {
     let grid = SpaceGrid::new(0.01, 0.02).expect("a grid");
-    let solves = Solves::Drawn(&[1000]);
-    let mut executor = Simulated::new(2, Costs { give: 10, take: 20, message: 5 }, &solves, grid);
+    let durations = Durations { at_rest: Vec::new(), others: vec![1000] };
+    let solves = Solves::Spring(grid, &durations);
+    let mut executor = Simulated::new(2, Costs { give: 10, take: 20, message: 5 }, &solves);
     // The jobs arrive at 10 and 20. The third waits for the first, which ends at 10 + 5 + 1000.
     for (worker, target) in [(0, [0, 0, 1]), (1, [0, 0, 2]), (0, [0, 1, 0])] {
         let parent = (target == [0, 0, 2]).then_some([0, 0, 1]);
@@ -32,4 +33,17 @@ fn time_passes_as_on_a_machine() {
     let ran = executor.ran();
     // The last job ends at 2015, arrives at 2020 and is stored at 2040.
     assert_eq!((ran.makespan, ran.work, ran.chain, ran.rank0_busy), (2040, 3000, 2000, 90));
+}
+
+#[test]
+fn a_solve_at_rest_takes_the_time_of_one() {
+    let grid = SpaceGrid::new(0.01, 0.02).expect("a grid");
+    let durations = Durations { at_rest: vec![7000], others: vec![1000] };
+    let solves = Solves::Spring(grid, &durations);
+    let mut executor = Simulated::new(1, Costs { give: 0, take: 0, message: 0 }, &solves);
+    for (target, parent) in [([0, 0, 0], None), ([0, 0, 1], Some([0, 0, 0]))] {
+        executor.give(0, job(target, parent)).expect("it is taken");
+        executor.take(Duration::ZERO).expect("it is out");
+    }
+    assert_eq!(executor.ran().work, 8000);
 }

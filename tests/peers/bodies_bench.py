@@ -139,7 +139,7 @@ def main(code=None, description=__doc__):
     arguments.add_argument("--cases", default=",".join(CASES), help="some of " + ",".join(CASES))
     arguments.add_argument("--mesh-dir", type=pathlib.Path, default=HERE.parent.parent / "assets")
     arguments.add_argument("--csv", help="file to write; standard output without it")
-    arguments.add_argument("--repetitions", type=int, help="repetitions of every measurement, instead of 1 to 5 by size")
+    arguments.add_argument("--repetitions", type=int, help="of every measurement, instead of 1 to 5 by size")
     arguments.add_argument("--clock", choices=("wall", "cpu"), default="wall", help="cpu: for a busy machine")
     arguments.add_argument("--one-step", action="store_true", help="without the increments of 1 mm")
     options = arguments.parse_args()

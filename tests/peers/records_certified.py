@@ -48,5 +48,6 @@ def measure(run, rows):
         if row.quantity == records_solver.CONFIGURATION and row.ours is not None:
             estimate = solves * row.value * 1e-3
             note = f"an estimate: {solves} configurations of {row.value:.1f} ms"
-            figures.append(Figure("certified", case, QUANTITY, "s", row.system, estimate, seconds, "precompute, pack", note))
+            beside = (estimate, seconds, "precompute, pack", note)
+            figures.append(Figure("certified", case, QUANTITY, "s", row.system, *beside))
     return figures

@@ -63,7 +63,8 @@ fn has(item: &Value, pair: &str) -> bool {
     match item.get(key) {
         Some(Value::String(text)) => text == wanted,
         Some(other) => {
-            other.to_string() == wanted || other.as_f64().is_some_and(|value| wanted.parse() == Ok(value))
+            let shown = other.to_string();
+            shown == wanted || other.as_f64().is_some_and(|value| wanted.parse() == Ok(value))
         }
         None => false,
     }
