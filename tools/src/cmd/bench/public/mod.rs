@@ -151,6 +151,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let stop = stop_flag()?;
     let context = Context { quick: args.quick, threads, stop: &stop };
+    if !args.assets.is_dir() {
+        let folder = args.assets.display();
+        return Err(Failure::input(format!(
+            "{folder}: no such folder; give that of the bundled scenes with --assets (assets of a clone, or /usr/share/palpate)"
+        )));
+    }
     let mut workshop = Workshop::open(&mut files, &out, &args.assets, context)?;
     if let Some(folder) = &args.questions {
         let written = workshop.copy_questions(&mut files, folder)?;
