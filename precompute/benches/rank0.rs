@@ -1,6 +1,9 @@
 //! Time of rank 0 of a cluster per attempt, without the transport: plan, read the parent's state, encode the job,
 //! decode the outcome, store it. `cargo bench -p palpate-precompute --bench rank0`.
 
+#[path = "scheduler/lattice.rs"]
+mod lattice;
+
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -11,9 +14,9 @@ use palpate_precompute::fem::{Pose, Seed};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::num::EnergyJet;
 use palpate_precompute::space::{
-    Done, Executor, ExecutorError, Outcome, Record, Store, StoreIdentity, StoredSeed, Work, expand,
+    Done, Executor, ExecutorError, Outcome, Record, Store, StoredSeed, Work, expand,
 };
-use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
+use palpate_precompute::spec::SpaceGrid;
 
 fn main() {
     divan::main();
@@ -79,21 +82,7 @@ impl Executor for AtOnce {
 fn attempts(bencher: Bencher<'_, '_>, unknowns: usize) {
     let grid = SpaceGrid::new(0.01, 0.05).expect("a grid");
     let mesh = TetMesh::cuboid([1; 3], 0.1);
-    let identity = StoreIdentity {
-        scene_name: "rank 0".into(),
-        scene: String::new(),
-        content_hash: String::new(),
-        mesh_hash: mesh.content_hash(),
-        law: String::new(),
-        max_force_n: f64::INFINITY,
-        sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
-        normals: Vec::new(),
-        visited_m: Vec::new(),
-        contacts: None,
-        charts: None,
-        visual: false,
-        displacement_bound: DisplacementBound::default(),
-    };
+    let identity = lattice::identity(grid, &mesh);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("rank0.space");
     let empty = || {

@@ -15,17 +15,22 @@ static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 /// When the first signal came.
 static FIRST: Mutex<Option<Instant>> = Mutex::new(None);
 
-/// Whether there is nothing to keep yet.
+/// Whether this run has no result yet.
 static IS_BEGINNING: AtomicBool = AtomicBool::new(false);
 
-/// While it exists the first signal ends the process: its work has no result to keep.
+const BEFORE_RESULTS: &str = "interrupted before the first result";
+
+/// While it exists the first signal ends the process: this run has no result to keep.
 #[derive(Debug)]
 pub(crate) struct Beginning;
 
 impl Beginning {
-    /// Begins such work.
+    /// Begins such work, unless there was a signal.
     pub(crate) fn new() -> Self {
         IS_BEGINNING.store(true, Ordering::SeqCst);
+        if STOP.get().is_some_and(|stop| stop.load(Ordering::SeqCst)) {
+            end(BEFORE_RESULTS);
+        }
         Self
     }
 }
@@ -45,7 +50,7 @@ pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let raised = stop.clone();
     on_signal(move || {
         if IS_BEGINNING.load(Ordering::SeqCst) {
-            nothing_is_kept();
+            end(BEFORE_RESULTS);
         }
         raised.store(true, Ordering::SeqCst);
         let mut first = FIRST.lock().unwrap_or_else(PoisonError::into_inner);
@@ -65,11 +70,11 @@ pub(crate) fn restart(stop: &AtomicBool) {
 
 /// Ends the process at the first Ctrl-C or SIGTERM, for a command that keeps no results.
 pub(crate) fn end_when_interrupted() -> Result<(), Failure> {
-    on_signal(|| nothing_is_kept())
+    on_signal(|| end("interrupted; nothing is kept"))
 }
 
-fn nothing_is_kept() -> ! {
-    eprintln!("palpate: interrupted; nothing is kept");
+fn end(why: &str) -> ! {
+    eprintln!("palpate: {why}");
     std::process::exit(1);
 }
 

@@ -1,6 +1,7 @@
 //! Parallel scaling of the expansion of spaces, and its limit: `cargo bench -p palpate-precompute --bench scheduler`.
 //! The results are in docs/measurements.md. The time of rank 0 per attempt is that of the bench `rank0`.
 
+mod lattice;
 mod simulated;
 mod solved;
 
@@ -10,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use clap::Parser;
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::space::{self, Store, StoreIdentity};
-use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
+use palpate_precompute::spec::SpaceGrid;
 use simulated::{Costs, Durations, Simulated, Solves, nanoseconds};
 use solved::SolvedSpace;
 
@@ -167,21 +168,7 @@ impl<'a> Case<'a> {
     fn lattice(points: usize, durations: &'a Durations) -> Result<Self, Failure> {
         let grid = grid_of(points)?;
         let mesh = TetMesh::cuboid([1; 3], 0.1);
-        let identity = StoreIdentity {
-            scene_name: "scheduler".into(),
-            scene: String::new(),
-            content_hash: String::new(),
-            mesh_hash: mesh.content_hash(),
-            law: String::new(),
-            max_force_n: f64::INFINITY,
-            sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
-            normals: Vec::new(),
-            visited_m: Vec::new(),
-            contacts: None,
-            charts: None,
-            visual: false,
-            displacement_bound: DisplacementBound::default(),
-        };
+        let identity = lattice::identity(grid, &mesh);
         Ok(Self {
             name: points.to_string(),
             identity,
@@ -205,7 +192,7 @@ impl<'a> Case<'a> {
         let speed_up = work / makespan;
         Ok(Row {
             case: self.name.clone(),
-            points: ran.tries - self.actives.len(),
+            points: ran.points,
             tries: ran.tries,
             levels: ran.levels.len(),
             workers,

@@ -74,6 +74,8 @@ pub(crate) struct SimulatedRun {
     pub(crate) chain: u64,
     /// Busy time of rank 0.
     pub(crate) rank0_busy: u64,
+    /// Number of points beside those at rest.
+    pub(crate) points: usize,
     /// Number of attempts.
     pub(crate) tries: usize,
     /// Number of attempts by active node, level and round.
@@ -131,6 +133,7 @@ impl<'a> Simulated<'a> {
                 work: 0,
                 chain: 0,
                 rank0_busy: 0,
+                points: 0,
                 tries: 0,
                 levels: BTreeMap::new(),
             },
@@ -194,6 +197,7 @@ impl Executor for Simulated<'_> {
         *self.ran.levels.entry((job.active, job.task.round)).or_default() += 1;
         let number = self.ran.tries;
         self.ran.tries += 1;
+        self.ran.points += usize::from(job.task.attempt == 0 && job.task.parent.is_some());
         let seed = record.tag().is_solved().then(|| self.seed.clone());
         self.outcomes.insert(number, Outcome { active: job.active, record, seed, intermediate: Vec::new() });
         self.under_way.push(Reverse((done + self.costs.message, number, worker)));

@@ -163,6 +163,16 @@ fn an_interrupted_comparison_keeps_its_rows() {
 }
 
 #[test]
+fn a_choice_of_contact_points_ends_at_once_and_leaves_no_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/anywhere.toml");
+    let space = folder.path().join("a.space");
+    let run = Started::of(&["precompute", text(&scene), "--out", text(&space), "--threads", "1"]);
+    run.ends_with(Signal::SIGTERM, "palpate: interrupted before the first result");
+    assert_eq!(files(folder.path()), [] as [PathBuf; 0]);
+}
+
+#[test]
 fn an_interrupted_plan_ends_at_once() {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
     Started::of(&["plan", text(&scene)]).ends_with(Signal::SIGTERM, "palpate: interrupted");

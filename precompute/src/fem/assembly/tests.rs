@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 
-use super::{Assembled, Pattern};
+use super::{Assembled, Pattern, subtract_product};
 use crate::fem::body::{Body, Model};
 use crate::fem::boundary::{Constraints, DofMap};
 use crate::fem::element::Order;
@@ -241,6 +241,29 @@ fn small_strains_obey_hookes_law() {
             let confined = Matrix3::from_diagonal(&Vector3::new(1.0 + strain, 1.0, 1.0));
             let modulus = face_force(&body, &homogeneous(&body, &confined, 0.0).0, 0).x / area(0) / strain;
             assert!((modulus / (lambda_pa + 2.0 * mu_pa) - 1.0).abs() < 1e-5, "{}: {modulus}", law.name());
+        }
+    }
+}
+
+#[test]
+fn the_entries_of_some_equations_multiply_what_is_zero_elsewhere_and_their_own_rows() {
+    let body = free_box(mooney_rivlin(), Order::Quadratic);
+    let stretch = Matrix3::new(1.2, 0.1, 0.0, 0.0, 0.9, 0.2, 0.0, 0.0, 1.0);
+    let (assembled, pattern) = homogeneous(&body, &stretch, 500.0);
+    let (n, values) = (pattern.unknowns(), &assembled.tangent);
+    let some: Vec<usize> = (0..n).filter(|equation| equation % 7 < 2).collect();
+    let entries = pattern.entries_of(&some);
+    assert!((1..pattern.entries()).contains(&entries.len()));
+    let x: Vec<f64> = (0..2 * n).map(|i| libm::sin(1.7 * i as f64)).collect();
+    let is_some = |place: usize| some.binary_search(&(place % n)).is_ok();
+    let only: Vec<f64> = x.iter().enumerate().map(|(i, x)| if is_some(i) { *x } else { 0.0 }).collect();
+    for (x, all_rows) in [(&only, true), (&x, false)] {
+        let (mut product, mut left) = (vec![0.0; 2 * n], vec![0.0; 2 * n]);
+        pattern.multiply_columns(values, x, &mut product);
+        subtract_product(&entries, values, x, &mut left, n);
+        let scale = product.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+        for place in (0..2 * n).filter(|&place| all_rows || is_some(place)) {
+            assert!((product[place] + left[place]).abs() < 1e-13 * scale, "row {place}");
         }
     }
 }
