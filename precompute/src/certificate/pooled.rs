@@ -1,10 +1,14 @@
 //! The verdict on many spaces that are certified together.
 //!
 //! Each of more than [`MAX_SEPARATE_NODES`] spaces has a few configurations and held-out positions: too few for a share. So
-//! the limits are those of all spaces together, and what one space alone shows is at most yellow.
+//! the limits are those of all spaces together, and what one space alone shows is at most yellow. Inverted elements,
+//! instabilities and branch jumps in few of the configurations concern only the spaces that have them.
 
 use super::{BranchDifference, Cost, Errors, MAX_SEPARATE_NODES, MethodCertificate, SpaceCertificate};
 use super::{Health, Reason, Verdict};
+
+/// Share of all configurations up to which what some of them show is said only of their spaces.
+const FEW: f64 = 0.01;
 
 /// Judges the spaces of a blob together, if they are many.
 pub(super) fn judge(spaces: &mut [SpaceCertificate]) {
@@ -28,9 +32,10 @@ pub(super) fn judge(spaces: &mut [SpaceCertificate]) {
 /// The counts of all spaces. The fits are judged by each space.
 fn of_all(spaces: &[SpaceCertificate]) -> Health {
     let all = || spaces.iter().filter_map(|space| space.health.as_ref());
-    let sum = |of: fn(&Health) -> usize| all().map(of).sum();
+    let reachable = all().map(|health| health.reachable).sum();
+    let sum = |of: fn(&Health) -> usize| not_few(all().map(of).sum(), reachable);
     Health {
-        reachable: sum(|health| health.reachable),
+        reachable,
         min_jacobian: all().map(|health| health.min_jacobian).fold(f64::INFINITY, f64::min),
         inverted: sum(|health| health.inverted),
         unstable: sum(|health| health.unstable),
@@ -38,6 +43,11 @@ fn of_all(spaces: &[SpaceCertificate]) -> Health {
         residual_n: all().map(|health| health.residual_n).fold(0.0, f64::max),
         ..Health::default()
     }
+}
+
+/// A number of configurations; 0 if it is a few of them.
+fn not_few(count: usize, of: usize) -> usize {
+    if count as f64 <= FEW * of as f64 { 0 } else { count }
 }
 
 /// The measurements of all spaces that a verdict needs.
@@ -60,7 +70,8 @@ fn sum(spaces: &[SpaceCertificate]) -> SpaceCertificate {
         }
     }
     let apart_n = spaces.iter().map(|space| space.two_solutions.apart_n).fold(0.0, f64::max);
-    let volumes = spaces.iter().map(|space| space.branch_jump_volume);
+    let reachable = spaces.iter().filter_map(|space| space.health.as_ref()).map(|health| health.reachable).sum();
+    let volume = spaces.iter().map(|space| space.branch_jump_volume).sum::<f64>() / spaces.len() as f64;
     SpaceCertificate {
         cost: Cost {
             configurations: spaces.iter().map(|space| space.cost.configurations).sum(),
@@ -68,9 +79,9 @@ fn sum(spaces: &[SpaceCertificate]) -> SpaceCertificate {
             ..Cost::default()
         },
         branch_jump_pairs: spaces.iter().map(|space| space.branch_jump_pairs).sum(),
-        branch_jump_volume: volumes.sum::<f64>() / spaces.len() as f64,
+        branch_jump_volume: if volume <= FEW { 0.0 } else { volume },
         two_solutions: BranchDifference {
-            points: spaces.iter().map(|space| space.two_solutions.points).sum(),
+            points: not_few(spaces.iter().map(|space| space.two_solutions.points).sum(), reachable),
             apart_n,
         },
         methods,
@@ -119,8 +130,13 @@ mod tests {
             (0..400).map(|n| if n < bad { space(3, 0, 1) } else { space(3, 3, 0) }).collect::<Vec<_>>()
         };
         assert_eq!(verdicts(many(0)), (Verdict::Green, Verdict::Green));
-        // 1 of 400: 0.25 % of the positions. The other spaces hear of the unstable configuration.
-        assert_eq!(verdicts(many(1)), (Verdict::Yellow, Verdict::Yellow));
+        // 1 of 400: 0.25 % of the positions, 0.025 % of the configurations.
+        assert_eq!(verdicts(many(1)), (Verdict::Yellow, Verdict::Green));
+        // 2 % of the positions, 0.2 % of the configurations.
+        assert_eq!(verdicts(many(8)), (Verdict::Yellow, Verdict::Yellow));
+        // 2 % of the configurations.
+        let unstable: Vec<_> = (0..400).map(|n| space(3, 3, usize::from(n < 80))).collect();
+        assert_eq!(verdicts(unstable).1, Verdict::Red);
         assert_eq!(verdicts(many(100)).1, Verdict::Red);
         // A few spaces are judged one by one.
         assert_eq!(verdicts(vec![space(300, 200, 0), space(300, 300, 0)]), (Verdict::Red, Verdict::Green));

@@ -14,6 +14,8 @@ use crate::num::vector::{cross, difference, distance, dot, unit};
 const SPACING: f64 = 0.45;
 /// Cells of the grid beyond the surface.
 const BESIDE: f64 = 2.0;
+/// Most points of the grid, 0.7 GB. A body with pieces far apart would need more.
+const MOST_POINTS: f64 = 33e6;
 
 /// A surface at a distance from the free skin of a body.
 #[derive(Debug, Clone)]
@@ -27,14 +29,15 @@ pub(crate) struct Offset {
 }
 
 impl Offset {
-    /// The surface at `distance_m` from a skin, without the part whose nearest points are not free.
+    /// The surface at `distance_m` from a skin, without the part whose nearest points are not free; `None` if the body
+    /// is too large for the grid.
     pub(crate) fn of(
         mesh: &TetMesh,
         skin: &Surface,
         is_free: impl Fn(&SkinPoint) -> bool,
         distance_m: f64,
-    ) -> Self {
-        let grid = Grid::round(mesh, distance_m);
+    ) -> Option<Self> {
+        let grid = Grid::round(mesh, distance_m)?;
         let corners: Vec<[[f64; 3]; 3]> =
             skin.triangles.iter().map(|corners| corners.map(|node| mesh.nodes_m[node as usize])).collect();
         let shape = RuntimeShape::<u32, 3>::new(grid.shape);
@@ -72,7 +75,7 @@ impl Offset {
             let [a, b, c] = triangle;
             found.triangles.push(if turned { [a, c, b] } else { triangle });
         }
-        found
+        Some(found)
     }
 }
 
@@ -88,7 +91,7 @@ struct Grid {
 }
 
 impl Grid {
-    fn round(mesh: &TetMesh, distance_m: f64) -> Self {
+    fn round(mesh: &TetMesh, distance_m: f64) -> Option<Self> {
         let spacing_m = SPACING * distance_m;
         let beside_m = distance_m + BESIDE * spacing_m;
         let end = |axis: usize, from: f64, pick: fn(f64, f64) -> f64| {
@@ -96,8 +99,9 @@ impl Grid {
         };
         let low_m = [0, 1, 2].map(|axis| end(axis, f64::INFINITY, f64::min) - beside_m);
         let high_m = [0, 1, 2].map(|axis| end(axis, f64::NEG_INFINITY, f64::max) + beside_m);
-        let shape = [0, 1, 2].map(|axis: usize| ((high_m[axis] - low_m[axis]) / spacing_m).ceil() as u32 + 1);
-        Self { low_m, spacing_m, shape }
+        let points = [0, 1, 2].map(|axis: usize| ((high_m[axis] - low_m[axis]) / spacing_m).ceil() + 1.0);
+        let fits = points.iter().product::<f64>() <= MOST_POINTS;
+        fits.then(|| Self { low_m, spacing_m, shape: points.map(|points| points as u32) })
     }
 
     fn place(&self, at: [f64; 3]) -> [f64; 3] {
@@ -182,7 +186,7 @@ mod tests {
         let mesh = TetMesh::cuboid([6, 6, 2], 0.01);
         let skin = Surface::of(&mesh);
         let is_free = |foot: &SkinPoint| foot.interpolate(|n| mesh.nodes_m[n as usize])[2] > 1e-9;
-        let offset = Offset::of(&mesh, &skin, is_free, 0.012);
+        let offset = Offset::of(&mesh, &skin, is_free, 0.012).expect("a small grid");
         let mut uses = std::collections::HashMap::<[u32; 2], u32>::new();
         for &[a, b, c] in &offset.triangles {
             for [p, q] in [[a, b], [b, c], [c, a]] {
@@ -218,8 +222,15 @@ mod tests {
     fn a_thick_body_has_one_surface() {
         let mesh = TetMesh::cuboid([5, 5, 5], 0.01);
         let skin = Surface::of(&mesh);
-        let offset = Offset::of(&mesh, &skin, |_| true, 0.008);
+        let offset = Offset::of(&mesh, &skin, |_| true, 0.008).expect("a small grid");
         let inside = |place: &[f64; 3]| place.iter().all(|x| (0.0..0.05).contains(x));
         assert!(!offset.places_m.is_empty() && !offset.places_m.iter().any(inside));
+    }
+
+    #[test]
+    fn a_grid_without_bound_is_refused() {
+        let mesh = TetMesh::cuboid([2, 2, 2], 0.01);
+        let skin = Surface::of(&mesh);
+        assert!(Offset::of(&mesh, &skin, |_| true, 1e-5).is_none());
     }
 }

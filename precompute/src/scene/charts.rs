@@ -43,12 +43,13 @@ pub(super) fn charts<T>(
     sphere: &Sphere,
     (place, table): (&Place, Option<&Spanned<T>>),
 ) -> Result<(Vec<ActiveNode>, Charts), InputError> {
-    let too_many = |charts: usize| {
-        let most = Limits::PC.spaces;
-        let what =
-            format!("the field of so small a sphere has about {charts} charts, and a blob holds {most}");
+    let too_small = |what: String| {
         let fix = "give a larger `radius_m`, or leave out [grid] and use `palpate live`";
         place.error(table.map_or(0..0, Spanned::span), what, fix)
+    };
+    let too_many = |charts: usize| {
+        let most = Limits::PC.spaces;
+        too_small(format!("the field of so small a sphere has about {charts} charts, and a blob holds {most}"))
     };
     let about = (A_SQUARE * skin.area_m2(mesh) / sphere.radius_m.powi(2)) as usize;
     if about > 2 * Limits::PC.spaces {
@@ -58,7 +59,9 @@ pub(super) fn charts<T>(
         let nodes = foot.triangle.iter().zip(foot.weights).filter(|(_, weight)| *weight > 0.0);
         nodes.into_iter().any(|(node, _)| fixed.binary_search(node).is_err())
     };
-    let Offset { places_m, feet, triangles } = Offset::of(mesh, skin, is_free, sphere.reach_m());
+    let Some(Offset { places_m, feet, triangles }) = Offset::of(mesh, skin, is_free, sphere.reach_m()) else {
+        return Err(too_small("the sphere is too small for the extent of the body".into()));
+    };
     let (mut chosen, mut owners) = (Vec::new(), vec![0; places_m.len()]);
     let mut away_m = vec![f64::INFINITY; places_m.len()];
     while let Some(next) = (0..away_m.len()).max_by(|&a, &b| away_m[a].total_cmp(&away_m[b]).then(b.cmp(&a)))
