@@ -1,4 +1,4 @@
-//! Every picture and every measured number of the documents is made by a command of docs/figures/*.toml, and every
+//! Every picture and every section of measured numbers in the documents has a command in docs/figures/*.toml, and every
 //! entry there points at something.
 
 use std::collections::BTreeSet;

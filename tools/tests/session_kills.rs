@@ -22,7 +22,9 @@ const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.
 /// A chunk of a recording holds one second of ticks, which a kill loses; the rest is for the queue and for a busy
 /// machine.
 const MAX_LOST_TICKS: u64 = 1_000 + 500;
-/// Longest time until the force is zero: the guard's limit is 10 ms; the margin is for a busy machine.
+/// Longest time until the force is zero: the guard's limit is 10 ms. A busy machine may run the guard or this test
+/// later in a few of the kills, but never as late as the second.
+const USUAL_ZERO: Duration = Duration::from_millis(30);
 const MAX_ZERO: Duration = Duration::from_millis(500);
 /// How long the force must stay zero.
 const ZERO_HOLD: Duration = Duration::from_millis(100);
@@ -73,6 +75,10 @@ struct Counts {
     replayed_ticks: u64,
     most_lost: u64,
     slowest_zero: Duration,
+    /// Zero force later than `USUAL_ZERO`.
+    late_zeros: u64,
+    /// Sessions that ended, or lost contact, before their kill.
+    ended: u64,
 }
 
 /// Kills a session and checks what it leaves behind.
@@ -91,6 +97,7 @@ fn killed(touched: &Touched, device: &Device, session: Session, recording: &Path
         );
         std::thread::sleep(Duration::from_micros(200));
     }
+    counts.late_zeros += u64::from(began.elapsed() > USUAL_ZERO);
     counts.slowest_zero = counts.slowest_zero.max(began.elapsed());
     drop(session.end());
     let requests = device.felt().requests;
@@ -170,9 +177,9 @@ fn kills(touched: &Touched, folder: &Path) {
     let (wanted, mut draws) = (number_of("PALPATE_KILLS", KILLS), Draws(number_of("PALPATE_SEED", 5)));
     let (began, input) = (Instant::now(), std::fs::read(&touched.input).expect("there"));
     let mut counts = Counts::default();
-    let (mut done, mut ended) = (0, 0);
+    let mut done = 0;
     while done < wanted {
-        assert!(ended <= 4 * wanted + 4, "sessions end before they are killed: {counts:?}");
+        assert!(counts.ended <= 2 * wanted + 4, "sessions end before they are killed: {counts:?}");
         let device = Device::new();
         let recording = folder.join(format!("{done}.mcap"));
         let mut session = touched.start(&device, &recording);
@@ -189,7 +196,7 @@ fn kills(touched: &Touched, folder: &Path) {
             drop(session.end());
             // The next one records to the same name.
             let _ = std::fs::remove_file(&recording);
-            ended += 1;
+            counts.ended += 1;
             continue;
         }
         killed(touched, &device, session, &recording, &mut counts);
@@ -220,6 +227,7 @@ fn kills(touched: &Touched, folder: &Path) {
         touched.command[0],
         began.elapsed().as_secs_f64()
     );
+    assert!(10 * counts.late_zeros <= wanted + 9, "the force is late: {counts:?}");
     assert!(wanted < KILLS || counts.with_force > 0 && counts.replayed_ticks > 0, "{counts:?}");
 }
 

@@ -37,13 +37,17 @@ pub(crate) fn blob(data: &[u8]) {
         }
     }
     for method in Method::ALL {
-        let Ok(controller) = Controller::new(&organ, Config::new(method)) else { continue };
+        let mut config = Config::new(method);
+        config.limits.ramp_s = 0.0;
+        let Ok(controller) = Controller::new(&organ, config) else { continue };
         let mut state = State::new();
         state.arm();
         for (tick, space) in (1_u64..).zip(organ.spaces.iter().cycle().take(8)) {
-            let position_m = space.active.rest_position_m;
+            // Grasped at rest, then pulled.
+            let pulled_m = space.lattice().spacing_m().clamp(0.0, 1e-3) * (tick / 4) as f32;
+            let position_m = vec3::add(space.active.rest_position_m, [0.0, pulled_m, 0.0]);
             let sample =
-                Sample { t_us: 1000 * tick, position_m, buttons: (tick & 1) as u32, ..Sample::default() };
+                Sample { t_us: 1000 * tick, position_m, buttons: (tick & 3 != 0) as u32, ..Sample::default() };
             let command = controller.tick(&mut state, sample.t_us, Some(&sample));
             assert!(vec3::norm(command.hand_force_n) <= controller.config().limits.max_force_n);
         }
@@ -130,6 +134,7 @@ pub(crate) fn tick(data: &[u8]) {
     let controller = controller.on_surface((contact & 8 != 0).then_some(*surface));
     let node_m = organ.spaces[0].active.rest_position_m;
     let (mut state, mut now_us, mut latched) = (State::new(), 1_000_000_u64, false);
+    let (mut before_us, mut before_n) = (now_us, vec3::ZERO);
     state.arm();
     while let Some((&step, after)) = rest.split_first_chunk::<17>() {
         rest = after;
@@ -164,6 +169,14 @@ pub(crate) fn tick(data: &[u8]) {
         if command.phase != Phase::Active {
             assert_eq!(command.hand_force_n, vec3::ZERO, "zero unless active: {command:?}");
         }
+        if command.hand_force_n != vec3::ZERO {
+            let step_n = vec3::distance(command.hand_force_n, before_n);
+            // The slew counts at most 2 ms of a tick.
+            let elapsed_s = now_us.saturating_sub(before_us).min(2000) as f32 * 1e-6;
+            let most_n = config.limits.max_slew_n_per_s * elapsed_s;
+            assert!(step_n <= 1.001 * most_n + 1e-4, "{step_n} N of {most_n} N: {command:?}");
+        }
+        (before_us, before_n) = (now_us, command.hand_force_n);
         if latched {
             assert!(matches!(command.phase, Phase::SafeZero(_)), "a fault is latched: {command:?}");
         }

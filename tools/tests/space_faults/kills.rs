@@ -14,6 +14,8 @@ const KILLS: u64 = 50;
 enum Moment {
     /// This time after its start.
     After(Duration),
+    /// After this time, and after the rows that are committed by then have been read.
+    Counted(Duration),
     /// When its log grows after about `skip` commits: during the write of a commit, if the kill is fast
     /// enough.
     Committing { skip: usize },
@@ -35,11 +37,17 @@ fn log_is_torn(space: &Path) -> bool {
     torn
 }
 
-/// Waits for the moment and kills. False if the run had already ended, which must then be a success.
-fn killed(mut run: Child, space: &Path, moment: Moment) -> bool {
+/// Waits for the moment and kills. Returns the rows that were read before; `None` if the run had already ended, which
+/// must then be a success.
+fn killed(mut run: Child, space: &Path, aside: &Path, moment: Moment) -> Option<Vec<String>> {
+    let mut committed = Vec::new();
     match moment {
         // Time itself is the tested quantity here.
         Moment::After(wait) => std::thread::sleep(wait),
+        Moment::Counted(wait) => {
+            std::thread::sleep(wait);
+            committed = kept(space, aside);
+        }
         Moment::Committing { mut skip } => {
             let name = format!("{}-wal", space.display());
             let length = || std::fs::metadata(&name).map_or(0, |log| log.len());
@@ -59,11 +67,17 @@ fn killed(mut run: Child, space: &Path, moment: Moment) -> bool {
     let ended = run.try_wait().expect("the state of a child");
     if let Some(status) = ended {
         assert!(status.success(), "{status}");
-        return false;
+        return None;
     }
     run.kill().expect("SIGKILL");
     // The run may have ended between the two calls.
-    !run.wait().expect("reaped").success()
+    (!run.wait().expect("reaped").success()).then_some(committed)
+}
+
+/// Every row of `before` is in the sorted `after`, unchanged, including its seconds.
+fn assert_kept(before: &[String], after: &[String], kill: u64) {
+    let lost: Vec<&String> = before.iter().filter(|row| after.binary_search(row).is_err()).collect();
+    assert!(lost.is_empty(), "kill {kill} lost {} of {} rows: {:?}", lost.len(), before.len(), lost[0]);
 }
 
 #[test]
@@ -75,7 +89,7 @@ fn fifty_kills_lose_nothing_but_the_work_in_flight() {
     let whole_s = began.elapsed().as_secs_f64();
     let (wanted, mut draws) =
         (crate::number_of("PALPATE_KILLS", KILLS), Draws(crate::number_of("PALPATE_SEED", 4)));
-    let (mut kills, mut at_start, mut solving, mut torn, mut ended, mut progressed) = (0, 0, 0, 0, 0, 0);
+    let (mut kills, mut at_start, mut solving, mut torn, mut ended, mut counted) = (0, 0, 0, 0, 0, 0);
     let mut before: Vec<String> = Vec::new();
     while kills < wanted {
         assert!(ended < wanted, "runs end before they are killed: {kills} kills");
@@ -83,26 +97,20 @@ fn fifty_kills_lose_nothing_but_the_work_in_flight() {
             0 => Moment::After(Duration::from_secs_f64(0.03 * draws.unit())),
             1 => Moment::Committing { skip: (draws.next() % 3) as usize },
             // Up to four tenths of a whole run: several kills per space.
-            _ => Moment::After(Duration::from_secs_f64(0.4 * whole_s.min(2.0) * draws.unit())),
+            2 => Moment::After(Duration::from_secs_f64(0.4 * whole_s.min(2.0) * draws.unit())),
+            _ => Moment::Counted(Duration::from_secs_f64(0.3 * whole_s.min(2.0) * draws.unit())),
         };
         let threads = 1 + (draws.next() % 3) as usize;
         let quiet = Stdio::null;
         let run = precompute(&scene, &space, threads).stdout(quiet()).stderr(quiet()).spawn().expect("runs");
-        if killed(run, &space, moment) {
+        if let Some(committed) = killed(run, &space, folder.path(), moment) {
             kills += 1;
             torn += usize::from(log_is_torn(&space));
             let after = kept(&space, folder.path());
-            // No existing row is lost or changed, including its seconds.
-            let lost: Vec<&String> = before.iter().filter(|row| after.binary_search(row).is_err()).collect();
-            assert!(
-                lost.is_empty(),
-                "kill {kills} lost {} of {} rows: {:?}",
-                lost.len(),
-                before.len(),
-                lost[0]
-            );
+            assert_kept(&before, &after, kills);
+            assert_kept(&committed, &after, kills);
+            counted += usize::from(committed.len() > before.len());
             let gained = after.len() > before.len();
-            progressed += usize::from(gained);
             *(if gained { &mut solving } else { &mut at_start }) += 1;
             before = after;
         } else {
@@ -118,12 +126,12 @@ fn fifty_kills_lose_nothing_but_the_work_in_flight() {
     assert!(dump(&space, folder.path()) == expected, "after {kills} kills the space is another one");
     println!(
         "{kills} kills of running processes: {at_start} before a row of theirs was kept, {solving} after, {torn} in the middle \
-         of a commit; {progressed} runs got on, {} spaces ended, all as the undisturbed one ({:.1} s; it took {whole_s:.1} s)",
+         of a commit, {counted} after new rows of theirs were read; {} spaces ended, all as the undisturbed one ({:.1} s; it took {whole_s:.1} s)",
         ended + 1,
         began.elapsed().as_secs_f64()
     );
     assert!(
-        wanted < KILLS || at_start > 0 && solving > 5,
-        "{at_start} at start-up, {solving} later: the moments miss something"
+        wanted < KILLS || at_start > 0 && solving > 5 && counted > 0,
+        "{at_start} at start-up, {solving} later, {counted} with rows read before: the moments miss something"
     );
 }
