@@ -46,8 +46,12 @@ pub(crate) fn blob(data: &[u8]) {
             // Grasped at rest, then pulled.
             let pulled_m = space.lattice().spacing_m().clamp(0.0, 1e-3) * (tick / 4) as f32;
             let position_m = vec3::add(space.active.rest_position_m, [0.0, pulled_m, 0.0]);
-            let sample =
-                Sample { t_us: 1000 * tick, position_m, buttons: (tick & 3 != 0) as u32, ..Sample::default() };
+            let sample = Sample {
+                t_us: 1000 * tick,
+                position_m,
+                buttons: (tick & 3 != 0) as u32,
+                ..Sample::default()
+            };
             let command = controller.tick(&mut state, sample.t_us, Some(&sample));
             assert!(vec3::norm(command.hand_force_n) <= controller.config().limits.max_force_n);
         }

@@ -59,11 +59,11 @@ struct Row {
 }
 
 impl Outcome {
-    pub(super) const HEAD: &str = "hand      peak mm/s  solves x ms (longest)  busy %  error mN: mean   p99   max  not felt %  hand-over mN  pumped mJ of    extrapolated %  landings lost  folds: ms late, jump, error at most mN";
+    pub(super) const HEAD: &str = "hand      peak mm/s  solves x ms (longest)  busy %  error mN: mean   p99   max  not felt % (of)  hand-over mN  pumped mJ of    extrapolated %  landings lost  folds: ms late, jump, error at most mN";
 
     pub(super) fn line(&self) -> String {
         format!(
-            "{:9} {:9.0}  {:6} x {:<5.1} ({:>5.1})  {:6.1}  {:14.1} {:5.1} {:5.1}  {:10.2}  {:12.1}  {:9.3} {:<6.1} {:10.2}  {:8} {:4}  {}",
+            "{:9} {:9.0}  {:6} x {:<5.1} ({:>5.1})  {:6.1}  {:14.1} {:5.1} {:5.1}  {:10.2} {:>5}  {:12.1}  {:9.3} {:<6.1} {:10.2}  {:8} {:4}  {}",
             self.hand,
             self.peak_mm_s,
             self.jets,
@@ -74,6 +74,7 @@ impl Outcome {
             self.error_p99_mn,
             self.error_max_mn,
             100.0 * self.not_felt_share,
+            format!("({})", self.checked),
             self.handover_max_mn,
             self.pumped_mj,
             self.exchanged_mj,
