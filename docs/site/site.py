@@ -1,6 +1,7 @@
 """Builds the documents of the repository as a static site. docs/site/build calls it and describes it."""
 
 import html
+import json
 import os
 import re
 import shutil
@@ -26,6 +27,8 @@ PAGES = [
     ("CHANGELOG.md", "changelog", "Changelog"),
 ]
 GALLERY = ("gallery", "Gallery")
+# Names of the files of the last build, one a line.
+WRITTEN = "written.txt"
 
 
 def anchor(heading):
@@ -59,14 +62,19 @@ def plain(inline):
     return "".join(t.content for t in inline.children if t.type in ("text", "code_inline"))
 
 
+def text(inline):
+    """Text of a paragraph, with the captions of its pictures."""
+    return "".join(" " if t.type == "softbreak" else t.content for t in inline.children)
+
+
 def parse(markdown, document, name, title):
     """A page with the anchors of its headings set."""
     page = Page(document, name, title, markdown.parse((ROOT / document).read_text(encoding="utf-8")))
     for token, inline in zip(page.tokens, page.tokens[1:]):
         if token.type != "heading_open":
             continue
-        text = plain(inline)
-        first = identifier = anchor(text)
+        heading = plain(inline)
+        first = identifier = anchor(heading)
         count = 0
         while identifier in page.anchors:
             count += 1
@@ -74,8 +82,33 @@ def parse(markdown, document, name, title):
         page.anchors.add(identifier)
         token.attrSet("id", identifier)
         if token.tag == "h2":
-            page.sections.append((identifier, text))
+            page.sections.append((identifier, heading))
     return page
+
+
+class Folder:
+    """The folder of the site, and the files that this build writes there."""
+
+    def __init__(self, path):
+        self.path = path
+        self.names = set()
+
+    def file(self, name):
+        """The path of a file to write."""
+        self.names.add(name)
+        to = self.path / name
+        to.parent.mkdir(parents=True, exist_ok=True)
+        return to
+
+    def tidy(self):
+        """Removes the files that only an earlier build has written."""
+        written = self.path / WRITTEN
+        earlier = written.read_text(encoding="utf-8").splitlines() if written.is_file() else []
+        for name in set(earlier) - self.names:
+            file = self.path / name
+            if file.is_file() and file.resolve().is_relative_to(self.path.resolve()):
+                file.unlink()
+        written.write_text("".join(f"{name}\n" for name in sorted(self.names)), encoding="utf-8")
 
 
 class Links:
@@ -108,9 +141,7 @@ class Links:
         """The copy of a file of the repository; a source as text, which a browser shows."""
         is_picture = document.endswith((".png", ".svg"))
         name = f"images/{Path(document).name}" if is_picture else f"sources/{document}.txt"
-        to = self.out / name
-        to.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(ROOT / document, to)
+        shutil.copyfile(ROOT / document, self.out.file(name))
         return name
 
     def replace(self, page):
@@ -131,14 +162,28 @@ class Links:
         return pictures
 
 
+def sections(page):
+    """Address, title of the page, heading and text of each section of a page, for the search."""
+    found = []
+    for before, token in zip([None, *page.tokens], page.tokens):
+        if token.type == "heading_open":
+            found.append([f"{page.name}.html#{token.attrGet('id')}", page.title, "", ""])
+        elif before is not None and before.type == "heading_open":
+            found[-1][2] = plain(token)
+        elif token.type in ("inline", "fence", "code_block"):
+            part = text(token) if token.type == "inline" else token.content
+            found[-1][3] += " ".join(part.split()) + " "
+    return found
+
+
 def side_bar(pages, current):
     """The list of pages; the current one with its sections."""
     items = []
-    for name, title, sections in [*((p.name, p.title, p.sections) for p in pages), (*GALLERY, [])]:
+    for name, title, below_it in [*((p.name, p.title, p.sections) for p in pages), (*GALLERY, [])]:
         here = ' aria-current="page"' if name == current else ""
         below = ""
-        if here and len(sections) > 1:
-            links = (f'<li><a href="#{a}">{html.escape(text)}</a></li>' for a, text in sections)
+        if here and len(below_it) > 1:
+            links = (f'<li><a href="#{a}">{html.escape(heading)}</a></li>' for a, heading in below_it)
             below = f"<ul>{''.join(links)}</ul>"
         items.append(f'<li><a href="{name}.html"{here}>{html.escape(title)}</a>{below}</li>')
     return f"<nav aria-label=\"Pages\"><ul>{''.join(items)}</ul></nav>"
@@ -167,8 +212,13 @@ def whole(pages, name, title, body):
 <meta name="color-scheme" content="light dark">
 <title>{head}</title>
 <link rel="stylesheet" href="style.css">
+<script src="search.js" defer></script>
 </head>
 <body>
+<div class="search" role="search">
+<input type="search" placeholder="Search (key /)" aria-label="Search all pages" autocomplete="off" hidden>
+<ol aria-label="Results" hidden></ol>
+</div>
 <aside class="wide">{bar}</aside>
 <details class="narrow"><summary>Palpate: {html.escape(title)}</summary>{bar}</details>
 <main>
@@ -216,11 +266,16 @@ def build(out):
             links.broken.append(f"docs/images/{file.name}: in no document, so without a caption for the gallery")
     for page in pages:
         body = markdown.renderer.render(page.tokens, markdown.options, {})
-        (out / f"{page.name}.html").write_text(whole(pages, page.name, page.title, body), encoding="utf-8")
+        out.file(f"{page.name}.html").write_text(whole(pages, page.name, page.title, body), encoding="utf-8")
     name, title = GALLERY
-    (out / f"{name}.html").write_text(whole(pages, name, title, gallery(pictures)), encoding="utf-8")
-    shutil.copyfile(Path(__file__).with_name("style.css"), out / "style.css")
-    print(f"{len(pages) + 1} pages, {len(shown)} pictures: {out}/index.html")
+    out.file(f"{name}.html").write_text(whole(pages, name, title, gallery(pictures)), encoding="utf-8")
+    index = [section for page in pages for section in sections(page)]
+    lines = ",\n".join(json.dumps(section, ensure_ascii=False) for section in index)
+    out.file("search-index.js").write_text(f"window.searchIndex = [\n{lines}\n];\n", encoding="utf-8")
+    for name in ["style.css", "search.js"]:
+        shutil.copyfile(Path(__file__).with_name(name), out.file(name))
+    out.tidy()
+    print(f"{len(pages) + 1} pages, {len(shown)} pictures: {out.path}/index.html")
     return links.broken
 
 
@@ -229,7 +284,7 @@ def main():
         sys.exit("site: give the folder for the site: docs/site/build FOLDER")
     out = Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
-    broken = build(out)
+    broken = build(Folder(out))
     for line in broken:
         print(line, file=sys.stderr)
     if broken:

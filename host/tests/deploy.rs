@@ -42,7 +42,7 @@ const OTHERS: &str = "Type WorkingDirectory StateDirectory StateDirectoryMode Ru
 fn is_known(section: &str, key: &str) -> Option<bool> {
     let is_in = |keys: &str| keys.split_whitespace().any(|known| known == key);
     match section {
-        "Unit" => Some(is_in("Description Documentation After ConditionPathExists")),
+        "Unit" => Some(is_in("Description Documentation After AssertPathExists")),
         "Service" => Some(is_in(YES) || is_in(OTHERS) || VALUES.iter().any(|(known, _)| *known == key)),
         "Install" => Some(key == "WantedBy"),
         _ => None,
@@ -74,6 +74,7 @@ fn unit(text: &str) -> Result<BTreeMap<(String, String), Vec<String>>, String> {
 fn the_service_has_the_rights_for_loop_and_watchdog_and_does_not_restart() {
     let entries = unit(SERVICE).expect("every line is known");
     let one = |key: &str| entries[&("Service".to_string(), key.to_string())].join(" ");
+    assert!(entries.contains_key(&("Unit".to_string(), "AssertPathExists".to_string())));
     assert_eq!((one("Restart").as_str(), one("KillSignal").as_str()), ("no", "SIGINT"));
     let priority: i32 = one("LimitRTPRIO").parse().expect("a number");
     assert!(

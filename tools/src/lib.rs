@@ -46,8 +46,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-const FLOW: &str = "scene.toml -> precompute -> .space -> pack -> .blob -> run
-Start with `palpate demo`. The guide from scene to hand is docs/guide.md.";
+const FLOW: &str = "scene.toml -> precompute -> .space -> pack -> .blob -> run: see docs/guide.md";
 
 /// Touch a nonlinear soft organ: solve its model offline, interpolate at 1 kHz.
 #[derive(Debug, Parser)]
@@ -82,7 +81,6 @@ enum Command {
     Paper(cmd::paper::Args),
     /// Measure the cost of the parts, and of installed peers
     Bench(cmd::bench::Args),
-    #[command(hide = true)]
     Man(cmd::man::Args),
     Completions(cmd::completions::Args),
 }

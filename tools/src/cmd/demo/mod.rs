@@ -11,7 +11,7 @@ use palpate_core::Method;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 
-/// Touch the bundled organ at once, then check the force.
+/// Start here: touch the bundled organ, then check the force.
 ///
 /// A simulated hand touches a liver-like phantom (incompressible Mooney-Rivlin, quadratic elements) with a fingertip
 /// at 1 kHz, while a second process solves the model where the hand goes. Afterwards the positions that it visited
