@@ -18,10 +18,9 @@ import sys
 from newton import C01_PA, C10_PA, LAMBDA_PA, MU_PA, NewtonBody, clock, np
 
 os.environ["MKL_THREADING_LAYER"] = "SEQUENTIAL"
-for library in glob.glob(f"{sys.prefix}/lib/libmkl_rt.so*"):
-    ctypes.CDLL(library, ctypes.RTLD_GLOBAL)  # before the libraries that find their BLAS in it
-
 try:
+    [mkl] = glob.glob(f"{sys.prefix}/lib/libmkl_rt.so*")
+    ctypes.CDLL(mkl, ctypes.RTLD_GLOBAL)  # before the libraries that shall find their BLAS in it
     import dolfinx_solver  # noqa: F401 - the wheel loads its MPI first
     import ufl
     from basix.ufl import element, mixed_element
@@ -32,7 +31,7 @@ try:
     from petsc4py import PETSc
 
     from organ_mesh import edges
-except ImportError as error:
+except (ImportError, ValueError) as error:
     sys.exit(f"DOLFINx is missing: run tests/peers/install dolfinx, then use tests/peers/dolfinx-python ({error})")
 
 logging.disable(logging.INFO)  # the compiler's command lines
