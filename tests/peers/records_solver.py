@@ -7,9 +7,8 @@ import statistics
 
 from records_run import Failure, Figure
 
-# Python of each code; None: the virtual environment.
-PEERS = {"getfem": "/usr/bin/python3", "felupe": None, "dolfinx": "/usr/bin/python3"}
-NAMES = {"getfem": "GetFEM", "felupe": "FElupe", "dolfinx": "DOLFINx"}
+# Each code with its linear solver.
+PEERS = {"getfem": "GetFEM, MUMPS", "felupe": "FElupe, PARDISO", "dolfinx": "DOLFINx, MUMPS with MKL"}
 CASES = ("stvk-p1-small", "mr-p1p1-small", "stvk-p1-large", "mr-p2p1-small", "mr-p1p1-large")
 QUICK = ("stvk-p1-small", "mr-p1p1-small")
 # Bodies of which an iteration takes tens of milliseconds are measured in one round.
@@ -21,11 +20,12 @@ ITERATION, CONFIGURATION = "Newton iteration", "configuration"
 
 
 def peer(run, code, case, repetitions):
-    command = [PEERS[code] or run.python, "-B", run.here / "bodies_bench.py", "--code", code, "--cases", case]
+    pythons = {"getfem": "/usr/bin/python3", "felupe": run.python, "dolfinx": run.here / "dolfinx-python"}
+    command = [pythons[code], "-B", run.here / "bodies_bench.py", "--code", code, "--cases", case]
     command += ["--mesh-dir", run.assets, "--one-step", "--repetitions", repetitions]
     row = next(csv.DictReader(io.StringIO(run.execute(command))))
     if row["status"] != "ok":
-        raise Failure(f"{NAMES[code]}, {case}: {row['status']}")
+        raise Failure(f"{PEERS[code]}, {case}: {row['status']}")
     force = [float(row[name]) for name in ("fx_n", "fy_n", "fz_n")]
     return float(row["iteration_s"]), float(row["config_10mm_onestep_s"]), force
 
@@ -56,7 +56,7 @@ def case_figures(run, case, rounds, repetitions):
             collected.append(value)
         for code in PEERS:
             *seconds, force = peer(run, code, case, repetitions)
-            apart[code] = max(apart[code], same_force(case, NAMES[code], force, expected))
+            apart[code] = max(apart[code], same_force(case, PEERS[code], force, expected))
             for collected, value in zip(times[code], seconds):
                 collected.append(value)
     figures = []
@@ -66,7 +66,7 @@ def case_figures(run, case, rounds, repetitions):
         for code in PEERS:
             value = 1e3 * statistics.median(times[code][column])
             note = f"force {apart[code]:.1e} apart"
-            figures.append(Figure("solver", case, quantity, "ms", NAMES[code], value, own, "bench fem", note))
+            figures.append(Figure("solver", case, quantity, "ms", PEERS[code], value, own, "bench fem", note))
     return figures
 
 

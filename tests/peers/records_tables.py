@@ -30,14 +30,14 @@ def cell(figure):
 
 
 def losses(rows):
-    """Figures in which a peer is better than Palpate."""
-    compared = [row for row in rows if row.ours is not None]
+    """Figures beside a peer's, and those in which the peer is better. Estimates do not count: nobody measured them."""
+    compared = [row for row in rows if row.ours is not None and row.part != "certified"]
     return compared, [row for row in compared if row.ratio() < 1 / EQUAL]
 
 
 def summary(rows):
     compared, lost = losses(rows)
-    lines = [f"{len(compared)} figures beside peers, {len(lost)} of them worse than a peer's"]
+    lines = [f"{len(compared)} measured figures beside peers, {len(lost)} of them worse than a peer's"]
     for row in lost:
         lines.append(
             f"  {row.against}, {row.case}, {row.quantity}: {number(row.ours)} {row.unit}, "

@@ -5,7 +5,8 @@ use std::process::Command;
 
 const PYTHON: &str = "/usr/bin/python3";
 const PUBLISHED: &str = include_str!("../peers/published.csv");
-const REQUIREMENTS: &str = include_str!("../peers/requirements.txt");
+const REQUIREMENTS: &str =
+    concat!(include_str!("../peers/requirements.txt"), include_str!("../peers/requirements-dolfinx.txt"));
 
 /// The cells of a row of a table; a cell in quotes may contain commas.
 fn cells(line: &str) -> Vec<String> {
@@ -51,7 +52,7 @@ fn every_published_figure_has_a_source_and_a_difference() {
 #[test]
 fn the_peers_from_the_registry_are_pinned() {
     let pinned: Vec<&str> = REQUIREMENTS.lines().filter(|line| !line.starts_with('#')).collect();
-    for name in ["felupe", "interpn", "scipy", "numpy"] {
+    for name in ["felupe", "interpn", "scipy", "numpy", "dolfinx-solver-real"] {
         assert!(pinned.iter().any(|line| line.starts_with(&format!("{name}=="))), "{name}");
     }
     assert!(pinned.iter().all(|line| line.contains("==")), "{pinned:?}");
