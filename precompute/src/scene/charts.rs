@@ -30,6 +30,9 @@ const LENGTH: f64 = 1.0;
 /// Charts of a sphere for a unit of skin of the radius squared, about; twice as many as a blob can hold are not built.
 const A_SQUARE: f64 = 0.8;
 
+/// The fix of both errors.
+const LARGER: &str = "give a larger `radius_m`, or leave out [grid] and use `palpate live`";
+
 /// The charts of a sphere on the free skin, as active nodes. The places are chosen one by one, each as far as possible
 /// from those before; so neighbours have distant numbers.
 ///
@@ -43,15 +46,11 @@ pub(super) fn charts<T>(
     sphere: &Sphere,
     (place, table): (&Place, Option<&Spanned<T>>),
 ) -> Result<(Vec<ActiveNode>, Charts), InputError> {
-    let too_small = |what: String| {
-        let fix = "give a larger `radius_m`, or leave out [grid] and use `palpate live`";
-        place.error(table.map_or(0..0, Spanned::span), what, fix)
-    };
+    let too_small = |what: String| place.error(table.map_or(0..0, Spanned::span), what, LARGER);
     let too_many = |charts: usize| {
         let most = Limits::PC.spaces;
-        too_small(format!(
-            "the field of so small a sphere has about {charts} charts, and a blob holds {most}"
-        ))
+        let charts = format!("about {charts} charts, and a blob holds {most}");
+        too_small(format!("the field of so small a sphere has {charts}"))
     };
     let about = (A_SQUARE * skin.area_m2(mesh) / sphere.radius_m.powi(2)) as usize;
     if about > 2 * Limits::PC.spaces {
