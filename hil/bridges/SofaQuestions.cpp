@@ -4,9 +4,9 @@
 //     <PalpateQuestions questions="questions/point" answers="answers/point" body="@body/state" tool="@tool/state"
 //                       stiffness="1e6" settle="50"/>
 //
-// sofa_questions.scn is such a scene. A position is answered after `settle` steps, a sample of a way after one: the
-// time step of the scene is that of the questions, 1 ms. Units of the scene: m, kg, s. With the flags of SOFA's own
-// build in $SOFA:
+// sofa_questions.scn is such a scene; sofa_scene fills in its nodes. A position is answered after `settle` steps, a
+// sample of a way after one: the time step of the scene is that of the questions, 1 ms. Units of the scene: m, kg, s.
+// With the flags of SOFA's own build in $SOFA:
 //
 //     c++ -std=c++17 -shared -fPIC -I hil/bridges hil/bridges/SofaQuestions.cpp $SOFA -o libPalpateQuestions.so
 #include <memory>

@@ -157,7 +157,7 @@ int run(const std::string &from, const std::string &to, double young_pa, double 
     std::fprintf(file, "about = \"CHAI3D, module GEL: mass-spring model, E = %g Pa, damping %g 1/s\"\n", young_pa, damping_per_s);
     std::sort(ticks_us.begin(), ticks_us.end());
     if (!ticks_us.empty()) {
-        std::fprintf(file, "\n[figures.\"tick.controller\"]\np50_us = %.4f\np99_us = %.4f\np9999_us = %.4f\nmax_us = %.4f\n",
+        std::fprintf(file, "\n[figures.\"tick.point\"]\np50_us = %.4f\np99_us = %.4f\np9999_us = %.4f\nmax_us = %.4f\n",
                      share(ticks_us, 0.5), share(ticks_us, 0.99), share(ticks_us, 0.9999), ticks_us.back());
     }
     return std::fclose(file);

@@ -144,6 +144,10 @@ fn a_quick_benchmark_is_whole_and_judges_another_system_by_the_same_code() {
     let output = palpate(&arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     check_page(&out);
+    let page = std::fs::read_to_string(out.join("page.html")).expect("the page is written");
+    for words in ["the tool is smaller than its elements", "no limit under refinement"] {
+        assert!(page.contains(words), "the page does not say what the reference is: {words}");
+    }
     let first = figures(&out);
     let ours = tables(&first);
     assert_eq!(
@@ -240,4 +244,22 @@ fn wrong_options_are_refused_before_any_work() {
         &["bench", "public", "--out", text(&out), "--answers", &none],
         &["mine", "no folder", "docs/formats.md"],
     );
+    let theirs = folder.path().join("theirs");
+    std::fs::create_dir_all(theirs.join("point")).expect("a folder");
+    let answers = |name: &str| format!("{name}={}", theirs.display());
+    let (mine, again, ours) = (answers("mine"), answers("Mine"), answers("energy"));
+    let given = ["bench", "public", "--out", text(&out), "--answers"];
+    refused(&[&given[..], &[&mine]].concat(), &["mine", "neither a force nor a figure"]);
+    std::fs::write(theirs.join("system.toml"), "[figures.\"cost.point\"]\nbytes = -5\n").expect("written");
+    refused(
+        &[&given[..], &[&mine]].concat(),
+        &["system.toml", "bytes = -5", "is negative; correct it or remove it"],
+    );
+    std::fs::write(theirs.join("system.toml"), "[figures.\"cost.point\"]\nbites = 5\n").expect("written");
+    refused(&[&given[..], &[&mine]].concat(), &["system.toml", "no row bites", "query_ns"]);
+    refused(&[&given[..], &[&ours]].concat(), &["energy", "one of Palpate's columns"]);
+    refused(&[&given[..], &[&mine, "--answers", &again]].concat(), &["Mine", "given twice"]);
+    std::fs::rename(theirs.join("point"), theirs.join("liver")).expect("renamed");
+    refused(&[&given[..], &[&mine]].concat(), &["liver", "nobody reads this", "fingertip"]);
+    assert!(!out.exists(), "nothing is begun");
 }

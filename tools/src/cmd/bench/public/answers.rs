@@ -1,17 +1,14 @@
-//! Answers of a system: its forces at the questions, and figures that it states itself.
+//! Answers of a system: its forces at the questions.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::questions::{HANDS, LOOPS, POSITIONS, Questions, Vec3, Way, rows};
 use crate::failure::Failure;
 use crate::files::Folder;
 use crate::output;
-
-/// File of the stated figures.
-pub(super) const SYSTEM: &str = "system.toml";
 
 /// Forces on the body at the questions of one organ, N; `None` where the system did not answer.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,21 +19,6 @@ pub(super) struct Forces {
     pub(super) loops: Vec<Vec<Option<Vec3>>>,
     /// At the ticks of each hand.
     pub(super) hands: Vec<Vec<Option<Vec3>>>,
-}
-
-/// Figures that a system states: by table and row.
-pub(super) type Stated = BTreeMap<String, BTreeMap<String, f64>>;
-
-/// The content of `system.toml`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct System {
-    /// Program, version and machine, for the page.
-    #[serde(default)]
-    pub(super) about: String,
-    /// `[figures."TABLE"]` with `ROW = number`.
-    #[serde(default)]
-    pub(super) figures: Stated,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -60,6 +42,38 @@ struct WayRow {
 fn force(x: Option<f64>, y: Option<f64>, z: Option<f64>) -> Option<Vec3> {
     let force = [x?, y?, z?];
     force.iter().all(|x| x.is_finite()).then_some(force)
+}
+
+/// The rows of a file of answers. A file without a column of forces, as that of the questions, is refused.
+fn answers<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, Failure> {
+    let mut reader = csv::Reader::from_path(path)
+        .map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+    let head = reader.headers().cloned().unwrap_or_default();
+    if let Some(missing) = ["fx_n", "fy_n", "fz_n"].iter().find(|name| !head.iter().any(|one| one == **name))
+    {
+        return Err(Failure::input(format!(
+            "{}: has no column {missing}; the columns are in docs/formats.md",
+            path.display()
+        )));
+    }
+    rows(path)
+}
+
+/// The number of forces in the files of the folder of an organ, whatever the questions are.
+pub(super) fn count(folder: &Path) -> Result<usize, Failure> {
+    let mut count = 0;
+    let path = folder.join(POSITIONS);
+    if path.exists() {
+        let rows = answers::<PositionRow>(&path)?;
+        count += rows.iter().filter(|row| force(row.fx_n, row.fy_n, row.fz_n).is_some()).count();
+    }
+    for path in [LOOPS, HANDS].map(|name| folder.join(name)) {
+        if path.exists() {
+            let rows = answers::<WayRow>(&path)?;
+            count += rows.iter().filter(|row| force(row.fx_n, row.fy_n, row.fz_n).is_some()).count();
+        }
+    }
+    Ok(count)
 }
 
 impl Forces {
@@ -90,7 +104,7 @@ impl Forces {
         let mut forces = Self::none(questions);
         let path = folder.join(POSITIONS);
         if path.exists() {
-            for row in rows::<PositionRow>(&path)? {
+            for row in answers::<PositionRow>(&path)? {
                 let slot = forces.positions.get_mut(row.position).ok_or_else(|| {
                     Failure::input(format!(
                         "{}: there is no position {}; answer those of {}/{POSITIONS} of the same version",
@@ -132,7 +146,7 @@ fn read_ways(path: &Path, ways: &[Way], forces: &mut [Vec<Option<Vec3>>]) -> Res
     if !path.exists() {
         return Ok(());
     }
-    for row in rows::<WayRow>(path)? {
+    for row in answers::<WayRow>(path)? {
         let way = ways.iter().position(|way| way.name == row.way);
         let slot = way.and_then(|way| forces[way].get_mut(row.tick)).ok_or_else(|| {
             Failure::input(format!(
@@ -156,35 +170,4 @@ fn way_rows(ways: &[Way], forces: &[Vec<Option<Vec3>>]) -> Vec<WayRow> {
         }));
     }
     rows
-}
-
-/// All that another system has answered.
-#[derive(Debug)]
-pub(super) struct Answers {
-    /// Its name on the command line.
-    pub(super) name: String,
-    /// What it states.
-    pub(super) system: System,
-    /// Its forces for each organ.
-    pub(super) forces: BTreeMap<String, Forces>,
-}
-
-impl Answers {
-    /// Reads a folder with `system.toml` and a folder for each organ.
-    pub(super) fn read(name: &str, folder: &Path, questions: &[&Questions]) -> Result<Self, Failure> {
-        let path = folder.join(SYSTEM);
-        let system = if path.exists() {
-            let text = std::fs::read_to_string(&path).map_err(|error| Failure::file(&path, &error))?;
-            toml::from_str(&text).map_err(|error| {
-                Failure::input(format!("{}: {}; give `about` and [figures]", path.display(), error.message()))
-            })?
-        } else {
-            System::default()
-        };
-        let mut forces = BTreeMap::new();
-        for of in questions {
-            forces.insert(of.organ.clone(), Forces::read(of, &folder.join(&of.organ))?);
-        }
-        Ok(Self { name: name.into(), system, forces })
-    }
 }

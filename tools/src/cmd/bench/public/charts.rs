@@ -88,12 +88,20 @@ pub(super) fn of(section: &Section, all: &[Section]) -> String {
             one("Largest error", "largest force error, mN", "max_mn"),
         ],
         forces::HANDS => {
-            let rows = ["press", "poke", "slide"];
-            let keys: Vec<String> = rows.iter().map(|hand| format!("{hand}.p99_mn")).collect();
-            let rows: Vec<(&str, String)> =
-                keys.iter().zip(rows).map(|(key, hand)| (key.as_str(), hand.to_owned())).collect();
+            let hands = ["press", "poke", "slide"];
             let of = |table: &Table| {
-                let title = format!("{}: 99 % of the errors are below", table.title);
+                // Fewer than 100 errors have no 99th percentile.
+                let has_p99 =
+                    hands.iter().all(|hand| table.rows.iter().any(|row| row.key == format!("{hand}.p99_mn")));
+                let (part, says) = if has_p99 {
+                    ("p99_mn", "99 % of the errors are below")
+                } else {
+                    ("max_mn", "largest errors")
+                };
+                let keys = hands.map(|hand| format!("{hand}.{part}"));
+                let rows: Vec<(&str, String)> =
+                    keys.iter().zip(hands).map(|(key, hand)| (key.as_str(), hand.to_owned())).collect();
+                let title = format!("{}: {says}", table.title);
                 stems(&title, "force error, mN", std::slice::from_ref(table), &rows)
             };
             tables.iter().map(of).collect()

@@ -15,6 +15,14 @@ use crate::failure::Failure;
 /// Name of the section.
 pub(super) const KEY: &str = "cost";
 
+/// Rows of its tables: key, name, and which value is the best one.
+pub(super) const ROWS: [(&str, &str, Best); 4] = [
+    ("solves", "finite-element solves before the touch", Best::None),
+    ("solve_s", "their time, s", Best::None),
+    ("bytes", "bytes of the table", Best::Least),
+    ("query_ns", "one force query, ns", Best::Least),
+];
+
 /// Rounds of the timing.
 const ROUNDS: [usize; 2] = [200, 40];
 
@@ -51,12 +59,9 @@ pub(super) fn section(organs: &[Ready], context: &Context<'_>) -> Result<Section
             Method::ALL.map(|method| method.name().to_owned()).to_vec(),
         );
         table.others = Others::Declared;
-        table.rows = vec![
-            Row::new("solves", "finite-element solves before the touch", Best::None, of_all(solved as f64)),
-            Row::new("solve_s", "their time, s", Best::None, of_all(seconds)),
-            Row::new("bytes", "bytes of the table", Best::Least, bytes),
-            Row::new("query_ns", "one force query, ns", Best::Least, query.to_vec()),
-        ];
+        let values = [of_all(solved as f64), of_all(seconds), bytes, query.to_vec()];
+        let rows = ROWS.into_iter().zip(values);
+        table.rows = rows.map(|((key, name, best), values)| Row::new(key, name, best, values)).collect();
         table.without_empty_columns();
         tables.push(table);
     }

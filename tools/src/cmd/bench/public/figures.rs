@@ -48,6 +48,9 @@ pub(super) struct Table {
     pub(super) columns: Vec<String>,
     /// Source of the columns of other systems.
     pub(super) others: Others,
+    /// Columns of another criterion: they are compared with each other only.
+    #[serde(default)]
+    pub(super) apart: Vec<String>,
     /// Its rows.
     pub(super) rows: Vec<Row>,
 }
@@ -108,6 +111,7 @@ impl Table {
             of: of.into(),
             columns,
             others: Others::None,
+            apart: Vec::new(),
             rows: Vec::new(),
         }
     }

@@ -7,10 +7,30 @@ use std::time::Instant;
 use super::figures::{Best, Others, Row, Section, Table};
 use super::organs::Ready;
 use super::run::{Context, finished};
+use super::scenes::ORGANS;
 use crate::failure::Failure;
 
 /// Name of the section.
 pub(super) const KEY: &str = "start";
+
+/// Its table.
+pub(super) const TABLE: &str = "start.first_touch";
+/// Columns of the table.
+pub(super) const COLUMNS: [&str; 2] = ["live", "blob"];
+/// What live touches: key of the row, name, and scene in the folder of the assets.
+const LIVE: [(&str, &str, &str); 3] = [
+    ("small", "liver, 498 nodes, linear", "liver-small.toml"),
+    ("large", "liver, 2,030 nodes, linear", "liver-large.toml"),
+    ("demo", "liver, 498 nodes, quadratic, fingertip", "demo.toml"),
+];
+/// Scenes of the assets that it uses beside those of the organs.
+pub(super) const SCENES: [&str; 3] = [LIVE[0].2, LIVE[1].2, LIVE[2].2];
+
+/// Keys of the rows.
+pub(super) fn rows() -> Vec<String> {
+    let keys = LIVE.iter().map(|live| live.0).chain(ORGANS.iter().map(|organ| organ.name));
+    keys.map(|key| format!("{key}_s")).collect()
+}
 
 /// Commands per organ; the median counts.
 const REPEATS: [usize; 2] = [5, 1];
@@ -38,11 +58,7 @@ fn number(args: &[&str], at: &str) -> Result<f64, Failure> {
 pub(super) fn section(assets: &Path, organs: &[Ready], context: &Context<'_>) -> Result<Section, Failure> {
     let start = Instant::now();
     let live = |scene: &str| (assets.join(scene), ["live", "--seconds", "3"], "/live/first_force_s");
-    let mut cases = vec![
-        ("small", "liver, 498 nodes, linear", live("liver-small.toml")),
-        ("large", "liver, 2,030 nodes, linear", live("liver-large.toml")),
-        ("demo", "liver, 498 nodes, quadratic, fingertip", live("demo.toml")),
-    ];
+    let mut cases: Vec<_> = LIVE.iter().map(|(key, name, scene)| (*key, *name, live(scene))).collect();
     for ready in organs {
         let words = if ready.scene.name == "point" {
             "blob of \u{201c}point\u{201d}"
@@ -53,12 +69,12 @@ pub(super) fn section(assets: &Path, organs: &[Ready], context: &Context<'_>) ->
         cases.push((ready.scene.name, words, (ready.blob_path.clone(), run, "/start_s")));
     }
     let mut table = Table::new(
-        "start.first_touch",
+        TABLE,
         "From the command to the first force",
         "Seconds from the start of the program to the first force, without the way of the hand. \u{201c}live\u{201d} reads scene and mesh \
          and solves; \u{201c}blob\u{201d} reads a table that was made before.",
         "organ",
-        vec!["live".into(), "blob".into()],
+        COLUMNS.map(String::from).to_vec(),
     );
     table.others = Others::Declared;
     for (key, name, (path, [command, option, seconds], at)) in cases {

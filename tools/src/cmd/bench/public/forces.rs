@@ -63,7 +63,7 @@ pub(super) fn section(
         tables.push(Table::judged(
             &format!("{key}.{}", ready.scene.name),
             &format!("Organ \u{201c}{}\u{201d}", ready.scene.name),
-            &format!("Here {}. {}", ready.scene.about, details(key, &ready.questions)),
+            &format!("Here {}. {} {}", ready.scene.about, details(key, &ready.questions), ready.reference()),
             judged.collect(),
         ));
     }

@@ -9,9 +9,12 @@ use super::questions::{Questions, Vec3, Way};
 /// A position that was solved and answered.
 type Pair = (Vec3, Vec3);
 
-/// Errors over the answered positions: mean, 99th percentile and maximum of |h - h~| in mN, and the share that
-/// cannot be felt.
-fn errors(key: &str, name: &str, answered: &[Pair]) -> Vec<Judged> {
+/// Least number of errors that have a 99th percentile other than the largest.
+const PERCENTILE: usize = 100;
+
+/// Errors over the answered ones of `asked` positions: mean, 99th percentile and maximum of |h - h~| in mN, and the
+/// share that cannot be felt. Fewer than 100 have no 99th percentile.
+fn errors(key: &str, name: &str, answered: &[Pair], asked: usize) -> Vec<Judged> {
     let compared: Vec<Compared> =
         answered.iter().map(|&(truth_n, found_n)| Compared { truth_n, found_n, covered: true }).collect();
     let found = (!compared.is_empty()).then(|| Errors::of(&compared));
@@ -21,20 +24,30 @@ fn errors(key: &str, name: &str, answered: &[Pair]) -> Vec<Judged> {
         best,
         value: found.as_ref().map(of),
     };
-    vec![
-        figure("mean_mn", "mean error, mN", Best::Least, &|e| 1e3 * e.mean_n),
-        figure("p99_mn", "99th percentile, mN", Best::Least, &|e| 1e3 * e.p99_n),
-        figure("max_mn", "largest error, mN", Best::Least, &|e| 1e3 * e.max_n),
+    let mut judged = vec![figure("mean_mn", "mean error, mN", Best::Least, &|e| 1e3 * e.mean_n)];
+    if asked >= PERCENTILE {
+        let of = |e: &Errors| if e.count < PERCENTILE { f64::NAN } else { 1e3 * e.p99_n };
+        let mut row = figure("p99_mn", "99th percentile, mN", Best::Least, &of);
+        row.value = row.value.filter(|value| value.is_finite());
+        judged.push(row);
+    }
+    let largest = format!("largest of {asked} errors, mN");
+    judged.extend([
+        figure("max_mn", &largest, Best::Least, &|e| 1e3 * e.max_n),
         figure("not_felt_percent", "not felt, %", Best::Most, &|e| {
             100.0 * e.below_jnd as f64 / e.count.max(1) as f64
         }),
-    ]
+    ]);
+    judged
 }
+
+/// Row of the share of the questions that were answered, %.
+pub(super) const ANSWERED: &str = "answered_percent";
 
 /// Share of the questions that were answered; `None` if none was.
 fn answered(count: usize, asked: usize) -> Judged {
     Judged {
-        key: "answered_percent".into(),
+        key: ANSWERED.into(),
         name: "answered, %".into(),
         best: Best::None,
         value: (count > 0).then(|| 100.0 * count as f64 / asked.max(1) as f64),
@@ -45,8 +58,9 @@ fn answered(count: usize, asked: usize) -> Judged {
 pub(super) fn positions(questions: &Questions, forces: &Forces) -> Vec<Judged> {
     let pairs = questions.positions.iter().zip(&forces.positions);
     let found: Vec<Pair> = pairs.filter_map(|(at, found)| Some((at.truth_n, (*found)?))).collect();
-    let mut judged = errors("", "", &found);
-    judged.push(answered(found.len(), questions.positions.len()));
+    let asked = questions.positions.len();
+    let mut judged = errors("", "", &found, asked);
+    judged.push(answered(found.len(), asked));
     judged
 }
 
@@ -56,9 +70,9 @@ pub(super) fn hands(questions: &Questions, forces: &Forces) -> Vec<Judged> {
     for (way, found) in questions.hands.iter().zip(&forces.hands) {
         let pairs = way.truth_n.iter().zip(found);
         let found: Vec<Pair> = pairs.filter_map(|(truth, found)| Some(((*truth)?, (*found)?))).collect();
-        count += found.len();
-        asked += way.truth_n.iter().flatten().count();
-        judged.extend(errors(&format!("{}.", way.name), &format!("{}: ", way.name), &found));
+        let solved = way.truth_n.iter().flatten().count();
+        (count, asked) = (count + found.len(), asked + solved);
+        judged.extend(errors(&format!("{}.", way.name), &format!("{}: ", way.name), &found, solved));
     }
     judged.push(answered(count, asked));
     judged

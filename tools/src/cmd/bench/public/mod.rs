@@ -4,7 +4,8 @@
 //! bundled scenes -> scenes.rs -> folder of questions: scene, mesh, body as CSV
 //!     organs.rs     space, blob, reference forces -> questions.rs: positions, loops, hands (CSV, versioned)
 //!     ours.rs       every method, live             \
-//!     answers.rs    CSV and TOML of other systems  / -> forces -> judge.rs -> rows of figures
+//!     answers.rs    CSV of other systems           / -> forces -> judge.rs -> rows of figures
+//!     stated.rs     TOML of other systems -> figures that they state
 //! forces, cost, zwidth, nodule, first_touch, ticks: one section of tables each (figures.rs)
 //!     kept in DIR/work; figures.json, figures.csv and page.rs show the same cells
 //! ```
@@ -28,6 +29,7 @@ mod questions;
 mod run;
 mod scenes;
 mod sections;
+mod stated;
 mod systems;
 mod ticks;
 mod ways;
@@ -44,17 +46,17 @@ use crate::files::{FileKind, Files, Folder, Replace};
 use crate::interrupt::stop_flag;
 use crate::machine::{Machine, Ticks};
 use crate::output;
-use answers::Answers;
 use figures::Section;
 use questions::Questions;
 use run::Context;
 use sections::{KEYS, Workshop};
+use systems::Answers;
 
-/// Measure every method and live against finite elements, on one page.
+/// Measure interpolation methods and live against finite elements, on one page.
 ///
-/// Force error, energy round loops, cost, Z-width on emulated devices, detectability of nodules, time to the first
-/// touch, worst tick. The page is DIR/page.html; its figures are beside it as JSON and CSV. A full run takes less
-/// than ten minutes on two cores. After Ctrl-C the same command continues; finished sections are kept.
+/// Force error, energy round loops, cost, Z-width of two methods on emulated devices, detectability of nodules by finite
+/// elements, time to the first touch, worst tick. The page is DIR/page.html; its figures are beside it as JSON and CSV. A
+/// full run takes a few minutes on two cores. After Ctrl-C the same command continues; finished sections are kept.
 /// --only measures some sections and keeps the others.
 ///
 /// The questions in DIR/questions let anybody run another system; --answers puts it beside ours.
@@ -134,6 +136,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (started, ticks) = (Instant::now(), Ticks::now());
     let wanted = wanted(&args.only)?;
     let threads = threads(args.threads)?;
+    let mut systems = systems::open(&args.answers)?;
     let mut files = Files::new(args.replace);
     let out = files.folder("--out", &args.out, |name| match name {
         page::PAGE => Some(FileKind::Html),
@@ -141,14 +144,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         page::CSV => Some(FileKind::Table),
         _ => None,
     })?;
-    for (name, folder) in &args.answers {
-        if !folder.is_dir() {
-            return Err(Failure::input(format!(
-                "--answers {name}={}: is no folder; docs/formats.md describes its files",
-                folder.display()
-            )));
-        }
-    }
     let stop = stop_flag()?;
     let context = Context { quick: args.quick, threads, stop: &stop };
     if !args.assets.is_dir() {
@@ -165,15 +160,18 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             folder.display()
         ));
     }
-    // Before the sections, so that a wrong file is reported before long work.
-    let systems = read_answers(args, &mut workshop)?;
+    if !systems.is_empty() {
+        // Before the sections, so that a wrong row is reported before long work.
+        let questions = workshop.questions()?;
+        systems.iter_mut().try_for_each(|system| system.read_forces(&questions))?;
+    }
     let (mut sections, failure) = sections(&mut workshop, &wanted, args.again);
     if sections.is_empty() {
         return failure.map_or(Ok(()), Err);
     }
     // After Ctrl-C the page has the finished sections.
     let questions: Vec<&Questions> = if systems.is_empty() { Vec::new() } else { workshop.questions()? };
-    systems::add_columns(&mut sections, &questions, &systems)?;
+    systems::add_columns(&mut sections, &questions, &systems);
     let machine = Machine::here(threads, ticks, started.elapsed().as_secs_f64());
     write(&out, &sections, &systems, &machine)?;
     if let Some(failure) = failure {
@@ -209,16 +207,6 @@ fn sections(workshop: &mut Workshop<'_>, wanted: &[&str], again: bool) -> (Vec<S
         left = &left[1..];
     }
     (sections, failure)
-}
-
-/// The answers of the command line.
-fn read_answers(args: &Args, workshop: &mut Workshop<'_>) -> Result<Vec<Answers>, Failure> {
-    if args.answers.is_empty() {
-        return Ok(Vec::new());
-    }
-    let questions = workshop.questions()?;
-    let read = |(name, folder): &(String, PathBuf)| Answers::read(name, folder, &questions);
-    args.answers.iter().map(read).collect()
 }
 
 /// Writes the page and its figures.

@@ -16,11 +16,30 @@ use crate::progress::WorkProgress;
 /// Name of the section.
 pub(super) const KEY: &str = "nodule";
 
-const SCENE: &str = "scenes/nodules.toml";
+/// Its table.
+pub(super) const TABLE: &str = "nodule.nodules";
+/// Its column.
+pub(super) const COLUMN: &str = "finite elements";
+/// The scene, in the folder of the assets.
+pub(super) const SCENE: &str = "scenes/nodules.toml";
+/// Places of the scene.
+const PLACES: [&str; 4] = ["shallow", "beside", "middle", "deep"];
+/// Figures of a place: key and name.
+const PARTS: [(&str, &str); 4] = [
+    ("detectability", "detectability"),
+    ("depth_mm", "depth, mm"),
+    ("force_n", "force with the nodule, N"),
+    ("without_n", "force without it, N"),
+];
 /// Groups of the nodules in the scene.
 const NODULES: [&str; 3] = ["nodule-3", "nodule-7", "nodule-12"];
 /// Force of the push, N.
 const FORCE_N: f64 = 1.0;
+
+/// Keys of the rows.
+pub(super) fn rows() -> Vec<String> {
+    PLACES.iter().flat_map(|place| PARTS.map(|(part, _)| format!("{place}.{part}"))).collect()
+}
 
 /// Measures the section.
 pub(super) fn section(assets: &Path, context: &Context<'_>) -> Result<Section, Failure> {
@@ -33,8 +52,16 @@ pub(super) fn section(assets: &Path, context: &Context<'_>) -> Result<Section, F
     };
     let inclusion = Inclusion::of_groups(&scene, &NODULES.map(String::from)).map_err(|e| failed(e.into()))?;
     let mapped = Mapped::new(&inclusion.with, Some(&inclusion.without)).map_err(|e| failed(e.into()))?;
-    let named = |active| Place::named(&inclusion.with, active);
-    let places: Vec<Place> = scene.active.iter().filter_map(named).collect();
+    let named = |name: &&str| {
+        let active = scene.active.iter().find(|active| active.name == **name);
+        active.and_then(|active| Place::named(&inclusion.with, active)).ok_or_else(|| {
+            Failure::input(format!(
+                "{}: has no place {name}; give the bundled assets with --assets",
+                path.display()
+            ))
+        })
+    };
+    let places = PLACES.iter().map(named).collect::<Result<Vec<Place>, Failure>>()?;
     let max_depth_m = scene.grid.as_ref().map_or(0.01, |grid| grid.radius_m());
     let goal = Goal { force_n: FORCE_N, max_depth_m };
     let progress = Mutex::new(WorkProgress::new("nodules", "places"));
@@ -50,26 +77,23 @@ pub(super) fn section(assets: &Path, context: &Context<'_>) -> Result<Section, F
         progress.finish();
     }
     let mut table = Table::new(
-        "nodule.nodules",
+        TABLE,
         "Nodules of 14 mm, ten times as stiff, 3, 7 and 12 mm under the skin",
         "Detectability: the change of the force by the nodule at the depth of 1 N, over 7 % of the force (at least \
          20 mN). Above 1 a finger feels it. \u{201c}beside\u{201d} has no nodule below.",
         "place",
-        vec!["finite elements".into()],
+        vec![COLUMN.into()],
     );
     table.others = Others::Declared;
     for (place, found) in places.iter().zip(&found) {
         let compared = found.compared.as_ref();
-        let value = |of: &dyn Fn(&palpate_precompute::map::Compared) -> f64| compared.map_or(f64::NAN, of);
-        let name = &place.active.name;
-        let mut row = |part: &str, unit: &str, value: f64| {
-            let (key, name) = (format!("{name}.{part}"), format!("{name}: {unit}"));
+        let values = compared
+            .map_or([f64::NAN; 4], |c| [c.detectability(&JND), 1e3 * c.depth_m, c.force_n, c.without_n]);
+        let place = &place.active.name;
+        for ((part, name), value) in PARTS.into_iter().zip(values) {
+            let (key, name) = (format!("{place}.{part}"), format!("{place}: {name}"));
             table.rows.push(Row::new(key, name, Best::None, vec![value]));
-        };
-        row("detectability", "detectability", value(&|c| c.detectability(&JND)));
-        row("depth_mm", "depth, mm", value(&|c| 1e3 * c.depth_m));
-        row("force_n", "force with the nodule, N", value(&|c| c.force_n));
-        row("without_n", "force without it, N", value(&|c| c.without_n));
+        }
     }
     Ok(finished(
         context,
@@ -78,6 +102,7 @@ pub(super) fn section(assets: &Path, context: &Context<'_>) -> Result<Section, F
         &[
             "A fingertip of 10 mm presses until 1 N, over each of three nodules and beside them. A system whose force error \
            is larger than the change by a nodule hides it.",
+            "The figures are those of finite elements of the body, not of a method or of live; another system states its own.",
         ],
         &[
             "palpate bench public --only nodule",

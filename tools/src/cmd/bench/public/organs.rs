@@ -106,6 +106,15 @@ impl Ready {
         Ok(Self { scene, questions, space, blob, blob_path, analysis })
     }
 
+    /// What the reference forces are those of, with the warnings of the scene.
+    pub(super) fn reference(&self) -> String {
+        let mut says = self.scene.reference.to_owned();
+        for warning in &self.analysis.scene.warnings {
+            says += &format!(" Its scene warns: {warning}.");
+        }
+        says
+    }
+
     /// The view of the blob that the loop uses.
     pub(super) fn organ(&self) -> Result<Organ<'_>, Failure> {
         blob::organ(&self.blob_path, &self.blob)

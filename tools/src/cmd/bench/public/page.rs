@@ -2,6 +2,7 @@
 
 use super::charts;
 use super::figures::{Best, Others, Row, Section, Table};
+use super::judge::ANSWERED;
 use super::questions::VERSION;
 use super::systems::YOURS;
 use crate::html::{self, Cell, heading, paragraph, section as whole, table};
@@ -14,16 +15,25 @@ pub(super) const PAGE: &str = "page.html";
 pub(super) const JSON: &str = "figures.json";
 pub(super) const CSV: &str = "figures.csv";
 
-/// The whole page. `systems` are the names of other systems with what they say about themselves.
-pub(super) fn html(sections: &[Section], systems: &[(&str, &str)], machine: &Machine) -> String {
+/// Names of other systems, with what they say about themselves.
+type Systems<'s> = &'s [(&'s str, &'s str)];
+
+/// The whole page.
+pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine) -> String {
     let title = "A public benchmark of deformable haptics";
     let quick = sections.iter().any(|section| section.quick);
     let mut body = format!("<h1>{title}</h1>\n");
     body += &paragraph(
         "lead",
         "How far is the force that a person feels from that of the body, how stable is the loop, and how long does it \
-         take? Every method of Palpate and its live solver are measured against finite elements, by questions that any \
-         other system can answer.",
+         take? The forces of every interpolation method of Palpate, and those of its live solver under a moving hand, are measured \
+         against finite elements, by questions that any other system can answer. The Z-width is that of two methods; \
+         nodules are felt by finite elements alone.",
+    );
+    body += &paragraph(
+        "explains",
+        "Bold is the best figure of a row. A system that left a question of the table open is not compared, and nothing is where a \
+         system states its own figure: nobody here has measured it.",
     );
     if quick {
         body += &paragraph(
@@ -43,7 +53,7 @@ pub(super) fn html(sections: &[Section], systems: &[(&str, &str)], machine: &Mac
     body += &navigation(sections);
     body += &summary(sections);
     for section in sections {
-        body += &drawn(section, sections);
+        body += &drawn(section, sections, systems);
     }
     body += &how_to_join(systems);
     body += &footer(machine);
@@ -73,19 +83,14 @@ fn summary(sections: &[Section]) -> String {
                 figure(trilinear)
             ));
         }
-        if let Some(p99) = value(&format!("hands.{organ}"), "poke.p99_mn", "live") {
-            says.push(format!(
-                "Live on \u{201c}{organ}\u{201d}: 99 % of the errors under a fast poke are below {} mN.",
-                figure(p99)
-            ));
-        }
+        says.extend(table(&format!("hands.{organ}")).and_then(|table| live_under_a_poke(organ, table)));
     }
-    let stiffness = |column| value("zwidth.devices", "omega.1000_hz", column);
-    if let Some((plain, guarded)) = stiffness("energy").zip(stiffness("energy, guarded")) {
+    let stiffness = |column| value("zwidth.devices", "omega.1000_hz", column).map(figure);
+    let of = ["energy", "energy, guarded", "energy, 5 mJ", "guarded, 5 mJ"].map(stiffness);
+    if let [Some(plain), Some(guarded), Some(energy), Some(guarded_energy)] = of {
         says.push(format!(
-            "On an emulated omega.3 at 1 kHz an organ is passive up to {} N/m, with the energy guard up to {} N/m.",
-            figure(plain),
-            figure(guarded)
+            "On an emulated omega.3 at 1 kHz a hand is still on an organ up to {plain} N/m, with the energy guard up to {guarded} N/m; \
+             it gets less than 5 mJ up to {energy} and {guarded_energy} N/m."
         ));
     }
     if let Some(table) = table("nodule.nodules") {
@@ -105,8 +110,20 @@ fn summary(sections: &[Section]) -> String {
     html::says(&says)
 }
 
+/// The errors of live under the fast hand. Fewer than 100 have no 99th percentile.
+fn live_under_a_poke(organ: &str, table: &Table) -> Option<String> {
+    let live = format!("Live on \u{201c}{organ}\u{201d} under a fast poke:");
+    if let Some(p99) = table.value("poke.p99_mn", "live") {
+        return Some(format!("{live} 99 % of the errors are below {} mN.", figure(p99)));
+    }
+    let row = table.rows.iter().find(|row| row.key == "poke.max_mn")?;
+    // As "poke: largest of 37 errors, mN".
+    let of = row.name.trim_start_matches("poke: ").trim_end_matches(", mN");
+    Some(format!("{live} {of}, {} mN.", figure(table.value(&row.key, "live")?)))
+}
+
 /// A section with its plots and tables.
-fn drawn(section: &Section, all: &[Section]) -> String {
+fn drawn(section: &Section, all: &[Section], systems: Systems<'_>) -> String {
     let mut body = String::new();
     for text in &section.explains {
         body += &paragraph("explains", text);
@@ -115,7 +132,7 @@ fn drawn(section: &Section, all: &[Section]) -> String {
     for one in &section.tables {
         body += &heading(&one.title);
         body += &paragraph("setting", &one.explains);
-        body += &cells(one);
+        body += &cells(one, systems);
         body += &format!(
             "<p class=\"files\">Table <code>{}</code>{}</p>\n",
             escaped(&one.key),
@@ -137,37 +154,52 @@ fn drawn(section: &Section, all: &[Section]) -> String {
     whole(&section.key, &section.title, &body)
 }
 
-/// The best value of a row, if several differ.
-fn best(row: &Row) -> Option<f64> {
-    let values = || row.values.iter().flatten().copied();
-    let found = match row.best {
-        Best::Least => values().min_by(f64::total_cmp),
-        Best::Most => values().max_by(f64::total_cmp),
-        Best::None => None,
+/// Which values of a row are marked as the best ones: in the columns of each criterion, if several differ.
+fn marks(of: &Table, row: &Row, systems: Systems<'_>) -> Vec<bool> {
+    let answered = of.rows.iter().find(|row| row.key == ANSWERED);
+    let is_complete =
+        |n: usize| answered.is_none_or(|row| row.values.get(n).copied().flatten() == Some(100.0));
+    let is_stated = |n: usize| {
+        of.others == Others::Declared
+            && systems.iter().any(|(name, _)| of.columns.get(n).is_some_and(|c| c == name))
     };
-    found.filter(|best| values().any(|value| value != *best))
+    let mut marks = vec![false; row.values.len()];
+    for apart in [false, true] {
+        let in_group = |n: usize| of.columns.get(n).is_some_and(|column| of.apart.contains(column) == apart);
+        let group = row.values.iter().enumerate().filter_map(|(n, value)| Some((n, (*value)?)));
+        let group: Vec<(usize, f64)> = group.filter(|(n, _)| in_group(*n)).collect();
+        if group.iter().any(|(n, _)| is_stated(*n)) {
+            continue;
+        }
+        let compared = || group.iter().copied().filter(|(n, _)| is_complete(*n));
+        let values = || compared().map(|(_, value)| value);
+        let best = match row.best {
+            Best::Least => values().min_by(f64::total_cmp),
+            Best::Most => values().max_by(f64::total_cmp),
+            Best::None => None,
+        };
+        let Some(best) = best.filter(|best| values().any(|value| value != *best)) else { continue };
+        compared().filter(|(_, value)| *value == best).for_each(|(n, _)| marks[n] = true);
+    }
+    marks
 }
 
 /// The rows of a table.
-fn cells(of: &Table) -> String {
+fn cells(of: &Table, systems: Systems<'_>) -> String {
     let head: Vec<&str> =
         std::iter::once(of.of.as_str()).chain(of.columns.iter().map(String::as_str)).collect();
     let row = |row: &Row| {
-        let best = best(row);
-        let cell = |value: &Option<f64>| Cell {
-            text: value.map(figure).unwrap_or_default(),
-            best: value.is_some() && *value == best,
-        };
-        std::iter::once(Cell::from(row.name.as_str()))
-            .chain(row.values.iter().map(cell))
-            .collect::<Vec<Cell>>()
+        let cells = row.values.iter().zip(marks(of, row, systems));
+        let cell =
+            |(value, best): (&Option<f64>, bool)| Cell { text: value.map(figure).unwrap_or_default(), best };
+        std::iter::once(Cell::from(row.name.as_str())).chain(cells.map(cell)).collect::<Vec<Cell>>()
     };
     let rows: Vec<Vec<Cell>> = of.rows.iter().map(row).collect();
     table(&head, &rows)
 }
 
 /// How another system gets its column.
-fn how_to_join(systems: &[(&str, &str)]) -> String {
+fn how_to_join(systems: Systems<'_>) -> String {
     let mut body = String::new();
     if systems.is_empty() {
         body += &paragraph(
@@ -226,4 +258,62 @@ fn footer(machine: &Machine) -> String {
     let facts: String =
         facts.iter().map(|(name, text)| format!("<dt>{name}</dt><dd>{text}</dd>\n")).collect();
     format!("<footer>\n<dl>\n{facts}</dl>\n</footer>\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(others: Others, columns: &[&str], rows: &[(&str, Best, &[f64])]) -> Table {
+        let columns = columns.iter().map(|column| (*column).to_owned()).collect();
+        let mut table = Table::new("t", "", "", "", columns);
+        table.others = others;
+        table.rows =
+            rows.iter().map(|(key, best, values)| Row::new(*key, *key, *best, values.to_vec())).collect();
+        table
+    }
+
+    #[test]
+    fn only_a_system_that_answered_everything_is_marked_as_the_best() {
+        let with = |answered: f64| {
+            let mean: (_, _, &[f64]) = ("mean_mn", Best::Least, &[3.0, 2.0, 1.0]);
+            let answered = [100.0, 100.0, answered];
+            let table =
+                table(Others::Judged, &["a", "b", "theirs"], &[mean, (ANSWERED, Best::None, &answered)]);
+            marks(&table, &table.rows[0], &[("theirs", "")])
+        };
+        assert_eq!(with(100.0), [false, false, true]);
+        assert_eq!(with(2.5), [false, true, false]);
+    }
+
+    #[test]
+    fn a_row_with_a_stated_value_has_no_best_one() {
+        let with = |theirs: f64| {
+            let row: (_, _, &[f64]) = ("bytes", Best::Least, &[3.0, 2.0, theirs]);
+            let table = table(Others::Declared, &["a", "b", "theirs"], &[row]);
+            marks(&table, &table.rows[0], &[("theirs", "")])
+        };
+        assert_eq!(with(f64::NAN), [false, true, false]);
+        assert_eq!((with(1.0), with(9.0)), (vec![false; 3], vec![false; 3]));
+    }
+
+    #[test]
+    fn columns_of_another_criterion_are_compared_with_each_other() {
+        let row: (_, _, &[f64]) = ("k", Best::Most, &[1.0, 2.0, 8.0, 9.0]);
+        let mut table = table(Others::None, &["a", "b", "a, 5 mJ", "b, 5 mJ"], &[row]);
+        table.apart = vec!["a, 5 mJ".into(), "b, 5 mJ".into()];
+        assert_eq!(marks(&table, &table.rows[0], &[]), [false, true, false, true]);
+    }
+
+    #[test]
+    fn few_errors_have_a_largest_one_and_no_percentile() {
+        let one: &[f64] = &[4.0];
+        let mut few = table(Others::Judged, &["live"], &[("poke.max_mn", Best::Least, one)]);
+        few.rows[0].name = "poke: largest of 37 errors, mN".into();
+        let said = live_under_a_poke("point", &few).expect("said");
+        assert!(said.ends_with("largest of 37 errors, 4 mN."), "{said}");
+        let rows = [("poke.p99_mn", Best::Least, one), ("poke.max_mn", Best::Least, &[5.0][..])];
+        let said = live_under_a_poke("point", &table(Others::Judged, &["live"], &rows)).expect("said");
+        assert!(said.contains("99 %") && said.contains("4 mN"), "{said}");
+    }
 }

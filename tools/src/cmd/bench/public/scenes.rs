@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use palpate_core::Method;
+use palpate_precompute::fem::{Fingertip, PadProfile};
 use palpate_precompute::scene::ResolvedScene;
 
 use super::questions::VERSION;
@@ -30,6 +31,8 @@ pub(super) struct OrganScene {
     pub(super) methods: &'static [Method],
     /// What it is, for the page.
     pub(super) about: &'static str,
+    /// What its reference forces are those of.
+    pub(super) reference: &'static str,
 }
 
 /// The two organs: the paper's kind of tool and table, and a tool with a size on quadratic elements.
@@ -42,6 +45,7 @@ pub(super) const ORGANS: [OrganScene; 2] = [
         methods: &Method::OF_LATTICE,
         about: "a node of the liver phantom (498 nodes, 1,795 linear tetrahedra, incompressible Mooney-Rivlin) is moved \
                 by up to 25 mm; the tables come from a lattice of five cells along the radius, the paper's coarsest (quick: two)",
+        reference: "The reference is the force of this mesh: that of a held node depends on the mesh and has no limit under refinement.",
     },
     OrganScene {
         name: "fingertip",
@@ -51,6 +55,7 @@ pub(super) const ORGANS: [OrganScene; 2] = [
         methods: &Method::ALL,
         about: "a fingertip of 15 mm presses the same phantom (quadratic elements) by up to 10 mm; the tables come from \
                 adaptive sampling",
+        reference: "The reference is the force of this mesh; a finer one gives another force.",
     },
 ];
 
@@ -114,9 +119,14 @@ pub(super) fn write_body(scene: &ResolvedScene, folder: &Folder) -> Result<(), F
     folder.file("place.csv").put(&place.finish()?)
 }
 
-/// The description of the folder of questions.
-pub(super) fn readme() -> String {
+/// The description of the folder of questions. The fingertip is that of its organ.
+pub(super) fn readme(tip: Fingertip) -> String {
     let organs: String = ORGANS.iter().map(|organ| format!("{}/: {}.\n", organ.name, organ.about)).collect();
+    let Fingertip { radius_m, stiffness_pa_m, profile } = tip;
+    let profile = match profile {
+        PadProfile::Quartic => "(1 - r^2/a^2)^2",
+        PadProfile::Hertz => "sqrt(1 - r^2/a^2)",
+    };
     format!(
         "Questions of `palpate bench public`, version {VERSION}. All numbers are in m, N, Pa and s.\n\n{organs}\n\
          Each folder has\n\
@@ -125,9 +135,25 @@ pub(super) fn readme() -> String {
          place.csv              the touched place and its outward normal\n\
          positions.csv          displacements d of the place; h is the force of the tool on the body by finite elements\n\
          loops.csv, hands.csv   displacements once in a millisecond, in their order; `counted` 0 is the way to a loop\n\n\
+         The reference h solves this discrete problem:\n\
+         body       at rest without load, no inertia, no body force. With F = I + grad u, the integral of\n\
+         \x20          C10 (I1 - 3) + C01 (I2 - 3) + (2 C10 + 4 C01 + q)(1 - J) is stationary in u and q.\n\
+         point      Tetrahedra of 4 nodes, one integration point; q is continuous and linear (P1/P1), without stabilisation.\n\
+         \x20          The three components of the node of place.csv are prescribed as d; h is their reaction.\n\
+         fingertip  Straight-sided tetrahedra of 10 nodes, 14 integration points (degree 5); q is continuous and linear\n\
+         \x20          (P2/P1, Taylor-Hood). A mid-edge node is fixed if both ends of its edge are.\n\
+         \x20          A rigid finger, displaced by d, holds the skin by springs of stiffness k w(r) per undeformed area:\n\
+         \x20          k = {stiffness_pa_m:e} Pa/m, w = {profile} for r < a, else 0; a = {radius_m} m; r is the distance from place.csv.\n\
+         \x20          h is the integral of k w (d - u) over the boundary triangles within a that are connected to the place and\n\
+         \x20          have a free corner, each cut into four, with Dunavant's six points of degree 4 in each.\n\n\
          A system answers in a folder of its own, with the same folders: positions.csv with\n\
          position,fx_n,fy_n,fz_n, and loops.csv and hands.csv with way,tick,fx_n,fy_n,fz_n: its force on the body.\n\
-         system.toml has `about`, and figures that it states: [figures.\"TABLE\"] with ROW = number, under the names of\n\
-         figures.csv. Then `palpate bench public --answers NAME=FOLDER` fills its column. What is missing stays empty.\n"
+         system.toml has `about`, and figures that it states, under the names of figures.csv:\n\n\
+         about = \"program, version, machine\"\n\
+         [figures.\"cost.point\"]\n\
+         query_ns = 250\n\
+         [figures.\"nodule.nodules\"]\n\
+         \"shallow.detectability\" = 3\n\n\
+         Then `palpate bench public --answers NAME=FOLDER` fills its column. What is missing stays empty.\n"
     )
 }

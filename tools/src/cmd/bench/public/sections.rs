@@ -5,14 +5,15 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use palpate_precompute::pipeline::Run;
+use palpate_precompute::scene::{PULP, Scene};
 use palpate_precompute::space::solver_version;
 
-use super::answers::SYSTEM;
 use super::figures::Section;
 use super::organs::{Amount, Ready, Rooms};
 use super::questions::{Questions, VERSION};
 use super::run::Context;
 use super::scenes::{self, ORGANS};
+use super::stated::SYSTEM;
 use super::{cost, first_touch, forces, interrupted, nodule, table_kind, ticks, zwidth};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Folder, Output};
@@ -38,8 +39,18 @@ const SECONDS: [[f64; 2]; 8] = [
     [40.0, 15.0],
     [5.0, 5.0],
     [65.0, 12.0],
-    [15.0, 2.0],
+    [30.0, 3.0],
 ];
+
+/// Scenes of the assets that a section uses.
+fn scenes_of(key: &str) -> Vec<&'static str> {
+    let organs = ORGANS.iter().map(|organ| organ.from);
+    match key {
+        nodule::KEY => vec![nodule::SCENE],
+        first_touch::KEY => organs.chain(first_touch::SCENES).collect(),
+        _ => organs.collect(),
+    }
+}
 
 /// Folders, organs and the state of a run.
 pub(super) struct Workshop<'s> {
@@ -84,7 +95,6 @@ impl<'s> Workshop<'s> {
     /// The organs; solved on the first call.
     fn organs(&mut self) -> Result<&[Ready], Failure> {
         if self.ready.is_none() {
-            self.rooms.questions.file("README.txt").put(scenes::readme().as_bytes())?;
             let run = Run { threads: self.context.threads, stop: self.context.stop };
             let mut ready = Vec::new();
             for (scene, folder) in ORGANS.iter().zip(&self.folders) {
@@ -95,6 +105,9 @@ impl<'s> Workshop<'s> {
                 scenes::write_body(&one.analysis.scene, folder)?;
                 ready.push(one);
             }
+            let tip = ready.iter().find_map(|one| one.analysis.scene.tool.fingertip());
+            let readme = scenes::readme(tip.copied().unwrap_or(PULP));
+            self.rooms.questions.file("README.txt").put(readme.as_bytes())?;
             self.ready = Some(ready);
         }
         Ok(self.ready.as_deref().unwrap_or_default())
@@ -134,7 +147,7 @@ impl<'s> Workshop<'s> {
         let seconds_of = |keys: &[&str]| -> f64 {
             KEYS.iter().zip(SECONDS).filter(|(one, _)| keys.contains(one)).map(|(_, s)| s[quick]).sum()
         };
-        let (file, made_for) = self.kept_in(key);
+        let (file, made_for) = self.kept_in(key)?;
         if again {
             // A file that is not there is as good as a removed one.
             let _ = std::fs::remove_file(file.path());
@@ -155,16 +168,27 @@ impl<'s> Workshop<'s> {
         kept(&file, made_for, || self.measure(key)).map_err(is_stopped)
     }
 
-    /// File of a section, and what it must have been made for.
-    fn kept_in(&self, key: &str) -> (Output, String) {
+    /// File of a section, and what it must have been made for: amount, versions, and the content of its scenes.
+    fn kept_in(&self, key: &str) -> Result<(Output, String), Failure> {
         let quick = u8::from(self.context.quick);
-        let made_for = format!("{VERSION} {quick} {} {}", env!("CARGO_PKG_VERSION"), solver_version());
-        (self.rooms.work.file(&format!("section-{key}.json")), made_for)
+        let mut made_for = format!("{VERSION} {quick} {} {}", env!("CARGO_PKG_VERSION"), solver_version());
+        for scene in scenes_of(key) {
+            let path = self.assets.join(scene);
+            if !path.is_file() {
+                return Err(Failure::input(format!(
+                    "{}: no such file; give the folder of the bundled scenes with --assets",
+                    path.display()
+                )));
+            }
+            let hash = Scene::load(&path)?.resolve()?.content_hash().to_string();
+            made_for += &format!(" {}", hash.get(..16).unwrap_or(&hash));
+        }
+        Ok((self.rooms.work.file(&format!("section-{key}.json")), made_for))
     }
 
     /// A finished section of an earlier run.
     pub(super) fn stored(&self, key: &str) -> Option<Section> {
-        let (file, made_for) = self.kept_in(key);
+        let (file, made_for) = self.kept_in(key).ok()?;
         stored(&file, &made_for)
     }
 
@@ -175,7 +199,7 @@ impl<'s> Workshop<'s> {
             zwidth::KEY => zwidth::section(&self.organs()?[0].organ()?, &context),
             nodule::KEY => nodule::section(&assets, &context),
             first_touch::KEY => first_touch::section(&assets, self.organs()?, &context),
-            ticks::KEY => ticks::section(&self.organs()?[0], &context),
+            ticks::KEY => ticks::section(self.organs()?, &context),
             _ => forces::section(key, self.organs()?, &context, |ready, ours| keep(&answers, ready, ours)),
         }
     }
@@ -192,4 +216,45 @@ fn keep(answers: &Path, ready: &Ready, ours: &forces::Ours) -> Result<(), Failur
         own.file(SYSTEM).put(about.as_bytes())?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::files::Replace;
+
+    #[test]
+    fn a_section_that_other_assets_gave_is_measured_again() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (bundled, assets) =
+            (Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets"), folder.path().join("a"));
+        std::fs::create_dir_all(assets.join("scenes")).expect("a folder");
+        for name in ["liver-small.toml", "liver-small.msh", "scenes/palpation.toml"] {
+            std::fs::copy(bundled.join(name), assets.join(name)).expect("copied");
+        }
+        let stop = AtomicBool::new(false);
+        let mut files = Files::new(Replace::default());
+        let out = files.folder("--out", &folder.path().join("out"), |_| None).expect("a folder");
+        let context = Context { quick: true, threads: 1, stop: &stop };
+        let workshop = Workshop::open(&mut files, &out, &assets, context).expect("open");
+        let section = super::super::run::finished(&context, forces::FORCE, "", &[], &[], 0.0, vec![]);
+        let (file, made_for) = workshop.kept_in(forces::FORCE).expect("the scenes are there");
+        kept(&file, made_for, || Ok(section)).expect("kept");
+        let edit = |name: &str, from: &str, to: &str| {
+            let text = std::fs::read_to_string(assets.join(name)).expect("text");
+            assert!(text.contains(from), "{name}: {from}");
+            std::fs::write(assets.join(name), text.replacen(from, to, 1)).expect("written");
+        };
+        edit("liver-small.toml", "name = ", "# A comment changes nothing.\nname = ");
+        assert!(workshop.stored(forces::FORCE).is_some());
+        edit("scenes/palpation.toml", "c10_pa = 1300.0", "c10_pa = 1301.0");
+        assert!(workshop.stored(forces::FORCE).is_none(), "another material");
+        edit("scenes/palpation.toml", "c10_pa = 1301.0", "c10_pa = 1300.0");
+        assert!(workshop.stored(forces::FORCE).is_some());
+        std::fs::remove_file(assets.join("scenes/palpation.toml")).expect("removed");
+        let line = workshop.kept_in(forces::FORCE).map(drop).expect_err("no scene").line();
+        assert!(line.contains("palpation.toml") && line.contains("--assets"), "{line}");
+    }
 }

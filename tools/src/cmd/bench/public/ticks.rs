@@ -18,6 +18,14 @@ use crate::failure::Failure;
 /// Name of the section.
 pub(super) const KEY: &str = "tick";
 
+/// Rows of its tables: key, name, and share of the ticks below.
+pub(super) const ROWS: [(&str, &str, f64); 4] = [
+    ("p50_us", "median, \u{b5}s", 0.5),
+    ("p99_us", "99 %, \u{b5}s", 0.99),
+    ("p9999_us", "99.99 %, \u{b5}s", 0.9999),
+    ("max_us", "largest, \u{b5}s", 1.0),
+];
+
 /// Ticks of each method.
 const TICKS: [u64; 2] = [1_000_000, 50_000];
 /// Ticks between two looks at Ctrl-C.
@@ -53,9 +61,27 @@ fn measure(
     Ok(times)
 }
 
-/// Measures the section on one organ.
-pub(super) fn section(ready: &Ready, context: &Context<'_>) -> Result<Section, Failure> {
+/// Measures the section on every organ.
+pub(super) fn section(organs: &[Ready], context: &Context<'_>) -> Result<Section, Failure> {
     let start = Instant::now();
+    let tables = organs.iter().map(|ready| table(ready, context)).collect::<Result<Vec<_>, Failure>>()?;
+    Ok(finished(
+        context,
+        KEY,
+        "Worst tick",
+        &[
+            "The loop must answer within a millisecond, always. Times depend on the machine; the number of instructions of the \
+           dearest tick does not, and the second command counts it. Live has no column: its tick is that of the controller, and it \
+           solves beside the loop.",
+        ],
+        &["palpate bench public --only tick", "TICKS=100000 firmware-like-core/check-worst-case"],
+        start.elapsed().as_secs_f64(),
+        tables,
+    ))
+}
+
+/// The ticks of every method of an organ.
+fn table(ready: &Ready, context: &Context<'_>) -> Result<Table, Failure> {
     let ticks = TICKS[usize::from(context.quick)];
     let organ = ready.organ()?;
     // A thread of its own, so that its priority ends with it.
@@ -72,7 +98,7 @@ pub(super) fn section(ready: &Ready, context: &Context<'_>) -> Result<Section, F
     });
     let (histograms, pinned) = results?;
     let mut table = Table::new(
-        "tick.controller",
+        &format!("{KEY}.{}", ready.scene.name),
         &format!(
             "{} ticks of random palpation on the organ \u{201c}{}\u{201d}",
             crate::words::count(ticks as usize),
@@ -86,25 +112,9 @@ pub(super) fn section(ready: &Ready, context: &Context<'_>) -> Result<Section, F
         ready.scene.methods.iter().map(|method| method.name().to_owned()).collect(),
     );
     table.others = Others::Declared;
-    for (key, name, share) in [
-        ("p50_us", "median, \u{b5}s", 0.5),
-        ("p99_us", "99 %, \u{b5}s", 0.99),
-        ("p9999_us", "99.99 %, \u{b5}s", 0.9999),
-        ("max_us", "largest, \u{b5}s", 1.0),
-    ] {
+    for (key, name, share) in ROWS {
         let values = histograms.iter().map(|times| 1e-3 * times.value_at_quantile(share) as f64);
         table.rows.push(Row::new(key, name, Best::Least, values.collect()));
     }
-    Ok(finished(
-        context,
-        KEY,
-        "Worst tick",
-        &[
-            "The loop must answer within a millisecond, always. Times depend on the machine; the number of instructions of the \
-           dearest tick does not, and the second command counts it.",
-        ],
-        &["palpate bench public --only tick", "TICKS=100000 firmware-like-core/check-worst-case"],
-        start.elapsed().as_secs_f64(),
-        vec![table],
-    ))
+    Ok(table)
 }

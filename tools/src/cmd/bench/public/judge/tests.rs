@@ -30,7 +30,6 @@ fn errors_are_those_computed_by_hand() {
     forces.positions = vec![Some([1.03, 0.0, 0.0]), Some([0.06, 2.08, 0.0]), Some([0.05, 0.12, -4.0])];
     let judged = positions(&questions, &forces);
     near(value(&judged, "mean_mn"), (30.0 + 100.0 + 130.0) / 3.0);
-    near(value(&judged, "p99_mn"), 130.0);
     near(value(&judged, "max_mn"), 130.0);
     near(value(&judged, "not_felt_percent"), 200.0 / 3.0);
     near(value(&judged, "answered_percent"), 100.0);
@@ -104,4 +103,25 @@ fn hands_are_judged_where_they_were_solved() {
     let judged = hands(&questions, &forces);
     near(value(&judged, "press.mean_mn"), 20.0);
     near(value(&judged, "press.max_mn"), 30.0);
+}
+
+#[test]
+fn fewer_than_a_hundred_errors_have_a_largest_one_and_no_percentile() {
+    // Errors of 1, 2, ... mN.
+    let of = |asked: usize, answered: usize| {
+        let truth_n = [1.0, 0.0, 0.0];
+        let at = Position { displacement_m: [0.0; 3], truth_n, residual_n: 0.0 };
+        let questions = Questions { positions: vec![at; asked], ..Questions::default() };
+        let mut forces = Forces::none(&questions);
+        for (n, force) in forces.positions.iter_mut().take(answered).enumerate() {
+            *force = Some([1.0 + 1e-3 * (n + 1) as f64, 0.0, 0.0]);
+        }
+        positions(&questions, &forces)
+    };
+    let few = of(99, 99);
+    assert!(few.iter().all(|figure| figure.key != "p99_mn"), "{few:?}");
+    assert!(few.iter().any(|figure| figure.name == "largest of 99 errors, mN"), "{few:?}");
+    near(value(&of(100, 100), "p99_mn"), 99.0);
+    near(value(&of(100, 100), "max_mn"), 100.0);
+    assert_eq!(value(&of(100, 99), "p99_mn"), None);
 }

@@ -19,6 +19,11 @@ pub(in crate::cmd::bench::public) const SPRINGS: &str = "zwidth.springs";
 pub(in crate::cmd::bench::public) const DAMPING: &str = "zwidth.damping";
 pub(in crate::cmd::bench::public) const DEVICES: &str = "zwidth.devices";
 
+/// Columns of the emulated devices; the last ones ask for the energy alone.
+pub(in crate::cmd::bench::public) const COLUMNS: [&str; 6] =
+    ["plain wall", "trilinear", "energy", "energy, guarded", "energy, 5 mJ", "guarded, 5 mJ"];
+const ENERGY_ALONE: &[&str] = &[COLUMNS[4], COLUMNS[5]];
+
 /// Rates of the loop, Hz.
 pub(in crate::cmd::bench::public) const RATES_HZ: [u32; 4] = [500, 1000, 2000, 4000];
 /// The ideal device: mass, kg, and damping, N s/m.
@@ -42,25 +47,35 @@ enum Wanted {
     NoEnergy,
 }
 
-/// A column: its name, what renders, and what must hold.
-type Column<'r> = (&'static str, Renderer<'r>, Wanted);
+/// A column: what renders, and what must hold.
+type Column<'r> = (Renderer<'r>, Wanted);
 
-/// The columns of the emulated devices.
+/// Key of the row of a device at a rate.
+fn device_row(name: &str, rate_hz: u32) -> String {
+    format!("{name}.{rate_hz}_hz")
+}
+
+/// Keys of the rows of the bundled devices.
+pub(in crate::cmd::bench::public) fn device_rows() -> Vec<String> {
+    PROFILES.iter().flat_map(|name| RATES_HZ.map(|rate| device_row(name, rate))).collect()
+}
+
+/// The columns of the emulated devices, in the order of their names.
 fn columns<'r>(organ: &'r Organ<'r>) -> [Column<'r>; 6] {
     let of = |method, guard| Renderer::Organ { organ, method, guard };
     let (free, guarded) = (of(Method::Energy, false), of(Method::Energy, true));
     [
-        ("plain wall", Renderer::Wall, Wanted::Stillness),
-        ("trilinear", of(Method::Trilinear, false), Wanted::Stillness),
-        ("energy", free, Wanted::Stillness),
-        ("energy, guarded", guarded, Wanted::Stillness),
-        ("energy, 5 mJ", free, Wanted::NoEnergy),
-        ("guarded, 5 mJ", guarded, Wanted::NoEnergy),
+        (Renderer::Wall, Wanted::Stillness),
+        (of(Method::Trilinear, false), Wanted::Stillness),
+        (free, Wanted::Stillness),
+        (guarded, Wanted::Stillness),
+        (free, Wanted::NoEnergy),
+        (guarded, Wanted::NoEnergy),
     ]
 }
 
 /// The largest stiffness of a case at which a column holds, N/m; NaN if there is none.
-fn largest_n_m((_, renderer, wanted): Column<'_>, profile: &Profile) -> Result<f64, Failure> {
+fn largest_n_m((renderer, wanted): Column<'_>, profile: &Profile) -> Result<f64, Failure> {
     let quantum_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
     let mut failure = None;
     let [low, high] = RANGE_N_M;
@@ -134,7 +149,8 @@ fn emulated(
     context: &Context<'_>,
 ) -> Result<Table, Failure> {
     let columns = columns(organ);
-    table.columns = columns.iter().map(|(name, ..)| (*name).to_owned()).collect();
+    table.columns = COLUMNS.map(String::from).to_vec();
+    table.apart = ENERGY_ALONE.iter().map(|name| (*name).to_owned()).collect();
     let jobs: Vec<(usize, usize)> =
         (0..cases.len()).flat_map(|case| (0..columns.len()).map(move |column| (case, column))).collect();
     let found = in_parallel(&jobs, context.threads, |&(case, column)| {
@@ -181,14 +197,14 @@ pub(in crate::cmd::bench::public) fn section(
         for rate_hz in RATES_HZ {
             let profile = profile(name, rate_hz)?;
             let shown = format!("{}, {rate_hz} Hz", profile.name);
-            bundled.push(Case { row: format!("{name}.{rate_hz}_hz"), name: shown, profile });
+            bundled.push(Case { row: device_row(name, rate_hz), name: shown, profile });
         }
     }
     let mut devices = Table::new(
         DEVICES,
         "On the bundled device profiles",
         "The same with mass, damping, Coulomb friction, encoder, motors and delays of each profile. A profile states \
-         assumptions where its maker states nothing (docs/devices.md).",
+         assumptions where its maker states nothing (docs/devices.md). Another system states the K without oscillation.",
         "device and rate",
         Vec::new(),
     );
@@ -200,11 +216,13 @@ pub(in crate::cmd::bench::public) fn section(
         "Z-width: how stiff a loop can be and stay passive",
         &[
             "A sampled spring gives back more energy than it took. Beyond a stiffness K the device hums or kicks. The \
-             figures are the largest K that is passive: no oscillation is left a second after a knock, and the device \
-             gives the hand at most 5 mJ in it. Columns with \u{201c}5 mJ\u{201d} ask for the energy alone: the hand may tremble.",
+             figures are the largest K that is passive: in the last quarter of a second after a knock the hand moves by at most three \
+             encoder steps (20 \u{b5}m if they are finer), and the device gives it at most 5 mJ in that second. Columns with \u{201c}5 mJ\u{201d} ask for the energy alone: the hand may tremble. They are compared \
+             with each other only.",
             "K of an organ is that of its skin at rest; it is made stiffer by multiplying all its constants. \u{201c}trilinear\u{201d} and \
              \u{201c}energy\u{201d} are methods in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} adds the energy guard. \
-             Devices are held by two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall.",
+             Devices are held by two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall. \
+             The guard removes energy beyond 5 mJ; a limit cycle below a millimetre gives less, so it hardly raises the K of stillness.",
         ],
         &["palpate bench public --only zwidth"],
         start.elapsed().as_secs_f64(),
