@@ -182,7 +182,7 @@ impl Solver {
 fn leaves_branch(seed: &Seed, found: &Configuration) -> bool {
     let turned = seed.pose.rotation_rad != found.seed.pose.rotation_rad;
     let moved = seed.pose.displacement_m != found.seed.pose.displacement_m;
-    moved && !turned && Excess::between(&seed.jet, found.jet()).is_jump()
+    moved && !turned && Excess::is_jump_between(&seed.jet, found.jet())
 }
 
 /// First-order prediction of the state at `pose`.
