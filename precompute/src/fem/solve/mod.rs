@@ -19,6 +19,7 @@ mod quasi_newton;
 mod relax;
 mod renewal;
 mod sphere;
+mod stability;
 
 #[cfg(test)]
 mod tests;
@@ -306,7 +307,7 @@ pub struct Configuration {
     /// Deformed volume, m^3.
     pub volume_m3: f64,
     /// Number of directions in which the energy decreases (surplus negative pivots of the tangent); `None` if
-    /// the factorisation does not give the inertia.
+    /// the factorisation does not give the inertia, or if none was made: [`Solver::unstable_modes_at`] makes one.
     pub unstable_modes: Option<u32>,
     /// Newton iterations, including those of failed attempts, summed over all increments.
     pub iterations: u32,
@@ -319,7 +320,8 @@ pub struct Configuration {
     pub switched: bool,
 }
 
-/// Solver of one thread: options and scratch memory of a problem. The iterations do not allocate.
+/// Solver of one thread: options and scratch memory of a problem. The iterations allocate only for a large body, whose
+/// preconditioner follows every tangent.
 #[derive(Debug)]
 pub struct Solver {
     problem: Arc<Problem>,
