@@ -70,9 +70,10 @@ pub struct Problem {
     near: OnceLock<Option<Arc<NearEquations>>>,
 }
 
-/// Number of floating-point operations of a factorisation above which a body is large: residual steps with one factor
-/// for all states then cost less than a factor for each. On one core a factor takes half a second.
-const LARGE_FLOPS: f64 = 2.5e10;
+/// Number of floating-point operations of a factorisation above which a body is large, about 14,000 equations. There
+/// residual steps with one factor for all states take half to three quarters of the time of a factor for each. They gain
+/// from a third of this on, but smaller bodies keep factors, which give the inertia and serve for the next states.
+const LARGE_FLOPS: f64 = 4e9;
 
 impl Problem {
     /// Problem of one active node with elimination. The node must not be fixed.
