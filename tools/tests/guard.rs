@@ -46,6 +46,7 @@ fn sound(names: &[String]) -> Vec<u8> {
             min_jacobian: 0.5,
             inverted: 0,
             unstable: 0,
+            unknown_stability: 0,
             switched: 0,
             at_rounding_floor: 0,
             residual_n: 1e-12,

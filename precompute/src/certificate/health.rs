@@ -59,6 +59,9 @@ pub struct Health {
     pub inverted: usize,
     /// Number of unstable equilibria, in which a real body does not stay.
     pub unstable: usize,
+    /// Number of configurations whose stability is unknown: those without a factor that gives it.
+    #[serde(default)]
+    pub unknown_stability: usize,
     /// Number of configurations whose transition switched the branch.
     pub switched: usize,
     /// Number of configurations that Newton's method accepted at the rounding floor of the residual, above
@@ -130,7 +133,8 @@ impl Health {
             reachable: reachable.len(),
             min_jacobian: reachable.iter().map(|(_, at)| at.min_jacobian).fold(f64::INFINITY, f64::min),
             inverted: count(&|r| r.inverted > 0),
-            unstable: count(&|r| r.unstable_modes.unwrap_or(0) > 0),
+            unstable: count(&|r| r.unstable_modes.is_some_and(|modes| modes > 0)),
+            unknown_stability: count(&|r| r.unstable_modes.is_none()),
             switched: count(&|r| r.switched),
             at_rounding_floor: reachable.iter().filter(|(r, _)| r.is_at_rounding_floor()).count(),
             residual_n: reachable
@@ -187,6 +191,11 @@ impl Health {
         n as f64 / self.reachable.max(1) as f64
     }
 
+    /// Number of configurations that are known to be stable or unstable.
+    pub(super) fn known_stability(&self) -> usize {
+        self.reachable.saturating_sub(self.unknown_stability)
+    }
+
     fn of_all(&self) -> String {
         format!("of {} reachable configurations", self.reachable)
     }
@@ -210,10 +219,26 @@ impl Health {
                 "two stable solutions at {points} points, with forces up to {apart_n:.2} N apart: the body buckles; use a smaller radius_m"
             ),
         );
+        let known = self.known_stability();
+        let of_known = if known == self.reachable {
+            of_all.clone()
+        } else {
+            format!("of {known} configurations of known stability")
+        };
         say(
-            BRANCHES.of(self.share(self.unstable)),
-            format!("{} {of_all} are unstable equilibria", self.unstable),
+            BRANCHES.of(self.unstable as f64 / known.max(1) as f64),
+            format!("{} {of_known} are unstable equilibria", self.unstable),
         );
+        if self.unknown_stability > 0 {
+            say(
+                Verdict::Yellow,
+                format!(
+                    "the stability of {} {of_all} is unknown, because a body this large is solved without a factor, which only a sample gets; \
+                     with fewer than about 40,000 equations all are known",
+                    self.unknown_stability
+                ),
+            );
+        }
         say(
             BRANCHES.of(self.share(self.switched)),
             format!("{} {of_all} switched to another branch", self.switched),
@@ -310,99 +335,4 @@ fn judge_errors(methods: &[MethodCertificate], say: &mut impl FnMut(Verdict, Str
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::{Cost, Errors, Within};
-    use super::*;
-    use crate::num::jet::EnergyJet;
-    use crate::space::Task;
-
-    #[test]
-    fn a_figure_is_judged_by_its_limits_and_no_number_is_red() {
-        for (figure, verdict) in
-            [(0.0, Verdict::Green), (1e-3, Verdict::Yellow), (0.02, Verdict::Red), (f64::NAN, Verdict::Red)]
-        {
-            assert_eq!(BRANCHES.of(figure), verdict, "{figure}");
-        }
-    }
-
-    /// With `count` independent positions.
-    fn method(count: usize, below_jnd: usize, tolerated: Option<Within>) -> MethodCertificate {
-        let uniform = Errors { count, below_jnd, ..Errors::default() };
-        MethodCertificate { method: "energy".into(), uniform, tolerated, ..MethodCertificate::default() }
-    }
-
-    /// A space of `configurations` without a branch jump.
-    fn space(configurations: usize, methods: &[MethodCertificate]) -> SpaceCertificate {
-        let cost = Cost { configurations, ..Cost::default() };
-        SpaceCertificate { cost, methods: methods.to_vec(), ..SpaceCertificate::default() }
-    }
-
-    #[test]
-    fn configurations_at_the_rounding_floor_are_counted() {
-        let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: None, chart: None };
-        let record = |force_n: f64, residual_n: f64| {
-            let mut numbers = [0.0; 20];
-            numbers[1] = force_n;
-            let jet = EnergyJet::from_numbers([0.0; 3], &numbers);
-            Record { residual_n: Some(residual_n), ..Record::of_jet(&task, &jet, false) }
-        };
-        let found = space(3, &[method(300, 300, None)]);
-        let of = |records: &[Record]| Health::of(records, &found, None, None);
-        let health = of(&[record(0.0, 1e-13), record(1.0, 9e-9), record(3.0, 2e-8)]);
-        assert_eq!((health.at_rounding_floor, health.verdict), (0, Verdict::Green), "{:?}", health.reasons);
-        let health = of(&[record(1.0, 9e-9), record(1.0, 2e-7), record(0.0, 1e-9)]);
-        assert_eq!((health.at_rounding_floor, health.verdict), (2, Verdict::Yellow));
-        assert!(health.reasons[0].what.starts_with("2 of 3 reachable configurations have a residual above"));
-    }
-
-    /// Each defect alone makes a sound space yellow or red, with its reason.
-    #[test]
-    fn the_loudest_reason_is_the_verdict() {
-        let sound = Health { reachable: 200, min_jacobian: 0.4, ..Health::default() };
-        let measured = [method(300, 300, None)];
-        let judge =
-            |health: &Health, methods: &[MethodCertificate], change: &dyn Fn(&mut SpaceCertificate)| {
-                let mut found = space(200, methods);
-                change(&mut found);
-                let reasons = health.judged(&found, None);
-                (reasons.iter().map(|r| r.verdict).max().unwrap_or_default(), reasons.len())
-            };
-        let judged =
-            |health: &Health, change: &dyn Fn(&mut SpaceCertificate)| judge(health, &measured, change);
-        let nothing = |_: &mut SpaceCertificate| {};
-        assert_eq!(judge(&sound, &[], &nothing), (Verdict::Yellow, 1));
-        let tolerance = Tolerance { relative: 0.0, absolute_n: 0.5 };
-        for (of, below_jnd, tolerated, verdict) in [
-            (5, 4, None, Verdict::Yellow),
-            (5, 3, None, Verdict::Red),
-            (300, 290, None, Verdict::Yellow),
-            (300, 250, Some(300), Verdict::Yellow),
-            (300, 300, Some(290), Verdict::Yellow),
-            (300, 300, Some(250), Verdict::Red),
-        ] {
-            let tolerated = tolerated.map(|count| Within { tolerance, count, certified: 0.0 });
-            let judged = judge(&sound, &[method(of, below_jnd, tolerated)], &nothing);
-            assert_eq!(judged, (verdict, 1), "{below_jnd} of {of}, {tolerated:?}");
-        }
-        assert_eq!(judged(&sound, &nothing), (Verdict::Green, 0));
-        for (health, verdict) in [
-            (Health { unstable: 1, ..sound.clone() }, Verdict::Yellow),
-            (Health { unstable: 10, ..sound.clone() }, Verdict::Red),
-            (Health { switched: 10, ..sound.clone() }, Verdict::Red),
-            (Health { inverted: 10, ..sound.clone() }, Verdict::Yellow),
-            (Health { inverted: 90, ..sound.clone() }, Verdict::Red),
-            (Health { residual_n: 1e-4, ..sound.clone() }, Verdict::Yellow),
-            (Health { residual_n: f64::NAN, ..sound.clone() }, Verdict::Red),
-            (Health { condition: Some(1e14), ..sound.clone() }, Verdict::Yellow),
-            (Health { loop_passed: Some(false), ..sound.clone() }, Verdict::Yellow),
-            (Health { loop_passed: Some(false), loop_stalled: true, ..sound.clone() }, Verdict::Yellow),
-        ] {
-            assert_eq!(judged(&health, &nothing), (verdict, 1), "{health:?}");
-        }
-        let jumps = |found: &mut SpaceCertificate| found.branch_jump_volume = 0.2;
-        assert_eq!(judged(&sound, &jumps), (Verdict::Red, 1));
-        let buckled =
-            |found: &mut SpaceCertificate| found.two_solutions = BranchDifference { points: 1, apart_n: 0.5 };
-        assert_eq!(judged(&sound, &buckled), (Verdict::Yellow, 1));
-    }
-}
+mod tests;

@@ -258,7 +258,8 @@ impl BranchDifference {
     fn of(attempts: &[Record]) -> Self {
         let mut points: BTreeMap<GridIndex, Vec<[f64; 3]>> = BTreeMap::new();
         for (index, at) in attempts.iter().filter_map(|r| Some((r.index, r.equilibrium()?))) {
-            if at.unstable_modes.unwrap_or(0) == 0 {
+            // A solution of unknown stability can be the other one that the body takes.
+            if at.unstable_modes.is_none_or(|modes| modes == 0) {
                 points.entry(index).or_default().push(at.force_n);
             }
         }

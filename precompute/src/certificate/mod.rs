@@ -88,7 +88,7 @@ pub struct SpaceCertificate {
     /// limits the reach, the share of the reachable part.
     #[serde(alias = "folded_volume")]
     pub branch_jump_volume: f64,
-    /// Points with two stable solutions.
+    /// Points with two solutions that are not known to be unstable.
     pub two_solutions: BranchDifference,
     /// Every packed method.
     pub methods: Vec<MethodCertificate>,
@@ -104,7 +104,7 @@ pub struct SpaceCertificate {
     pub ledger: Option<Ledger>,
 }
 
-/// Grid points where attempts from different neighbours found different stable solutions. The body has two
+/// Grid points where attempts from different neighbours found different solutions, none known to be unstable. The body has two
 /// branches there, and the solution depends on the path. The tables contain the solution of lower energy.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct BranchDifference {

@@ -33,12 +33,14 @@ pub(super) fn judge(spaces: &mut [SpaceCertificate]) {
 fn of_all(spaces: &[SpaceCertificate]) -> Health {
     let all = || spaces.iter().filter_map(|space| space.health.as_ref());
     let reachable = all().map(|health| health.reachable).sum();
+    let unknown_stability: usize = all().map(|health| health.unknown_stability).sum();
     let sum = |of: fn(&Health) -> usize| not_few(all().map(of).sum(), reachable);
     Health {
         reachable,
         min_jacobian: all().map(|health| health.min_jacobian).fold(f64::INFINITY, f64::min),
         inverted: sum(|health| health.inverted),
-        unstable: sum(|health| health.unstable),
+        unstable: not_few(all().map(|health| health.unstable).sum(), reachable - unknown_stability),
+        unknown_stability,
         switched: sum(|health| health.switched),
         residual_n: all().map(|health| health.residual_n).fold(0.0, f64::max),
         ..Health::default()

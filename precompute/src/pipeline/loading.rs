@@ -105,6 +105,16 @@ impl Loading {
         }
     }
 
+    /// Number of unstable modes of the last equilibrium; of a large body from a factor that is made for it.
+    pub fn unstable_modes(&mut self) -> Option<u32> {
+        match self {
+            Self::Held(solver, here) if here.unstable_modes.is_none() && solver.problem().is_large() => {
+                solver.unstable_modes_at(&here.seed)
+            }
+            _ => self.here().unstable_modes,
+        }
+    }
+
     /// A copy of the last equilibrium.
     pub fn equilibrium(&self) -> Equilibrium {
         match self {

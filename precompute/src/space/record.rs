@@ -50,7 +50,7 @@ pub struct Equilibrium {
     pub min_jacobian: f64,
     /// Number of inverted elements.
     pub inverted: u32,
-    /// Number of unstable modes, if the factorisation gives it.
+    /// Number of unstable modes; `None` without a factor that gives it, as for most configurations of a large body.
     pub unstable_modes: Option<u32>,
     /// Whether the transition switched to another branch.
     pub switched: bool,
@@ -99,7 +99,7 @@ pub struct Solution {
 }
 
 impl Solution {
-    /// A solution with the values of `jet` on a mesh of the volume 1 m^3 without distorted elements: of a
+    /// A stable solution with the values of `jet` on a mesh of the volume 1 m^3 without distorted elements: of a
     /// model without a mesh.
     pub(super) fn of_jet(jet: &EnergyJet, terminating: bool) -> Self {
         let EnergyJet { energy_j, force_n, stiffness_n_m, third_n_m2, .. } = *jet;
@@ -110,7 +110,7 @@ impl Solution {
             stiffness_n_m,
             min_jacobian: 1.0,
             inverted: 0,
-            unstable_modes: None,
+            unstable_modes: Some(0),
             switched: false,
         };
         Self { equilibrium, third_n_m2, volume_m3: 1.0 }

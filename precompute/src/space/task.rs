@@ -2,6 +2,7 @@
 
 use palpate_core::ConfigTag;
 
+use crate::num::sequence::split_mix;
 use crate::spec::GridIndex;
 
 /// One configuration to solve.
@@ -17,6 +18,16 @@ pub struct Task {
     pub parent: Option<(GridIndex, u32)>,
     /// The chart that solved the parent, if it is another one; the parent's index is in its displacements.
     pub chart: Option<u32>,
+}
+
+impl Task {
+    /// Whether the stability is determined also where the solver makes no factor: of the rest point, of a point that
+    /// is solved again, and of one in `every` others, pseudo-random: what the sample shows holds for all.
+    pub(super) fn checks_stability(&self, active: u32, every: u64) -> bool {
+        let mix = |hash: u64, n: u32| split_mix(hash ^ u64::from(n));
+        let hash = self.target.iter().fold(split_mix(active.into()), |hash, &n| mix(hash, n as u32));
+        self.parent.is_none() || self.attempt > 0 || hash.is_multiple_of(every)
+    }
 }
 
 /// Number of points by tag.
@@ -54,5 +65,26 @@ impl std::ops::AddAssign for TagCounts {
         self.terminating += other.terminating;
         self.failed += other.failed;
         self.unknown += other.unknown;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_in_so_many_configurations_is_checked_and_every_later_attempt() {
+        let task = |n: i32, attempt| {
+            let target = [n % 7, n / 7 % 7, n / 49];
+            Task { target, attempt, round: 1, parent: Some(([0; 3], 0)), chart: None }
+        };
+        for active in 0..4 {
+            let checked = |every| (1..=343).filter(|&n| task(n, 0).checks_stability(active, every)).count();
+            assert_eq!(checked(1), 343);
+            assert!((60..112).contains(&checked(4)), "{} of 343", checked(4));
+            assert!((1..=343).all(|n| task(n, 1).checks_stability(active, 4)));
+        }
+        let rest = Task { parent: None, ..task(0, 0) };
+        assert!((0..9).all(|active| rest.checks_stability(active, 4)));
     }
 }

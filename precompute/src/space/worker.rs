@@ -145,6 +145,7 @@ impl Worker {
             Some(seed) => transition(solver, seed, to, context.sampling.increments(), &mut intermediate),
             None => solver.rest(),
         };
+        let solved = solved.map(|configuration| with_stability(solver, job, configuration));
         let seconds = start.elapsed().as_secs_f64();
         Ok(match solved {
             Ok(configuration) => Outcome {
@@ -161,6 +162,21 @@ impl Worker {
             },
         })
     }
+}
+
+/// Operations of a factorisation that a configuration may cost on average to check the stability of those without a factor:
+/// about half a second, in single precision.
+const CHECK_FLOPS: f64 = 4e10;
+
+/// The configuration of a large body with its stability, if it belongs to the sample that is checked.
+fn with_stability(solver: &mut Solver, job: &Job, mut solved: Configuration) -> Configuration {
+    let is_unknown = solved.unstable_modes.is_none() && solver.problem().is_large();
+    let every = (solver.problem().factor_flops() / CHECK_FLOPS).ceil().max(1.0);
+    if is_unknown && job.task.checks_stability(job.active, every as u64) {
+        solved.unstable_modes = solver.unstable_modes_at(&solved.seed);
+        solved.factorisations += 1;
+    }
+    solved
 }
 
 /// One transition, in equal parts if requested. Iterations and the other counters are summed.
@@ -193,4 +209,48 @@ fn transition(
         seed = c.seed;
     }
     unreachable!("the last part returns")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fem::body::{Body, Model};
+    use crate::fem::boundary::{Constraints, Handle};
+    use crate::fem::material::{Lame, Material, NeoHookean};
+    use crate::mesh::testing::{box_mesh, nodes_where};
+    use crate::space::Task;
+    use crate::spec::{Lattice, SpaceGrid};
+
+    #[test]
+    fn the_configurations_of_a_body_that_is_solved_without_a_factor_have_their_stability() {
+        let mesh = box_mesh([4, 2, 2], 0.01);
+        let fixed = nodes_where(&mesh, |x| x[2] == 0.0);
+        let top = nodes_where(&mesh, |x| (x[0] - 0.02).abs() < 0.003 && (x[1] - 0.01).abs() < 0.003)[2];
+        let law = Material::NeoHookean(NeoHookean { lame: Lame::from_young_poisson(15480.0, 0.45) });
+        let body = Arc::new(Body::new(&mesh, &Model::uniform(law, &fixed)).expect("a body"));
+        let problem = move |_: usize, _: Option<SkinPoint>| {
+            let mut free = Problem::with(body.clone(), None, Constraints::Elimination);
+            free.newton.large_flops = 0.0;
+            Arc::new(free.at(Handle::node(top)))
+        };
+        let grid = SpaceGrid::new(5e-4, 5e-3).expect("a lattice");
+        let sampling = Sampling::Lattice(Lattice { grid, complete_cells: false, increments: None });
+        let mut worker = Worker::new(Arc::new(WorkerContext::new(problem, sampling, 100.0)), Arc::default());
+        let mut point = |task: Task, seed: Option<StoredSeed>| match worker.execute(&Work::Point(Job {
+            active: 0,
+            task,
+            seed,
+        })) {
+            Ok(Done::Point(outcome)) => *outcome,
+            other => panic!("{other:?}"),
+        };
+        let modes = |outcome: &Outcome| outcome.record.equilibrium().expect("it is solved").unstable_modes;
+        let task = |n, attempt, parent| Task { target: [0, 0, n], attempt, round: 0, parent, chart: None };
+        let rest = point(task(0, 0, None), None);
+        assert_eq!(modes(&rest), Some(0));
+        for n in -4..0 {
+            let found = point(task(n, 0, Some(([0; 3], 0))), rest.seed.clone());
+            assert_eq!(modes(&found), Some(0), "{n}");
+        }
+    }
 }

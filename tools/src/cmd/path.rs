@@ -188,8 +188,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             Pose { displacement_m: target, rotation_rad: args.turn.unwrap_or_default().map(|x| x * share) };
         match loading.advance(&pose) {
             Ok(()) => {
+                let unstable = args.details.then(|| loading.unstable_modes());
                 let configuration = loading.here();
-                push_row(&mut table, step, configuration, args.details)?;
+                push_row(&mut table, step, configuration, unstable)?;
                 if configuration.switched {
                     eprintln!(
                         "palpate: warning: step {step}: the body left its branch (snap-through, or Newton found another \
@@ -243,10 +244,18 @@ fn push_failure(
     if details { table.row((row, failure.reason.to_string(), [""; 5])) } else { table.row(row) }
 }
 
-fn push_row(table: &mut Csv, step: u32, c: &Configuration, details: bool) -> Result<(), Failure> {
+/// The row of a solved step; with its number of unstable modes if details are asked for.
+fn push_row(
+    table: &mut Csv,
+    step: u32,
+    c: &Configuration,
+    unstable: Option<Option<u32>>,
+) -> Result<(), Failure> {
     let (moved_m, jet) = (c.seed.pose.displacement_m, c.jet());
     let row = (step, moved_m, jet.force_n, jet.energy_j, c.iterations, c.residual_n, c.min_jacobian);
     let row = (row, c.inverted, c.volume_m3, "ok");
-    let (unstable, switched) = (c.unstable_modes, u32::from(c.switched));
-    if details { table.row((row, "", unstable, switched, c.torque_n_m)) } else { table.row(row) }
+    match unstable {
+        Some(modes) => table.row((row, "", modes, u32::from(c.switched), c.torque_n_m)),
+        None => table.row(row),
+    }
 }

@@ -70,7 +70,7 @@ const ACCEPTED_AT_FLOOR: f64 = 1e-6;
 const FLOOR: f64 = 1e-14;
 /// Maximum number of refinement steps; each gains at least four digits with a good factor.
 const REFINEMENTS: usize = 6;
-/// Largest number of residual steps with a preconditioner; beyond it the matrix is factorised.
+/// Default of [`Factor::max_steps_without`].
 const MAX_STEPS_WITHOUT: usize = 30;
 
 /// A symmetric matrix: the values of its lower triangle on a pattern, and the analysis of the pattern.
@@ -108,6 +108,8 @@ pub(super) struct Factor {
     follows_tangent: bool,
     /// Whether every factorisation is one of the whole matrix.
     pub(super) is_exact: bool,
+    /// Largest number of residual steps with a preconditioner; beyond it the matrix is factorised.
+    pub(super) max_steps_without: usize,
 }
 
 /// Three equations whose solution is held at zero by loads on them, x = M^-1 r - Y (E' Y)^-1 E' M^-1 r.
@@ -171,6 +173,7 @@ impl Factor {
             two_level: None,
             follows_tangent: false,
             is_exact: false,
+            max_steps_without: MAX_STEPS_WITHOUT,
         }
     }
 
@@ -295,7 +298,7 @@ impl Factor {
     ) -> f64 {
         x.fill(0.0);
         if self.route == Route::TwoLevel {
-            return self.refine(matrix, right, x, (accuracy.target, MAX_STEPS_WITHOUT)).0;
+            return self.refine(matrix, right, x, (accuracy.target, self.max_steps_without)).0;
         }
         let mut best = f64::INFINITY;
         self.residual[..right.len()].copy_from_slice(right);
@@ -375,7 +378,7 @@ impl Factor {
             return Err(SingularMatrix { residual: best });
         }
         if self.precondition(matrix) {
-            let (residual, _) = self.refine(matrix, right, x, (accuracy.target, MAX_STEPS_WITHOUT));
+            let (residual, _) = self.refine(matrix, right, x, (accuracy.target, self.max_steps_without));
             if residual <= accuracy.accepted {
                 return Ok(residual);
             }

@@ -136,7 +136,12 @@ impl Solver {
 
     /// Equilibrium at `pose`, found by Newton's method with full steps that may increase the residual.
     /// Accepted if it is stable and has no more inverted elements than the seed.
-    fn snap_through(&mut self, seed: &Seed, pose: &Pose, guess: &mut [f64]) -> Option<Configuration> {
+    pub(super) fn snap_through(
+        &mut self,
+        seed: &Seed,
+        pose: &Pose,
+        guess: &mut [f64],
+    ) -> Option<Configuration> {
         self.state.copy_from_slice(&seed.state);
         self.evaluate(false);
         let inverted = self.assembled.inverted;
@@ -145,7 +150,12 @@ impl Solver {
         let usual_rising_steps = std::mem::replace(&mut self.newton.max_rising_steps, MAX_RISING_STEPS);
         let landed = self.attempt(pose, guess);
         self.newton.max_rising_steps = usual_rising_steps;
-        landed.ok().filter(|c| c.unstable_modes == Some(0) && c.inverted <= inverted)
+        let landed = landed.ok().filter(|c| c.inverted <= inverted)?;
+        // The solve of a large body does not tell.
+        let is_unknown = landed.unstable_modes.is_none() && self.problem.is_large();
+        let unstable_modes =
+            if is_unknown { self.unstable_modes_at(&landed.seed) } else { landed.unstable_modes };
+        (unstable_modes == Some(0)).then_some(Configuration { unstable_modes, ..landed })
     }
 
     /// Solves one whole step without the condensed quantities, for benchmarks. Returns the numbers of
@@ -182,7 +192,7 @@ impl Solver {
 fn leaves_branch(seed: &Seed, found: &Configuration) -> bool {
     let turned = seed.pose.rotation_rad != found.seed.pose.rotation_rad;
     let moved = seed.pose.displacement_m != found.seed.pose.displacement_m;
-    moved && !turned && Excess::between(&seed.jet, found.jet()).is_jump()
+    moved && !turned && Excess::is_jump_between(&seed.jet, found.jet())
 }
 
 /// First-order prediction of the state at `pose`.

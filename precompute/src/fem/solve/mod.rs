@@ -19,6 +19,7 @@ mod quasi_newton;
 mod relax;
 mod renewal;
 mod sphere;
+mod stability;
 
 #[cfg(test)]
 mod tests;
@@ -69,9 +70,10 @@ pub struct Problem {
     near: OnceLock<Option<Arc<NearEquations>>>,
 }
 
-/// Number of floating-point operations of a factorisation above which a body is large: residual steps with one factor
-/// for all states then cost less than a factor for each. On one core a factor takes half a second.
-const LARGE_FLOPS: f64 = 2.5e10;
+/// Number of floating-point operations of a factorisation above which a body is large, about 14,000 equations. There
+/// residual steps with one factor for all states take half to three quarters of the time of a factor for each. They gain
+/// from a third of this on, but smaller bodies keep factors, which give the inertia and serve for the next states.
+const LARGE_FLOPS: f64 = 4e9;
 
 impl Problem {
     /// Problem of one active node with elimination. The node must not be fixed.
@@ -306,7 +308,7 @@ pub struct Configuration {
     /// Deformed volume, m^3.
     pub volume_m3: f64,
     /// Number of directions in which the energy decreases (surplus negative pivots of the tangent); `None` if
-    /// the factorisation does not give the inertia.
+    /// the factorisation does not give the inertia, or if none was made: [`Solver::unstable_modes_at`] makes one.
     pub unstable_modes: Option<u32>,
     /// Newton iterations, including those of failed attempts, summed over all increments.
     pub iterations: u32,
@@ -319,7 +321,8 @@ pub struct Configuration {
     pub switched: bool,
 }
 
-/// Solver of one thread: options and scratch memory of a problem. The iterations do not allocate.
+/// Solver of one thread: options and scratch memory of a problem. The iterations allocate only for a large body, whose
+/// preconditioner follows every tangent.
 #[derive(Debug)]
 pub struct Solver {
     problem: Arc<Problem>,

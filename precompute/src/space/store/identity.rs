@@ -11,7 +11,7 @@ use crate::spec::{Charts, ContactSurface, DisplacementBound, Lattice, Sampling, 
 const LAYOUT: &str = "5";
 
 /// Increased whenever the bits of the solver or the course of a search change.
-const SOLVER_REVISION: u32 = 11;
+const SOLVER_REVISION: u32 = 12;
 
 /// Inputs of a store. A resumed run must have the same.
 #[derive(Debug, Clone, PartialEq)]

@@ -190,6 +190,11 @@ impl Space {
         let solved = self.solved().count();
         let inverted = found().filter(|at| at.inverted > 0).count();
         let unstable = found().filter(|at| at.unstable_modes.is_some_and(|n| n > 0)).count();
+        let unknown_stability = found().filter(|at| at.unstable_modes.is_none()).count();
+        let of_unknown = match unknown_stability {
+            0 => String::new(),
+            n => format!(", {n} of unknown stability"),
+        };
         let again = self.attempts.iter().filter(|r| r.attempt > 0).count();
         let superseded = self.solved().filter(|r| r.attempt > 0).count();
         let per = |n: u32| f64::from(n) / solved.max(1) as f64;
@@ -210,7 +215,7 @@ impl Space {
         if solved > 0 {
             text.push_str(&format!(
                 "  {again} solved again (from another neighbour), {superseded} of them counted\n  \
-                 {} pairs of neighbours flagged as branch jumps\n  {inverted} with inverted elements, {unstable} unstable\n  \
+                 {} pairs of neighbours flagged as branch jumps\n  {inverted} with inverted elements, {unstable} unstable{of_unknown}\n  \
                  |h| {least:.3} to {largest:.3} N, residual up to {residual:.1e} N\n  {:.2} Newton iterations and {:.2} \
                  factorisations a configuration, {seconds:.1} s of solving\n",
                 self.branch_jumps.len(),
@@ -222,7 +227,7 @@ impl Space {
             "name": self.name, "node": self.node, "complete": self.open == 0, "expandable": expandable,
             "terminating": terminating, "failed": failed, "unknown": unknown, "failures": reasons,
             "solved_again": again, "superseded": superseded, "branch_jumps": self.branch_jumps.len(), "inverted": inverted,
-            "unstable": unstable, "max_force_n": largest, "max_residual_n": residual, "iterations": iterations,
+            "unstable": unstable, "unknown_stability": unknown_stability, "max_force_n": largest, "max_residual_n": residual, "iterations": iterations,
             "factorisations": factorisations, "seconds": seconds,
         });
         (text, figures)

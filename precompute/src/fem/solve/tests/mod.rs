@@ -2,4 +2,5 @@
 
 mod constraints;
 mod manufactured;
+mod stability;
 mod two_level;

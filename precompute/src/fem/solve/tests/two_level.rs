@@ -68,6 +68,29 @@ fn without_a_factor_of_the_tangent_the_jets_are_the_same() {
     }
 }
 
+/// With a limit of one residual step the sensitivities get a factor, with none every Newton step too.
+#[test]
+fn where_the_residual_steps_stagnate_a_factor_takes_over() {
+    for (law, order) in [(neo_hookean(), Order::Linear), (mooney_rivlin(), Order::Quadratic)] {
+        let exact = path(&problem(law.clone(), order, true, false));
+        for most in [0, 1] {
+            let mut solver = Solver::new(problem(law.clone(), order, true, true));
+            solver.factor.max_steps_without = most;
+            for (from, exact) in exact.iter().zip(&exact[1..]) {
+                let (a, at) = (exact.jet(), exact.jet().control_m);
+                let name = format!("{}, at most {most} steps, at {at:?}", law.name());
+                let found = solver.advance(&from.seed, at).expect("a factor solves it");
+                assert_eq!(found.unstable_modes, Some(0), "{name}: the last factor is one of the tangent");
+                let b = found.jet();
+                let force = (0..3).map(|i| (a.force_n[i] - b.force_n[i]).abs()).fold(0.0, f64::max);
+                assert!(force < 1e-9, "{name}: h differs by {force:e} N");
+                let stiffness = (a.stiffness_n_m - b.stiffness_n_m).norm() / a.stiffness_n_m.norm();
+                assert!(stiffness < 1e-9, "{name}: S differs by {stiffness:e}");
+            }
+        }
+    }
+}
+
 /// Steps from the sensitivities of a state to those of another one.
 fn steps(problem: &Arc<Problem>, spoil: impl Fn(&mut Solver)) -> u32 {
     let way = path(problem);
