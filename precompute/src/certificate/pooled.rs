@@ -70,7 +70,8 @@ fn sum(spaces: &[SpaceCertificate]) -> SpaceCertificate {
         }
     }
     let apart_n = spaces.iter().map(|space| space.two_solutions.apart_n).fold(0.0, f64::max);
-    let reachable = spaces.iter().filter_map(|space| space.health.as_ref()).map(|health| health.reachable).sum();
+    let reachable =
+        spaces.iter().filter_map(|space| space.health.as_ref()).map(|health| health.reachable).sum();
     let volume = spaces.iter().map(|space| space.branch_jump_volume).sum::<f64>() / spaces.len() as f64;
     SpaceCertificate {
         cost: Cost {

@@ -49,7 +49,9 @@ pub(super) fn charts<T>(
     };
     let too_many = |charts: usize| {
         let most = Limits::PC.spaces;
-        too_small(format!("the field of so small a sphere has about {charts} charts, and a blob holds {most}"))
+        too_small(format!(
+            "the field of so small a sphere has about {charts} charts, and a blob holds {most}"
+        ))
     };
     let about = (A_SQUARE * skin.area_m2(mesh) / sphere.radius_m.powi(2)) as usize;
     if about > 2 * Limits::PC.spaces {
