@@ -224,7 +224,7 @@ pub(in crate::cmd::bench::public) fn section(
             "K of an organ is that of its skin at rest; it is made stiffer by multiplying all its constants. \u{201c}trilinear\u{201d} and \
              \u{201c}energy\u{201d} are methods in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} adds the energy guard. \
              Devices are held by two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall. \
-             The guard stops a small limit cycle only after that has given 5 mJ, which takes a second or two.",
+             The guard acts when its own balance passes 5 mJ, so it stops a small limit cycle only after a second or two.",
         ],
         &["palpate bench public --only zwidth"],
         start.elapsed().as_secs_f64(),
