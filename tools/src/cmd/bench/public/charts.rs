@@ -119,7 +119,11 @@ pub(super) fn of(section: &Section, all: &[Section]) -> String {
                 ("p9999_us", "99.99 %".into()),
                 ("max_us", "largest".into()),
             ];
-            vec![stems("Time of a tick", "\u{b5}s", tables, &rows)]
+            let of = |table: &Table| {
+                let organ = table.key.rsplit_once('.').map_or("", |(_, organ)| organ);
+                stems(&format!("Time of a tick, {organ}"), "\u{b5}s", std::slice::from_ref(table), &rows)
+            };
+            tables.iter().map(of).collect()
         }
         _ => return String::new(),
     };

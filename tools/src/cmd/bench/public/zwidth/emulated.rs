@@ -14,10 +14,14 @@ use crate::failure::Failure;
 const PRELOAD_N: f32 = 1.0;
 /// Height at which the hand begins, m.
 const START_M: f32 = 3e-3;
-/// Times of the approach, of the rest before the knock, and of the observation, s.
+/// Times of the approach and of the rest before the knock, s.
 const APPROACH_S: f32 = 0.4;
 const REST_S: f32 = 0.4;
-const OBSERVED_S: f32 = 1.0;
+/// Observed seconds after the knock; the energy is that of the first one. The guard takes up to two to stop a limit
+/// cycle.
+pub(super) const SECONDS: usize = 3;
+/// End of each second in which the motion is observed, s.
+const WINDOW_S: f32 = 0.25;
 /// The knock, N and s.
 const KNOCK_N: f32 = 0.5;
 const KNOCK_S: f32 = 0.005;
@@ -26,6 +30,8 @@ const STEP_S: f32 = 5e-5;
 /// Encoder steps within which a hand counts as still, and the same without an encoder, m.
 const STILL_STEPS: f32 = 3.0;
 const STILL_M: f32 = 20e-6;
+/// Largest share of the motion of the last second but one in the last one, if it decays. A limit cycle keeps its own.
+const DECAYED: f32 = 0.8;
 /// Energy that the device may give to the hand while it holds, J: the margin of the controller's energy guard.
 const GIVEN_J: f64 = 5e-3;
 /// Time before the first tick, us, so that no sample has a negative time.
@@ -43,9 +49,9 @@ pub(super) enum Renderer<'r> {
 /// Result of a hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hold {
-    /// Peak-to-peak motion in the last quarter of the observed time, m.
-    pub(super) motion_m: f32,
-    /// Net energy that the device gave to the hand after the knock, J.
+    /// Peak-to-peak motion at the end of each second after the knock, m; zero after the hold is decided.
+    pub(super) motion_m: [f32; SECONDS],
+    /// Net energy that the device gave to the hand in the first second after the knock, J.
     pub(super) given_j: f64,
     /// Whether the controller was active to the end.
     pub(super) active: bool,
@@ -61,8 +67,9 @@ impl Hold {
 
     /// The device gave no energy, and no oscillation remains.
     pub(super) fn is_passive(&self, quantum_m: f32) -> bool {
-        // A motion that has only become smaller may be a limit cycle, which never ends.
-        self.gives_no_energy() && self.motion_m <= (STILL_STEPS * quantum_m).max(STILL_M)
+        let [first_m, before_m, last_m] = self.motion_m;
+        let still_m = (STILL_STEPS * quantum_m).max(STILL_M);
+        self.gives_no_energy() && (first_m <= still_m || last_m <= still_m || last_m < DECAYED * before_m)
     }
 }
 
@@ -137,8 +144,13 @@ impl<'r> Loop<'r> {
     }
 }
 
-/// Presses, holds and knocks a device, at the rate of its profile.
-pub(super) fn hold(renderer: Renderer<'_>, stiffness_n_m: f64, profile: &Profile) -> Result<Hold, Failure> {
+/// Presses, holds and knocks a device, at the rate of its profile, and observes it for some seconds.
+pub(super) fn hold(
+    renderer: Renderer<'_>,
+    stiffness_n_m: f64,
+    profile: &Profile,
+    seconds: usize,
+) -> Result<Hold, Failure> {
     let stiffness_n_m = stiffness_n_m as f32;
     let mut loop_ = Loop::new(renderer, stiffness_n_m, profile)?;
     let mechanism = ImpedanceConfig::of(profile);
@@ -153,9 +165,11 @@ pub(super) fn hold(renderer: Renderer<'_>, stiffness_n_m: f64, profile: &Profile
     let steps_per_tick = (period_us as f32 * 1e-6 / STEP_S).round().max(1.0) as u64;
     let knocked_s = APPROACH_S + REST_S;
     let observed_s = knocked_s + KNOCK_S;
-    let ticks = ((observed_s + OBSERVED_S) * 1e6) as u64 / period_us;
-    let mut result = Hold { motion_m: 0.0, given_j: 0.0, active: true, peak_n: 0.0 };
-    let mut range = (f32::MAX, f32::MIN);
+    let ticks = ((observed_s + seconds as f32) * 1e6) as u64 / period_us;
+    let ticks_of_energy = ((observed_s + 1.0) * 1e6) as u64 / period_us;
+    let still_m = (STILL_STEPS * mechanism.encoder_quantum_m).max(STILL_M);
+    let mut result = Hold { motion_m: [0.0; SECONDS], given_j: 0.0, active: true, peak_n: 0.0 };
+    let mut ranges = [(f32::MAX, f32::MIN); SECONDS];
     let mut command_n = 0.0;
     for tick in 0..ticks {
         // The device gets the force of the tick before, as in a session.
@@ -169,12 +183,16 @@ pub(super) fn hold(renderer: Renderer<'_>, stiffness_n_m: f64, profile: &Profile
             let drag_j = hand.integrate(target(t_s), target(t_s + STEP_S), total_n, &mechanism.drag, STEP_S);
             device.record(hand.position_m(), 0);
             if t_s >= observed_s {
-                let moved_m = hand.position_m()[0] - before_m;
-                result.given_j += f64::from(motor_n[0] * moved_m) - f64::from(drag_j);
+                let x = hand.position_m()[0];
                 result.peak_n = result.peak_n.max(motor_n[0].abs());
-                if t_s >= observed_s + 0.75 * OBSERVED_S {
-                    let x = hand.position_m()[0];
-                    range = (range.0.min(x), range.1.max(x));
+                if tick < ticks_of_energy {
+                    result.given_j += f64::from(motor_n[0] * (x - before_m)) - f64::from(drag_j);
+                }
+                let since_s = t_s - observed_s;
+                if since_s.fract() >= 1.0 - WINDOW_S
+                    && let Some(range) = ranges.get_mut(since_s as usize)
+                {
+                    *range = (range.0.min(x), range.1.max(x));
                 }
             }
         }
@@ -184,8 +202,11 @@ pub(super) fn hold(renderer: Renderer<'_>, stiffness_n_m: f64, profile: &Profile
             loop_.force_n(now_us, now_us - u64::from(profile.position_delay_us), reading_m);
         command_n = force_n;
         result.active &= active;
+        result.motion_m = ranges.map(|(low, high)| (high - low).max(0.0));
+        if tick >= ticks_of_energy && (!result.gives_no_energy() || result.motion_m[0] <= still_m) {
+            break;
+        }
     }
-    result.motion_m = (range.1 - range.0).max(0.0);
     Ok(result)
 }
 
@@ -205,20 +226,25 @@ mod tests {
         for name in ["omega", "falcon"] {
             let profile = smooth(name, 1000);
             let quantum_m = profile.mechanism.encoder_quantum_m.expect("an encoder");
-            let soft = hold(Renderer::Wall, 300.0, &profile).expect("no controller to refuse");
+            let soft = hold(Renderer::Wall, 300.0, &profile, SECONDS).expect("no controller to refuse");
             assert!(soft.is_passive(quantum_m), "{name}: {soft:?}");
             assert!((soft.peak_n - PRELOAD_N).abs() < 0.4, "{name}: held with {} N", soft.peak_n);
-            let stiff = hold(Renderer::Wall, 20_000.0, &profile).expect("no controller to refuse");
-            assert!(!stiff.is_passive(quantum_m) && stiff.motion_m > 5.0 * quantum_m, "{name}: {stiff:?}");
+            let stiff = hold(Renderer::Wall, 20_000.0, &profile, SECONDS).expect("no controller to refuse");
+            assert!(!stiff.is_passive(quantum_m) && stiff.motion_m[0] > 5.0 * quantum_m, "{name}: {stiff:?}");
         }
     }
 
     #[test]
-    fn a_tremor_that_stays_is_no_stillness() {
-        let hold = |motion_m| Hold { motion_m, given_j: 1e-3, active: true, peak_n: 2.7 };
-        assert!(hold(29e-6).is_passive(10e-6) && !hold(31e-6).is_passive(10e-6));
-        // What the guard leaves of 985 um on an omega.3 at 2 kHz and 3,570 N/m.
-        assert!(!hold(315e-6).is_passive(10e-6) && hold(315e-6).gives_no_energy());
+    fn a_limit_cycle_is_no_stillness_and_a_slow_decay_is() {
+        let is_passive = |motion_um: [f32; 3]| {
+            let motion_m = motion_um.map(|um| 1e-6 * um);
+            Hold { motion_m, given_j: 1e-3, active: true, peak_n: 2.7 }.is_passive(10e-6)
+        };
+        // What the guard leaves of 1,100 um on an omega.3 at 1 kHz and 3,570 N/m.
+        assert!(!is_passive([780.0, 756.0, 744.0]) && !is_passive([31.0, 31.0, 31.0]));
+        // It stops 330 um at 2 kHz in the second second; without friction a soft wall decays slowly.
+        assert!(is_passive([333.0, 0.0, 0.0]) && is_passive([700.0, 500.0, 390.0]));
+        assert!(is_passive([29.0, 0.0, 0.0]));
     }
 
     #[test]
@@ -226,7 +252,9 @@ mod tests {
         let is_passive = |rate_hz, damping: f32, stiffness| {
             let mut profile = smooth("omega", rate_hz);
             profile.assumed.damping_n_s_m = damping;
-            hold(Renderer::Wall, stiffness, &profile).expect("no controller to refuse").is_passive(10e-6)
+            hold(Renderer::Wall, stiffness, &profile, SECONDS)
+                .expect("no controller to refuse")
+                .is_passive(10e-6)
         };
         assert!(is_passive(500, 1.0, 600.0) && !is_passive(500, 1.0, 3_000.0));
         assert!(is_passive(4000, 1.0, 2_500.0) && is_passive(500, 4.0, 2_500.0));
