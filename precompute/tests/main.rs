@@ -3,6 +3,7 @@
 
 mod bundled_organ;
 mod fuzz_replay;
+mod long_touch;
 mod no_allocation;
 mod own_law;
 mod sampling;

@@ -41,3 +41,11 @@ pub(super) fn continued(jet: &EnergyJet, radius_m: f64, control_m: [f64; 3]) -> 
     let gradient = std::array::from_fn(|k| rim_n[k] + levelled_m * slope_n_m[k]);
     (value + dot(slope_n_m, outward) * risen_m2, gradient)
 }
+/// Distance of two second controls, m. That of one from none is larger than any other.
+pub(super) fn parted_m(one: Option<[f64; 3]>, other: Option<[f64; 3]>) -> f64 {
+    match (one, other) {
+        (None, None) => 0.0,
+        (Some(one), Some(other)) => distance(one, other),
+        _ => f64::from(palpate_core::Jet::PARTED_M),
+    }
+}

@@ -9,9 +9,10 @@
 //! continued from it. Prediction farther ahead does not pay without folds: a jet that is trusted for 10 to 24 mm
 //! covers the path of many solves, and what is known already is worth more.
 
+use super::beyond::parted_m;
 use super::branches::Branches;
 use super::hand::{Hand, Touch};
-use super::memory::{Growth, Known, Limit, parted_m};
+use super::memory::{Growth, Known, Limit};
 use super::renewals::Renewals;
 use super::skin::Skin;
 use super::states::States;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::beyond::{MIN_LEVELLING_M, continued, nearness, straight_on};
+use super::beyond::{MIN_LEVELLING_M, continued, nearness, parted_m, straight_on};
 use crate::fem::{Coupling, Second};
 use crate::num::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 use crate::num::vector::{distance, norm};
@@ -158,15 +158,6 @@ fn hertz_root(jet: &EnergyJet) -> Option<EnergyJet> {
     is_stiff.then(|| EnergyJet { energy_j, ..*jet }.root(0.0)).flatten()
 }
 
-/// Distance of two second controls, m. That of one from none is larger than any other.
-pub(super) fn parted_m(one: Option<[f64; 3]>, other: Option<[f64; 3]>) -> f64 {
-    match (one, other) {
-        (None, None) => 0.0,
-        (Some(one), Some(other)) => distance(one, other),
-        _ => f64::from(palpate_core::Jet::PARTED_M),
-    }
-}
-
 /// |W_ijk| over all 27 components.
 fn third_norm(third: &SymmetricThird) -> f64 {
     let square = |(&[i, j, k], value): (&[usize; 3], &f64)| {
@@ -226,6 +217,15 @@ impl Known {
     /// The jets are those of tables, which lie no farther apart than twice this distance, m.
     pub(super) fn are_tabled(&mut self, within_m: f64) {
         self.tabled_m = within_m;
+    }
+
+    /// Gives up the jets, unless they are of tables, which are not solved again; whether it did.
+    pub(super) fn forget(&mut self) -> bool {
+        let forgets = self.tabled_m == 0.0;
+        if forgets {
+            self.jets = Vec::new();
+        }
+        forgets
     }
 
     /// Whether a jet of a branch lies within a distance, and within the share of its trust where it is known.

@@ -2,6 +2,7 @@
 
 mod beside;
 mod facing;
+mod loaded;
 mod publishing;
 mod renewing;
 mod solving;
@@ -66,8 +67,13 @@ pub struct LiveSolver {
     near: Vec<(f64, u16)>,
     /// Jets that were not taken yet.
     outbox: VecDeque<Published>,
-    /// Contacts with jets of a blob that the loop has not got, and whether those near rest are on their way.
+    /// Contacts in the order of their last use, the last one at the end.
+    recent: VecDeque<u16>,
+    /// Contacts with jets, of a blob or solved, that the loop has not got or may have lost, and whether those near rest
+    /// are on their way.
     unsent: Vec<(u16, bool)>,
+    /// Contacts whose jets have just been put on their way.
+    begun: Vec<u16>,
     /// These jets, which wait for the solved ones.
     tabled: VecDeque<Published>,
     /// Number of the model, and the rest state of the first one.
@@ -115,7 +121,9 @@ impl LiveSolver {
             doubted: None,
             totals: Totals::default(),
             outbox: VecDeque::with_capacity(OUTBOX),
-            unsent: Vec::new(),
+            recent: VecDeque::with_capacity(loaded::KEPT + 1),
+            unsent: Vec::with_capacity(loaded::KEPT),
+            begun: Vec::with_capacity(loaded::KEPT),
             tabled: VecDeque::new(),
             model: 0,
             first_rest,
@@ -258,6 +266,7 @@ impl LiveSolver {
         (self.growth, self.lost) = (Growth::first(self.skin.sphere().is_some()), LostPositions::default());
         self.branches.forget_folds();
         self.outbox.clear();
+        self.recent.clear();
         self.unsent.clear();
         self.tabled.clear();
         self.model += 1;
@@ -279,37 +288,6 @@ impl LiveSolver {
     /// States how long the last step took, s.
     pub fn took(&mut self, seconds: f64) {
         self.times.took(seconds);
-    }
-
-    /// Publishes the jets of a blob's contacts that the tool touches or comes near.
-    fn send_known(&mut self, hand: &Hand) {
-        if self.unsent.is_empty() {
-            return;
-        }
-        let Self { skin, known, near, unsent, tabled, model, .. } = self;
-        let mut send = |contact: u16, is_deep: bool, from_m: [f64; 3]| {
-            let first = tabled.len();
-            let is_wanted = |jet: &Published| (jet.distance_m([0.0; 3]) > tabled::NEAR_REST_M) == is_deep;
-            tabled.extend(as_new(&known[usize::from(contact)], contact, *model).filter(is_wanted));
-            let jets = &mut tabled.make_contiguous()[first..];
-            jets.sort_unstable_by(|a, b| a.distance_m(from_m).total_cmp(&b.distance_m(from_m)));
-        };
-        skin.near(hand.hip_m, HEADING_M, near);
-        let touched = |contact: u16| {
-            let of = |touch: &Touch| touch.contacts.iter().any(|&(of, weight)| of == contact && weight > 0.0);
-            hand.touch.as_ref().filter(|touch| of(touch)).map(|touch| touch.control_m)
-        };
-        unsent.retain_mut(|(contact, is_begun)| {
-            let control_m = touched(*contact);
-            let comes = control_m.is_some() || near.iter().any(|(_, near)| near == contact);
-            if comes && !std::mem::replace(is_begun, true) {
-                send(*contact, false, control_m.unwrap_or_default());
-            }
-            if let Some(control_m) = control_m {
-                send(*contact, true, control_m);
-            }
-            control_m.is_none()
-        });
     }
 
     /// Solves at one position, if there is one that is worth it, or goes over to the branch behind a fold that the

@@ -1,7 +1,7 @@
 //! The solved states that are kept as starts of the next continuations.
 
+use super::beyond::parted_m;
 use super::hand::Hand;
-use super::memory::parted_m;
 use crate::fem::{Body, Seed};
 use crate::num::vector::distance;
 

@@ -6,9 +6,9 @@
 
 use std::sync::Arc;
 
+use super::beyond::parted_m;
 use super::branches::joins;
 use super::hand::Touch;
-use super::memory::parted_m;
 use super::solver::LiveSolver;
 use crate::fem::{DESCENT_STEPS, FollowOptions, Problem, Second, Seed, SolveFailure, Solver};
 use crate::num::vector::{cross, difference, distance};

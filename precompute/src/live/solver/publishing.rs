@@ -43,6 +43,7 @@ impl LiveSolver {
             }
         }
         known.add(trust, branch, !joins);
+        self.uses(contact);
         self.totals.jets += 1;
         self.outbox.push_back(Published {
             contact,
