@@ -13,7 +13,7 @@ use std::sync::Arc;
 use palpate_core::{Method, Organ, Space};
 
 use super::branches::{Branches, REST};
-use super::choice::{Choice, HEADING_M, LostPositions};
+use super::choice::{Choice, LostPositions};
 use super::error::LiveError;
 use super::hand::{Hand, Touch};
 use super::memory::{Growth, Known, Limit};

@@ -5,7 +5,6 @@
 
 use super::super::choice::HEADING_M;
 use super::super::hand::{Hand, Touch};
-use super::super::memory::Known;
 use super::super::published::Published;
 use super::super::tabled;
 use super::{LiveSolver, as_new};
