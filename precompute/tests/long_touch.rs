@@ -39,7 +39,6 @@ fn a_place_that_is_touched_again_after_many_others_has_its_jets_again() {
     press(&mut solver, &mut memory, first, depth_m);
     let known = memory.jets(first);
     assert!(known > 1, "{known}");
-    // Fewer than the solver keeps, then more.
     for others in [80, 200] {
         for other in (first + 1..places).take(others) {
             press(&mut solver, &mut memory, other, 2e-3);

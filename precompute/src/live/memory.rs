@@ -219,15 +219,6 @@ impl Known {
         self.tabled_m = within_m;
     }
 
-    /// Gives up the jets, unless they are of tables, which are not solved again; whether it did.
-    pub(super) fn forget(&mut self) -> bool {
-        let forgets = self.tabled_m == 0.0;
-        if forgets {
-            self.jets = Vec::new();
-        }
-        forgets
-    }
-
     /// Whether a jet of a branch lies within a distance, and within the share of its trust where it is known.
     pub(super) fn has_near(&self, control_m: [f64; 3], branch: u32, within_m: f64) -> bool {
         let is_near = |(trust, of): &(Trust, u32)| {

@@ -69,8 +69,9 @@ pub struct LiveSolver {
     outbox: VecDeque<Published>,
     /// Contacts in the order of their last use, the last one at the end.
     recent: VecDeque<u16>,
-    /// Contacts with jets, of a blob or solved, that the loop has not got or may have lost, and whether those near rest
-    /// are on their way.
+    /// Contacts whose jets the loop may have given up.
+    lost_by_loop: Vec<u16>,
+    /// Contacts with jets of a blob that the loop has not got, and whether those near rest are on their way.
     unsent: Vec<(u16, bool)>,
     /// Contacts whose jets have just been put on their way.
     begun: Vec<u16>,
@@ -107,6 +108,8 @@ impl LiveSolver {
             states: States::like(&blank),
             known: vec![Known::of_stiffness(skin.stiffness_n_m(&body)); skin.contacts.len()],
             near: Vec::with_capacity(skin.contacts.len()),
+            recent: VecDeque::with_capacity(skin.contacts.len() + 1),
+            lost_by_loop: Vec::with_capacity(skin.contacts.len()),
             body,
             skin,
             free,
@@ -121,9 +124,8 @@ impl LiveSolver {
             doubted: None,
             totals: Totals::default(),
             outbox: VecDeque::with_capacity(OUTBOX),
-            recent: VecDeque::with_capacity(loaded::KEPT + 1),
-            unsent: Vec::with_capacity(loaded::KEPT),
-            begun: Vec::with_capacity(loaded::KEPT),
+            unsent: Vec::new(),
+            begun: Vec::new(),
             tabled: VecDeque::new(),
             model: 0,
             first_rest,
@@ -267,6 +269,7 @@ impl LiveSolver {
         self.branches.forget_folds();
         self.outbox.clear();
         self.recent.clear();
+        self.lost_by_loop.clear();
         self.unsent.clear();
         self.tabled.clear();
         self.model += 1;

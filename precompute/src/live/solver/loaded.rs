@@ -3,6 +3,8 @@
 //! The loop has room for fewer contacts than a skin has places, and does not say which it gives up. So the solver keeps
 //! the order of their last use, and sends the jets of a contact again when the tool comes back to it.
 
+use std::collections::VecDeque;
+
 use super::super::choice::HEADING_M;
 use super::super::hand::{Hand, Touch};
 use super::super::published::Published;
@@ -12,8 +14,6 @@ use super::{LiveSolver, as_new};
 /// Contacts whose jets the loop has for certain. It has room for 64, and gives the room of the one that it used longest
 /// ago to another; it also uses contacts between two looks of the solver at the hand, and never gives away those in touch.
 const LOADED: usize = 32;
-/// Contacts whose jets are kept, at most 256 each of less than a kilobyte.
-pub(super) const KEPT: usize = 128;
 
 impl LiveSolver {
     /// States that the loop uses a contact. One that it has used before many others has to be sent again.
@@ -25,23 +25,30 @@ impl LiveSolver {
         }
         self.recent.push_back(contact);
         let lost = self.recent.len().checked_sub(LOADED + 1).filter(|_| !is_loaded).map(|at| self.recent[at]);
-        if let Some(lost) = lost {
-            self.unsent.retain(|(of, _)| *of != lost);
-            self.unsent.push((lost, false));
-        }
-        if self.recent.len() > KEPT
-            && let Some(old) = self.recent.pop_front()
-            && self.known[usize::from(old)].forget()
+        if let Some(lost) = lost
+            && !self.lost_by_loop.contains(&lost)
         {
-            self.unsent.retain(|(of, _)| *of != old);
+            self.lost_by_loop.push(lost);
+        }
+    }
+
+    /// Publishes again the jets of contacts in touch that the loop may have given up.
+    fn send_lost(&mut self, touch: &Touch) {
+        for (contact, _) in touch.contacts.into_iter().filter(|(_, weight)| *weight > 0.0) {
+            if let Some(at) = self.lost_by_loop.iter().position(|of| *of == contact) {
+                self.lost_by_loop.swap_remove(at);
+                let first = self.tabled.len();
+                self.tabled.extend(as_new(&self.known[usize::from(contact)], contact, self.model));
+                nearest_first(&mut self.tabled, first, touch.control_m);
+            }
+            self.uses(contact);
         }
     }
 
     /// Publishes the jets that the loop has not got of contacts that the tool touches or comes near.
     pub(super) fn send_known(&mut self, hand: &Hand) {
-        let touched = hand.touch.iter().flat_map(|touch| touch.contacts);
-        for (contact, _) in touched.filter(|(_, weight)| *weight > 0.0) {
-            self.uses(contact);
+        if let Some(touch) = &hand.touch {
+            self.send_lost(touch);
         }
         if self.unsent.is_empty() {
             return;
@@ -51,8 +58,7 @@ impl LiveSolver {
             let first = tabled.len();
             let is_wanted = |jet: &Published| (jet.distance_m([0.0; 3]) > tabled::NEAR_REST_M) == is_deep;
             tabled.extend(as_new(&known[usize::from(contact)], contact, *model).filter(is_wanted));
-            let jets = &mut tabled.make_contiguous()[first..];
-            jets.sort_unstable_by(|a, b| a.distance_m(from_m).total_cmp(&b.distance_m(from_m)));
+            nearest_first(tabled, first, from_m);
         };
         skin.near(hand.hip_m, HEADING_M, near);
         let touched = |contact: u16| {
@@ -76,4 +82,10 @@ impl LiveSolver {
             self.uses(contact);
         }
     }
+}
+
+/// Sorts the jets from number `first` on by their distance from a control.
+fn nearest_first(jets: &mut VecDeque<Published>, first: usize, from_m: [f64; 3]) {
+    let jets = &mut jets.make_contiguous()[first..];
+    jets.sort_unstable_by(|a, b| a.distance_m(from_m).total_cmp(&b.distance_m(from_m)));
 }
