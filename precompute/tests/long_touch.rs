@@ -30,6 +30,12 @@ fn press(solver: &mut LiveSolver, memory: &mut Loop, contact: u16, depth_m: f64)
 
 #[test]
 fn a_place_that_is_touched_again_after_many_others_has_its_jets_again() {
+    // The memory of the loop is as large as the stack of a test.
+    let run = std::thread::Builder::new().stack_size(32 << 20).spawn(touch_many_places);
+    run.expect("a thread").join().expect("it passes");
+}
+
+fn touch_many_places() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
     let scene = Scene::load(&path).and_then(|scene| scene.resolve()).expect("a bundled scene");
     let mut solver = LiveSolver::new(&scene).expect("it can be touched");
