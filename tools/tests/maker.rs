@@ -108,7 +108,7 @@ impl Hand {
 
     /// Waits until the hand feels the body.
     pub(super) fn wait_pressing(&self) {
-        let give_up = Instant::now() + Duration::from_secs(60);
+        let give_up = Instant::now() + Duration::from_secs(20);
         while self.force_n() < 0.2 {
             assert!(Instant::now() < give_up, "no force: {} frames", self.cable.whole(Field::Frames));
             std::thread::sleep(Duration::from_millis(5));
