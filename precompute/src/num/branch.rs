@@ -55,12 +55,6 @@ impl Excess {
         Self::of(a, b, bend / 10.0 - (ta + tb).dot(&d) / 120.0, (tb - ta) / 12.0)
     }
 
-    /// Whether two solutions lie on different branches: the test with third derivatives decides where that without them
-    /// fails, as it does over a long step along a curved branch.
-    pub(crate) fn is_jump_between(a: &EnergyJet, b: &EnergyJet) -> bool {
-        Self::between(a, b).is_jump() && Self::with_thirds(a, b).is_jump()
-    }
-
     /// Residuals with these terms of the second and third derivatives in rho and rho_h.
     fn of(a: &EnergyJet, b: &EnergyJet, in_energy: f64, in_force: Vector3<f64>) -> Self {
         let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
@@ -130,8 +124,7 @@ mod tests {
         beyond.force_n[1] += 2.0;
         let jump = Excess::with_thirds(&a, &beyond);
         assert!((jump.rho_h_n - 2.0).abs() < fine.rho_h_n + 1e-9, "{jump:?}");
-        assert!(rough.is_jump() && !Excess::is_jump_between(&a, &b), "{rough:?} {fine:?}");
-        assert!(Excess::is_jump_between(&a, &beyond));
+        assert!(rough.is_jump() && !fine.is_jump() && jump.is_jump(), "{rough:?} {fine:?}");
     }
 
     /// Half the edge divides the force residual by 2^5 and the energy residual (per length) by 2^6.

@@ -1,12 +1,14 @@
 //! Which contacts the loop has the jets of.
 //!
 //! The loop has room for fewer contacts than a skin has places, and does not say which it gives up. So the solver keeps
-//! the order of their last use, and sends the jets of a contact again when the tool comes back to it.
+//! the order of their last use, and sends the jets of a contact again when the tool comes back to it. For its own memory
+//! it gives up the jets of those used longest ago, too, and keeps what it knows of them at rest.
 
 use std::collections::VecDeque;
 
 use super::super::choice::HEADING_M;
 use super::super::hand::{Hand, Touch};
+use super::super::memory::{Known, MAX_JETS};
 use super::super::published::Published;
 use super::super::tabled;
 use super::{LiveSolver, as_new};
@@ -14,6 +16,8 @@ use super::{LiveSolver, as_new};
 /// Contacts whose jets the loop has for certain. It has room for 64, and gives the room of the one that it used longest
 /// ago to another; it also uses contacts between two looks of the solver at the hand, and never gives away those in touch.
 const LOADED: usize = 32;
+/// Most jets that the solver keeps, besides those at rest and those of tables: all that these contacts can have.
+const MAX_KEPT: usize = LOADED * MAX_JETS;
 
 impl LiveSolver {
     /// States that the loop uses a contact. One that it has used before many others has to be sent again.
@@ -29,6 +33,19 @@ impl LiveSolver {
             && !self.lost_by_loop.contains(&lost)
         {
             self.lost_by_loop.push(lost);
+        }
+    }
+
+    /// Gives up the jets of the contacts used longest ago while there are too many.
+    pub(super) fn give_up_old(&mut self) {
+        let mut kept: usize = self.known.iter().map(Known::away_from_rest).sum();
+        for contact in &self.recent {
+            if kept <= MAX_KEPT {
+                return;
+            }
+            let known = &mut self.known[usize::from(*contact)];
+            kept -= known.away_from_rest();
+            known.keep_rest();
         }
     }
 

@@ -44,6 +44,7 @@ impl LiveSolver {
         }
         known.add(trust, branch, !joins);
         self.uses(contact);
+        self.give_up_old();
         self.totals.jets += 1;
         self.outbox.push_back(Published {
             contact,
