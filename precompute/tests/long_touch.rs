@@ -54,23 +54,3 @@ fn touch_many_places() {
         assert!(memory.jets(first) >= known.min(2), "after {others} others: {}", memory.jets(first));
     }
 }
-
-#[test]
-fn the_memory_of_the_solver_is_bounded() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
-    let scene = Scene::load(&path).and_then(|scene| scene.resolve()).expect("a bundled scene");
-    let mut solver = LiveSolver::new(&scene).expect("it can be touched");
-    let places = solver.skin().contacts.len() as u16;
-    let kept = |solver: &LiveSolver| (0..places).map(|place| solver.jets(place).count()).sum::<usize>();
-    // Other depths in each round, so that the positions are new.
-    for depth_m in (1..).map(|round| 1.5e-3 * f64::from(round)) {
-        for place in 0..places {
-            let normal = solver.skin().contacts[usize::from(place)].normal;
-            while solver.step(&hand(place, normal, depth_m)) != Step::Idle {}
-        }
-        println!("{depth_m} {} {} {}", places, solver.totals().jets, kept(&solver));
-        if depth_m > 0.03 {
-            break;
-        }
-    }
-}

@@ -106,3 +106,32 @@ fn nearest_first(jets: &mut VecDeque<Published>, first: usize, from_m: [f64; 3])
     let jets = &mut jets.make_contiguous()[first..];
     jets.sort_unstable_by(|a, b| a.distance_m(from_m).total_cmp(&b.distance_m(from_m)));
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::super::branches::REST;
+    use super::*;
+    use crate::num::jet::EnergyJet;
+    use crate::scene::Scene;
+
+    #[test]
+    fn contacts_used_long_ago_keep_their_jet_at_rest_and_the_last_ones_all() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
+        let scene = Scene::load(&path).and_then(|scene| scene.resolve()).expect("a bundled scene");
+        let mut solver = LiveSolver::new(&scene).expect("it can be touched");
+        let (contacts, each) = (100, 200_u16);
+        for contact in 0..contacts {
+            for number in 0..=each {
+                let jet = EnergyJet::from_numbers([0.0, 0.0, -1e-4 * f64::from(number)], &[1.0; 20]);
+                solver.publish(contact, REST, (jet, None), true, Some(0));
+            }
+        }
+        let kept: Vec<usize> = (0..contacts).map(|contact| solver.jets(contact).count()).collect();
+        let all = usize::from(each) + 1;
+        let whole = kept.iter().rev().take_while(|count| **count == all).count();
+        assert_eq!(whole, MAX_KEPT / (all - 1), "{kept:?}");
+        assert!(kept[..usize::from(contacts) - whole].iter().all(|count| *count == 1), "{kept:?}");
+    }
+}
