@@ -8,7 +8,6 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use palpate_core::{Organ, Vec3, vec3};
 use palpate_hil::{EmulatedPolhem, Handle, PtyTransport, Waypoint};
-use palpate_host::sys::{self, RtRequest};
 use palpate_precompute::certificate::{Certificate, Health, Origin, SpaceCertificate, Verdict};
 use serialport::SerialPort;
 use std::fs::Permissions;
@@ -23,7 +22,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crate::{quiet, run};
+use crate::{device_thread, quiet, run};
 
 /// Time limit for repeated sessions. On a busy machine the loop may miss its deadlines and fault, and the
 /// session is then started again.
@@ -109,8 +108,7 @@ pub(super) struct Felt {
 }
 
 /// An emulated device that presses its button after the first request and then pushes on the organ
-/// repeatedly. A real device does not depend on this machine's scheduler, so its thread has a higher priority
-/// than the loop if permitted.
+/// repeatedly.
 pub(super) struct Device {
     felt: Arc<Mutex<Felt>>,
     ends: Arc<AtomicBool>,
@@ -139,8 +137,6 @@ impl Device {
                 position_m: [0.0, 0.0, if i.is_multiple_of(2) { 0.006 } else { -0.010 }],
             };
             let mut device = EmulatedPolhem::new(Handle::new((0..200).map(at).collect()));
-            let above = RtRequest { fifo_priority: Some(52), ..RtRequest::none() };
-            let (_, _held) = sys::enter_real_time(&above);
             let mut begun = None;
             while !stop.load(Ordering::Relaxed) {
                 device.set_info(i16::from(presses.contains(&device.requests())));
@@ -164,7 +160,7 @@ impl Device {
             }
         };
         let port = driver_end.name().expect("a terminal has a name");
-        Self { felt, ends, thread: Some(std::thread::spawn(serve)), port, _driver_end: driver_end }
+        Self { felt, ends, thread: Some(device_thread(serve)), port, _driver_end: driver_end }
     }
 
     pub(super) fn felt(&self) -> Felt {

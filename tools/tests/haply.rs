@@ -14,8 +14,8 @@ use palpate_hil::haply::{Held, Reply, Service, World, now_ns};
 use palpate_record::Recording;
 
 use super::guard::files_of;
-use super::maker::{RETRY_S, end, proxy_of, send};
-use super::{quiet, text};
+use super::maker::{Push, SEEN, end, proxy_of, said_by, send};
+use super::{device_thread, quiet, text};
 
 /// Largest force of the bundled profile, N.
 const LIMIT_N: f64 = 5.0;
@@ -35,26 +35,19 @@ impl Hand {
 
     fn of(world: World) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let service = Arc::new(Service::start(world).expect("free ports"));
+        // Its threads have the priority of this one.
+        let service = device_thread(move || Service::start(world).expect("free ports"));
+        let service = Arc::new(service.join().expect("it starts"));
         let (ends, moved) = (Arc::new(AtomicBool::new(false)), service.clone());
         let has_ended = ends.clone();
-        let thread = std::thread::spawn(move || {
-            let (mut begun, mut has_felt): (Option<Instant>, bool) = (None, false);
+        let thread = device_thread(move || {
+            let mut push = Push::default();
             while !has_ended.load(Ordering::Relaxed) {
-                if begun.is_none() && moved.with(|world| world.messages) > 100 {
-                    begun = Some(Instant::now());
-                }
-                let s = begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
-                // A session that starts slowly has not seen the button: the hand begins again.
-                has_felt |= moved.with(|world| world.held().size_n()) > 0.1;
-                if s > RETRY_S && !has_felt {
-                    begun = Some(Instant::now());
-                }
-                let height_mm = 8.0 - 24.0 * (s - 0.8).clamp(0.0, 1.0);
                 moved.with(|world| {
+                    let (down, tremor, button) = push.now(world.messages > SEEN, world.held().size_n() > 0.1);
                     // Not quite still: a hand trembles.
-                    world.position_m[2] = 1e-3 * (height_mm + 0.2 * (40.0 * s).sin());
-                    world.button = (0.3..0.5).contains(&s);
+                    world.position_m[2] = 1e-3 * (8.0 - 24.0 * down + 0.2 * tremor);
+                    world.button = button;
                 });
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -89,11 +82,10 @@ impl Hand {
     }
 
     /// Waits until the hand feels the body.
-    fn wait_pressing(&self) {
+    fn wait_pressing(&self, session: &mut Child) {
         let give_up = Instant::now() + Duration::from_secs(20);
         while self.held().size_n() < 0.4 {
-            let messages = self.service.with(|world| world.messages);
-            assert!(Instant::now() < give_up, "no force: {messages} messages");
+            assert!(Instant::now() < give_up, "no force: {}", said_by(session));
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -142,8 +134,8 @@ fn the_hand_feels_the_body_whatever_the_service_is_like() {
         let _quiet = quiet();
         let hand =
             Hand::of(World { version: version.into(), has_envelope, is_split, reply, ..World::default() });
-        let session = hand.session();
-        hand.wait_pressing();
+        let mut session = hand.session();
+        hand.wait_pressing(&mut session);
         hand.set(|world| world.other_first = true);
         std::thread::sleep(Duration::from_millis(100));
         assert!(hand.held().size_n() > 0.3, "{version} {reply:?}");
@@ -161,8 +153,8 @@ fn commanded_and_reported_force_are_recorded() {
     let _quiet = quiet();
     let hand = Hand::new();
     let file = hand.folder.path().join("session.mcap");
-    let session = hand.session_with(&hand.service.address(), &["--record", text(&file)]);
-    hand.wait_pressing();
+    let mut session = hand.session_with(&hand.service.address(), &["--record", text(&file)]);
+    hand.wait_pressing(&mut session);
     std::thread::sleep(Duration::from_millis(200));
     let output = end(session);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
@@ -183,8 +175,8 @@ fn a_session_that_is_killed_or_stopped_leaves_no_force() {
     for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
         let _quiet = quiet();
         let hand = Hand::new();
-        let session = hand.session();
-        hand.wait_pressing();
+        let mut session = hand.session();
+        hand.wait_pressing(&mut session);
         let at_ns = now_ns();
         send(&session, signal);
         hand.assert_stays_off(signal.as_str(), at_ns, 20.0);
@@ -223,8 +215,8 @@ fn faults_of_device_and_service_are_latched() {
     ] {
         let _quiet = quiet();
         let hand = Hand::new();
-        let session = hand.session();
-        hand.wait_pressing();
+        let mut session = hand.session();
+        hand.wait_pressing(&mut session);
         let at_ns = now_ns();
         make(&hand);
         hand.assert_stays_off(what, at_ns, 10.0);
@@ -240,8 +232,8 @@ fn faults_of_device_and_service_are_latched() {
 fn a_service_that_ignores_the_force_is_found() {
     let _quiet = quiet();
     let hand = Hand::new();
-    let session = hand.session();
-    hand.wait_pressing();
+    let mut session = hand.session();
+    hand.wait_pressing(&mut session);
     hand.set(|world| world.applies = false);
     std::thread::sleep(Duration::from_millis(200));
     let at_ns = now_ns();
@@ -261,8 +253,8 @@ fn a_late_or_missing_reply_or_a_closed_connection_leaves_no_force() {
     for reply in [Reply::Late(50), Reply::Late(500), Reply::Never, Reply::Close] {
         let _quiet = quiet();
         let hand = Hand::new();
-        let session = hand.session();
-        hand.wait_pressing();
+        let mut session = hand.session();
+        hand.wait_pressing(&mut session);
         let at_ns = now_ns();
         hand.set(|world| world.reply = reply);
         hand.assert_stays_off(&format!("{reply:?}"), at_ns, 20.0);
@@ -278,8 +270,8 @@ fn a_late_or_missing_reply_or_a_closed_connection_leaves_no_force() {
 fn replies_that_are_a_little_late_are_waited_for() {
     let _quiet = quiet();
     let hand = Hand::new();
-    let session = hand.session();
-    hand.wait_pressing();
+    let mut session = hand.session();
+    hand.wait_pressing(&mut session);
     hand.set(|world| world.reply = Reply::Late(1));
     std::thread::sleep(Duration::from_millis(300));
     let held = hand.held();
@@ -292,8 +284,8 @@ fn replies_that_are_a_little_late_are_waited_for() {
 fn a_session_whose_proxy_is_killed_ends_without_a_force() {
     let _quiet = quiet();
     let hand = Hand::new();
-    let session = hand.session();
-    hand.wait_pressing();
+    let mut session = hand.session();
+    hand.wait_pressing(&mut session);
     let at_ns = now_ns();
     kill(proxy_of(&session), Signal::SIGKILL).expect("it runs");
     hand.assert_stays_off("killed proxy", at_ns, 20.0);

@@ -30,6 +30,9 @@ mod touch;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::{PoisonError, RwLock, RwLockWriteGuard};
+use std::thread::JoinHandle;
+
+use palpate_host::sys::{self, RtRequest};
 
 /// Held for reading while a command runs, and for writing by a test that measures time: a solve or another
 /// loop on the same cores would starve its loop.
@@ -38,6 +41,15 @@ static QUIET: RwLock<()> = RwLock::new(());
 /// Waits until the commands of other tests have ended, and holds back new ones.
 fn quiet() -> RwLockWriteGuard<'static, ()> {
     QUIET.write().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A device does not depend on this machine's scheduler: its thread has a higher priority than the loop if permitted.
+fn device_thread<T: Send + 'static>(body: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
+    std::thread::spawn(move || {
+        let above = RtRequest { fifo_priority: Some(52), ..RtRequest::none() };
+        let (_, _held) = sys::enter_real_time(&above);
+        body()
+    })
 }
 
 /// Runs a command to its end, except while another test measures time.

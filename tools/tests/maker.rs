@@ -1,5 +1,6 @@
 //! A hand on a stand-in for the library of a maker, and a session that drives it through the loading path of a user's.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
@@ -12,7 +13,7 @@ use nix::unistd::Pid;
 use palpate_maker_stub::{Cable, Field, VARIABLE};
 
 use super::guard::files_of;
-use super::{quiet, text};
+use super::{device_thread, quiet, text};
 
 /// The stand-in, which cargo builds for these tests.
 pub(super) fn library() -> PathBuf {
@@ -22,8 +23,37 @@ pub(super) fn library() -> PathBuf {
     library
 }
 
-/// Time after which a hand that has felt nothing begins again, s.
-pub(super) const RETRY_S: f64 = 4.0;
+/// Frames or messages, two a tick, after which a session has seen that the button is up.
+pub(super) const SEEN: u64 = 400;
+
+/// What a hand does that presses its button, then pushes for a second and stays. A session that starts slowly has not
+/// seen the button: a hand that feels nothing goes back, and begins again.
+#[derive(Debug, Default)]
+pub(super) struct Push {
+    begun: Option<Instant>,
+    has_felt: bool,
+}
+
+impl Push {
+    /// It begins to go back, and it begins again, s.
+    const BACK_S: f64 = 2.9;
+    const AGAIN_S: f64 = 4.0;
+
+    /// The share of the way down now, a tremor from -1 to 1, and whether the button is down. `is_seen`: a session reads
+    /// the device.
+    pub(super) fn now(&mut self, is_seen: bool, feels: bool) -> (f64, f64, bool) {
+        if self.begun.is_none() && is_seen {
+            self.begun = Some(Instant::now());
+        }
+        let mut s = self.begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
+        self.has_felt |= feels && s < Self::BACK_S;
+        if s > Self::AGAIN_S && !self.has_felt {
+            (self.begun, s) = (Some(Instant::now()), 0.0);
+        }
+        let back = if self.has_felt { 0.0 } else { (s - Self::BACK_S).clamp(0.0, 1.0) };
+        ((s - 0.8).clamp(0.0, 1.0) - back, (40.0 * s).sin(), (0.3..0.5).contains(&s))
+    }
+}
 
 /// Size of the force on the motors, N.
 fn force_n(cable: &Cable) -> f64 {
@@ -47,22 +77,15 @@ impl Hand {
         let cable = Arc::new(Cable::create(&folder.path().join("device")).expect("a file"));
         let (ends, moved) = (Arc::new(AtomicBool::new(false)), cable.clone());
         let has_ended = ends.clone();
-        let thread = std::thread::spawn(move || {
-            let (mut begun, mut has_felt): (Option<Instant>, bool) = (None, false);
+        let thread = device_thread(move || {
+            let mut push = Push::default();
             while !has_ended.load(Ordering::Relaxed) {
-                if begun.is_none() && moved.whole(Field::Frames) > 100 {
-                    begun = Some(Instant::now());
-                }
-                let s = begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
-                // A session that starts slowly has not seen the button: the hand begins again.
-                has_felt |= force_n(&moved) > 0.1;
-                if s > RETRY_S && !has_felt {
-                    begun = Some(Instant::now());
-                }
-                let height_m = 0.008 - 0.014 * (s - 0.8).clamp(0.0, 1.0);
+                let (down, tremor, button) =
+                    push.now(moved.whole(Field::Frames) > SEEN, force_n(&moved) > 0.1);
+                let height_m = 0.008 - 0.014 * down;
                 // Not quite still: a hand trembles.
-                moved.set_quantity(Field::Position(2), (height_m + 0.2e-3 * (40.0 * s).sin()) / unit_m);
-                moved.set_whole(Field::Buttons, u64::from((0.3..0.5).contains(&s)));
+                moved.set_quantity(Field::Position(2), (height_m + 0.2e-3 * tremor) / unit_m);
+                moved.set_whole(Field::Buttons, u64::from(button));
                 // The device's firmware outlives the process that commands it. A Touch has no watchdog here.
                 let _ = moved.is_watched_off();
                 std::thread::sleep(Duration::from_millis(1));
@@ -107,10 +130,10 @@ impl Hand {
     }
 
     /// Waits until the hand feels the body.
-    pub(super) fn wait_pressing(&self) {
+    pub(super) fn wait_pressing(&self, session: &mut Child) {
         let give_up = Instant::now() + Duration::from_secs(20);
         while self.force_n() < 0.2 {
-            assert!(Instant::now() < give_up, "no force: {} frames", self.cable.whole(Field::Frames));
+            assert!(Instant::now() < give_up, "no force: {}", said_by(session));
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -137,6 +160,15 @@ pub(super) fn end(child: Child) -> Output {
     child.wait_with_output().expect("it ends")
 }
 
+/// Ends a session, and returns what it has said.
+pub(super) fn said_by(session: &mut Child) -> String {
+    send(session, Signal::SIGINT);
+    let mut said = String::new();
+    session.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
+    session.stdout.take().expect("a pipe").read_to_string(&mut said).expect("text");
+    said
+}
+
 /// The process that holds the library or the connection: a child of the session with its name.
 pub(super) fn proxy_of(child: &Child) -> Pid {
     let is_proxy = |folder: &Path| {
@@ -155,8 +187,8 @@ pub(super) fn killed_or_stopped(hand: impl Fn() -> Hand) {
     for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
         let _quiet = quiet();
         let hand = hand();
-        let session = hand.session();
-        hand.wait_pressing();
+        let mut session = hand.session();
+        hand.wait_pressing(&mut session);
         let at_ns = Cable::now_ns();
         send(&session, signal);
         std::thread::sleep(Duration::from_millis(300));

@@ -236,8 +236,9 @@ impl Known {
     /// Gives up all jets but that at rest. Those of tables are kept, because they would not be solved again.
     pub(super) fn keep_rest(&mut self) {
         if self.away_from_rest() > 0 {
-            self.jets.retain(|(trust, _)| norm(trust.jet.control_m) < SAME_M);
-            self.jets.shrink_to_fit();
+            // In a room of its own, so that the whole old one is free for another contact.
+            let rest = self.jets.iter().filter(|(trust, _)| norm(trust.jet.control_m) < SAME_M);
+            self.jets = rest.copied().collect();
         }
     }
 
