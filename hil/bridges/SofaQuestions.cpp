@@ -9,6 +9,7 @@
 // With the flags of SOFA's own build in $SOFA:
 //
 //     c++ -std=c++17 -shared -fPIC -I hil/bridges hil/bridges/SofaQuestions.cpp $SOFA -o libPalpateQuestions.so
+#include <cmath>
 #include <memory>
 #include <string>
 
@@ -27,6 +28,8 @@ public:
     Data<std::string> d_questions, d_answers;
     Data<double> d_stiffness;
     Data<int> d_settle;
+    Data<double> d_change;
+    Data<int> d_longest;
     sofa::core::objectmodel::SingleLink<PalpateQuestions, sofa::core::behavior::BaseMechanicalState,
                                         sofa::core::objectmodel::BaseLink::FLAG_STOREPATH | sofa::core::objectmodel::BaseLink::FLAG_STRONGLINK>
         l_body, l_tool;
@@ -65,14 +68,16 @@ public:
     {
         if (!m_ready || finished()) return;
         const questions::Question &asked = m_sheets[m_sheet].asked()[m_number];
-        // The tool comes to the beginning of a way as to a single position.
-        if (++m_steps < (asked.begins ? d_settle.getValue() : 1)) return;
-        m_steps = 0;
         auto *body = l_body.get();
         auto *tool = l_tool.get();
         const double k = d_stiffness.getValue();
-        m_sheets[m_sheet].answer(m_number, {k * (tool->getPX(0) - body->getPX(m_node)), k * (tool->getPY(0) - body->getPY(m_node)),
-                                            k * (tool->getPZ(0) - body->getPZ(m_node))});
+        const questions::Vec3 force{k * (tool->getPX(0) - body->getPX(m_node)), k * (tool->getPY(0) - body->getPY(m_node)),
+                                    k * (tool->getPZ(0) - body->getPZ(m_node))};
+        ++m_steps;
+        // The tool comes to the beginning of a way as to a single position.
+        if (asked.begins && !isAtRest(force)) return;
+        m_steps = m_still = 0;
+        m_sheets[m_sheet].answer(m_number, force);
         if (++m_number < m_sheets[m_sheet].asked().size()) return;
         write();
         ++m_sheet;
@@ -85,13 +90,26 @@ protected:
         : d_questions(initData(&d_questions, std::string(), "questions", "Folder of the questions about an organ")),
           d_answers(initData(&d_answers, std::string(), "answers", "Existing folder for the answers")),
           d_stiffness(initData(&d_stiffness, 1e6, "stiffness", "Stiffness of the spring between tool and body, N/m")),
-          d_settle(initData(&d_settle, 50, "settle", "Steps after which a single position is answered")),
+          d_settle(initData(&d_settle, 50, "settle", "A body is at rest if its force changes by less than `change` in so many steps")),
+          d_change(initData(&d_change, 1e-3, "change", "Largest change of the force of a body at rest, as a share of it")),
+          d_longest(initData(&d_longest, 10000, "longest", "Steps after which a position is answered in motion")),
           l_body(initLink("body", "State of the body, with the nodes of nodes.csv")),
           l_tool(initLink("tool", "State of the tool, one point"))
     {
     }
 
 private:
+    // Waves and damping need time: the answer is the force once it has stayed for `settle` steps.
+    bool isAtRest(const questions::Vec3 &force)
+    {
+        const double change = std::hypot(force.x - m_force.x, force.y - m_force.y, force.z - m_force.z);
+        const bool stays = change <= d_change.getValue() * std::hypot(force.x, force.y, force.z) + 1e-6;
+        m_still = stays ? m_still + 1 : 0;
+        if (!stays) m_force = force;
+        if (m_steps < d_longest.getValue()) return m_still >= d_settle.getValue();
+        msg_warning() << d_answers.getValue() << ": a position is answered while the body still moves; damp it more";
+        return true;
+    }
     void write()
     {
         if (!m_sheets[m_sheet].write(d_answers.getValue())) msg_error() << d_answers.getValue() << ": cannot be written; make the folder first";
@@ -106,7 +124,9 @@ private:
 
     std::vector<questions::Sheet> m_sheets;
     size_t m_sheet = 0, m_number = 0;
-    int m_steps = 0;
+    int m_steps = 0, m_still = 0;
+    // The force from which `m_still` counts.
+    questions::Vec3 m_force{};
     bool m_ready = false;
     unsigned int m_node = 0;
     questions::Vec3 m_rest;

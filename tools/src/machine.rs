@@ -57,30 +57,24 @@ impl Ticks {
         Some(Self { all, busy: all - idle, own })
     }
 
-    /// Share of processor time of other processes since `start`.
-    fn others_since(self, start: Self) -> f64 {
-        let all = self.all.saturating_sub(start.all).max(1);
-        let others = self.busy.saturating_sub(start.busy).saturating_sub(self.own.saturating_sub(start.own));
-        others as f64 / all as f64
+    /// Share of processor time of other processes since these; `None` if the system does not report it.
+    pub(crate) fn others_since(self) -> Option<f64> {
+        let now = Self::now()?;
+        let all = now.all.saturating_sub(self.all).max(1);
+        let others = now.busy.saturating_sub(self.busy).saturating_sub(now.own.saturating_sub(self.own));
+        Some(others as f64 / all as f64)
     }
 }
 
 impl Machine {
     /// The data of this machine.
     pub(crate) fn here(threads: usize, start: Option<Ticks>, wall_seconds: f64) -> Self {
-        let field = |path: &str, key: &str| -> Option<String> {
-            let text = std::fs::read_to_string(path).ok()?;
-            let line = text.lines().find(|line| line.starts_with(key))?;
-            let value = line.split_once([':', '='])?.1;
-            Some(value.trim().trim_matches('"').to_string())
-        };
-        let unknown = || "unknown".to_string();
         let memory =
             field("/proc/meminfo", "MemTotal").and_then(|kb| kb.split(' ').next()?.parse::<f64>().ok());
         let kernel = std::fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
         let name = field("/etc/os-release", "PRETTY_NAME").unwrap_or_else(|| std::env::consts::OS.into());
         Self {
-            cpu: field("/proc/cpuinfo", "model name").unwrap_or_else(unknown),
+            cpu: cpu(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             memory_gb: memory.map(|kb| (kb / 1e5).round() / 10.0),
             system: format!("{name}, kernel {}", kernel.trim()),
@@ -90,7 +84,7 @@ impl Machine {
             date: date(),
             command: std::env::args().collect::<Vec<_>>().join(" "),
             threads,
-            others_share: start.and_then(|start| Some(Ticks::now()?.others_since(start))),
+            others_share: start.and_then(Ticks::others_since),
             wall_seconds,
         }
     }
@@ -101,8 +95,21 @@ impl Machine {
     }
 }
 
+/// The value of a key in a file of the system.
+fn field(path: &str, key: &str) -> Option<String> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let line = text.lines().find(|line| line.starts_with(key))?;
+    let value = line.split_once([':', '='])?.1;
+    Some(value.trim().trim_matches('"').to_string())
+}
+
+/// The model of the processor.
+pub(crate) fn cpu() -> String {
+    field("/proc/cpuinfo", "model name").unwrap_or_else(|| "unknown".into())
+}
+
 /// Today in UTC, to the minute.
-fn date() -> String {
+pub(crate) fn date() -> String {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |t| t.as_secs());
     let (year, month, day) = civil(seconds / 86_400);
     format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", seconds / 3600 % 24, seconds / 60 % 60)

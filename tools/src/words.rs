@@ -11,9 +11,11 @@ pub(crate) fn plain(value: f64) -> String {
         return "\u{2013}".into();
     }
     if !(1e-3..1e6).contains(&size) {
-        let power = size.log10().floor();
-        let digits = trimmed(&format!("{:.1}", value / 10f64.powf(power)));
-        let power: String = format!("{power}").chars().map(raised).collect();
+        // Of the rounded value: 9.99 is 10.
+        let rounded = format!("{size:.1e}");
+        let power = rounded.split_once('e').map_or("0", |(_, power)| power);
+        let digits = trimmed(&format!("{:.1}", value / 10f64.powi(power.parse().unwrap_or(0))));
+        let power: String = power.chars().map(raised).collect();
         return if digits == "1" { format!("10{power}") } else { format!("{digits}\u{b7}10{power}") };
     }
     let digits = (3 - size.log10().floor() as i32).max(0) as usize;
@@ -133,7 +135,7 @@ mod tests {
 
     #[test]
     fn numbers_read_as_people_write_them() {
-        let all = [0.0, 0.5, 1234567.0, 14146.0, 0.000123, 12.0, -20000.0, 100.0].map(plain);
+        let all = [0.0, 0.5, 1234567.0, 14146.0, 0.000123, 12.0, -20000.0, 100.0, 0.0009996].map(plain);
         assert_eq!(
             all,
             [
@@ -144,7 +146,8 @@ mod tests {
                 "1.2\u{b7}10\u{207b}\u{2074}",
                 "12",
                 "\u{2212}20,000",
-                "100"
+                "100",
+                "10\u{207b}\u{b3}"
             ]
         );
         assert_eq!(

@@ -156,7 +156,7 @@ fn a_quick_benchmark_is_whole_and_judges_another_system_by_the_same_code() {
     );
     for (key, table) in &ours {
         assert_eq!(value(table, "answered_percent", "energy"), Some(100.0), "{key}");
-        assert_eq!(value(table, "answered_percent", "your system"), None, "{key}: nobody has answered");
+        assert_eq!(value(table, "answered_percent", "your system"), None, "{key}: there are no answers");
     }
     for organ in ["point", "fingertip"] {
         let table = &ours[&format!("force.{organ}")];
@@ -260,6 +260,6 @@ fn wrong_options_are_refused_before_any_work() {
     refused(&[&given[..], &[&ours]].concat(), &["energy", "one of Palpate's columns"]);
     refused(&[&given[..], &[&mine, "--answers", &again]].concat(), &["Mine", "given twice"]);
     std::fs::rename(theirs.join("point"), theirs.join("liver")).expect("renamed");
-    refused(&[&given[..], &[&mine]].concat(), &["liver", "nobody reads this", "fingertip"]);
+    refused(&[&given[..], &[&mine]].concat(), &["liver", "this is not read", "fingertip"]);
     assert!(!out.exists(), "nothing is begun");
 }

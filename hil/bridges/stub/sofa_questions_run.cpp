@@ -1,8 +1,11 @@
 // Runs the controller of SofaQuestions.cpp on a body of springs instead of a SOFA scene: node N follows the tool with the
-// stiffness of the scene, against 200, 300 and 400 N/m along x, y and z. Then h = k_b k_s / (k_b + k_s) d.
+// stiffness of the scene, against 200, 300 and 400 N/m along x, y and z. Then h = k_b k_s / (k_b + k_s) d. It moves by at most
+// 0.1 mm a step, so that a single position is not at rest at once.
 //
 //     sofa_questions_run QUESTIONS ANSWERS
 #include "../SofaQuestions.cpp"
+
+#include <algorithm>
 
 namespace {
 
@@ -43,7 +46,8 @@ int main(int argc, char **argv)
     for (int step = 0; step < 1000000 && !asker.finished(); ++step) {
         asker.onBeginAnimationStep(1e-3);
         for (int axis = 0; axis < 3; ++axis) {
-            body.at[axis] = (body_n_m[axis] * rest[axis] + spring_n_m * tool.at[axis]) / (body_n_m[axis] + spring_n_m);
+            const double to = (body_n_m[axis] * rest[axis] + spring_n_m * tool.at[axis]) / (body_n_m[axis] + spring_n_m);
+            body.at[axis] += std::clamp(to - body.at[axis], -1e-4, 1e-4);
         }
         asker.onEndAnimationStep(1e-3);
     }

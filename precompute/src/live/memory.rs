@@ -14,6 +14,8 @@ const MAX_TRUST_M: f64 = 0.025;
 const MIN_TRUST_M: f64 = 1e-4;
 /// Jets of a contact that the loop keeps.
 pub(super) const MAX_JETS: usize = 256;
+/// Jets that a contact that is touched has room for at first.
+const FEW_JETS: usize = 32;
 /// Largest stiffness of a jet, in those of the contact at rest. Near a fold S has any size too.
 const MAX_STIFFNESS: f64 = 3.0;
 /// Estimated error c r^3 of a Taylor series before one was measured, N/m^3.
@@ -236,7 +238,7 @@ impl Known {
     /// Gives up all jets but that at rest. Those of tables are kept, because they would not be solved again.
     pub(super) fn keep_rest(&mut self) {
         if self.away_from_rest() > 0 {
-            // In a room of its own, so that the whole old one is free for another contact.
+            // In a room of its own: the whole old one is free for another contact.
             let rest = self.jets.iter().filter(|(trust, _)| norm(trust.jet.control_m) < SAME_M);
             self.jets = rest.copied().collect();
         }
@@ -268,9 +270,9 @@ impl Known {
             let farthest = all.max_by(|(_, a), (_, b)| away(a).total_cmp(&away(b))).map(|(at, _)| at);
             self.jets.swap_remove(farthest.expect("it is full"));
         }
-        // Most contacts have the jet at rest only.
+        // Most contacts have the jet at rest only, and most others a few.
         if self.jets.len() == 1 {
-            self.jets.reserve_exact(MAX_JETS - 1);
+            self.jets.reserve_exact(FEW_JETS - 1);
         }
         self.jets.push((trust, branch));
     }

@@ -428,3 +428,6 @@ fn as_new(known: &Known, contact: u16, model: u32) -> impl Iterator<Item = Publi
         model,
     })
 }
+
+#[cfg(test)]
+mod tests;

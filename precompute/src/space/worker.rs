@@ -164,15 +164,10 @@ impl Worker {
     }
 }
 
-/// Operations of a factorisation that a configuration may cost on average to check the stability of those without a factor:
-/// about half a second, in single precision.
-const CHECK_FLOPS: f64 = 4e10;
-
 /// The configuration of a large body with its stability, if it belongs to the sample that is checked.
 fn with_stability(solver: &mut Solver, job: &Job, mut solved: Configuration) -> Configuration {
     let is_unknown = solved.unstable_modes.is_none() && solver.problem().is_large();
-    let every = (solver.problem().factor_flops() / CHECK_FLOPS).ceil().max(1.0);
-    if is_unknown && job.task.checks_stability(job.active, every as u64) {
+    if is_unknown && job.task.checks_stability(job.active, solver.problem().solves_a_check()) {
         solved.unstable_modes = solver.unstable_modes_at(&solved.seed);
         solved.factorisations += 1;
     }

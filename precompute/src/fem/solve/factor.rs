@@ -179,10 +179,10 @@ impl Factor {
 
     /// Becomes a copy of another factor of the same analysis; whether that has one to copy.
     pub(super) fn copy_from(&mut self, other: &Self) -> bool {
-        (self.route, self.pivoted, self.held) = (other.route, None, None);
         if matches!(other.route, Route::Pivoted | Route::TwoLevel) {
             return false;
         }
+        (self.route, self.pivoted, self.held) = (other.route, None, None);
         self.values.copy_from_slice(&other.values);
         true
     }

@@ -1,7 +1,16 @@
 //! Stability of an equilibrium that was found without a factor of its tangent.
 
-use super::factor::{SingleFactor, SingleScratch};
-use super::{Seed, Solver};
+use super::{Problem, Seed, Solver};
+
+/// Operations that the checks of stability may cost a solve of a large body on average: about a second.
+const CHECK_FLOPS: f64 = 4e10;
+
+impl Problem {
+    /// Of so many solves of a large body one has its stability determined.
+    pub fn solves_a_check(&self) -> u64 {
+        (self.factor_flops() / CHECK_FLOPS).ceil().max(1.0) as u64
+    }
+}
 
 impl Solver {
     /// Number of unstable modes of a solved configuration, from a factor of its tangent that is made for this purpose
@@ -13,19 +22,10 @@ impl Solver {
         self.factor.begin_state();
         self.evaluate(true);
         let problem = self.problem.clone();
-        let (symbolic, n) = (&problem.symbolic, problem.unknowns());
+        let symbolic = &problem.symbolic;
         let matrix = problem.matrix(&self.assembled.tangent);
         self.factorisations += 1;
-        // Half the time and memory of double precision, and both are freed at once.
-        let mut single = SingleFactor::new(symbolic, n);
-        if single.make(matrix, &mut SingleScratch::new(symbolic, n))
-            && single.unstable_modes(symbolic) == Some(0)
-        {
-            return Some(0);
-        }
-        drop(single);
-        // An instability is not left to single precision.
-        self.factorisations += 1;
+        // In double precision: near an instability single precision has the wrong sign.
         let is_made = self.factor.factorise_first(matrix);
         is_made.then(|| self.factor.unstable_modes(symbolic)).flatten()
     }

@@ -9,6 +9,9 @@ use serde::Serialize;
 use super::check::Checked;
 use super::visits::{Loops, Visits};
 
+/// Share of processor time of other processes, the solver included, from which on they delay it.
+const BUSY: f64 = 0.6;
+
 /// What is reported. `null` where nothing was checked.
 #[derive(Debug, Serialize)]
 pub(crate) struct Certificate {
@@ -29,6 +32,8 @@ pub(crate) struct Certificate {
     lost: u64,
     handover_max_mn: f64,
     extrapolated_share: f64,
+    /// Share of processor time of other processes during the touch, those of the solver included.
+    others_share: Option<f64>,
     /// Touches that ended; the largest energy given to the hand round one, and the energy exchanged in it.
     loops: u32,
     loop_pumped_mj: f64,
@@ -58,6 +63,7 @@ impl Certificate {
         summary: &SessionSummary,
         counters: Counters,
         ready: Option<Duration>,
+        others_share: Option<f64>,
     ) -> Self {
         let touch = &summary.touch;
         let waited_us = touch.first_force_us.zip(visits.first_touch_us);
@@ -82,6 +88,7 @@ impl Certificate {
             lost: counters.lost,
             handover_max_mn: 1e3 * f64::from(touch.largest_hand_over_n),
             extrapolated_share: touch.extrapolated_share(),
+            others_share,
             loops: count,
             loop_pumped_mj: 1e3 * f64::from(pumped_j),
             loop_exchanged_mj: 1e3 * f64::from(exchanged_j),
@@ -112,6 +119,12 @@ impl Certificate {
             self.lost
         )];
         lines.extend(self.of_check());
+        if let Some(share) = self.others_share.filter(|share| *share > BUSY) {
+            lines.push(format!(
+                "             a busy machine: other programs took {:.0} % of it, and the solver waited for them",
+                100.0 * share
+            ));
+        }
         if self.is_cut {
             lines.push("             ended by Ctrl-C before all positions were solved".into());
         }

@@ -28,6 +28,7 @@ use crate::device_spec::DeviceSpec;
 use crate::failure::Failure;
 use crate::files::{Files, Output};
 use crate::interrupt::{restart, stop_flag};
+use crate::machine::Ticks;
 use crate::session::{self, Figures, Opener, Outputs, Replay, SessionArgs, Watcher};
 use crate::touch::{self, LiveSource, Source, Touched};
 use certificate::Certificate;
@@ -226,16 +227,19 @@ pub(crate) fn session(args: &Args) -> Result<Ended, Failure> {
         other.opened();
         Ok(device)
     };
+    let before = Ticks::now();
     let touched = touch::run(&[&*organ], source, show, &stop, open, |record| {
         watcher.take(record);
         visits.take(record, knobs.changes());
     })?;
+    let others_share = before.and_then(Ticks::others_since);
     other.end_loop();
     let counters = meter.counters();
     let model = Model { scene: &args.scene, start, changes: knobs.end() };
     restart(&stop);
     let checked = Checked::of(&model, &visits.kept, args.check, &stop)?;
-    let certificate = Certificate::new(&visits, &checked, &touched.summary, counters, watcher.ready());
+    let certificate =
+        Certificate::new(&visits, &checked, &touched.summary, counters, watcher.ready(), others_share);
     restart(&stop);
     let second = other.end(args, &stop)?;
     restart(&stop);

@@ -176,7 +176,8 @@ impl TwoLevel {
         self.near = None;
     }
 
-    /// Unstable modes of the part near the tool with its surroundings fixed. The body has at least as many.
+    /// Unstable modes of the part near the tool with its surroundings fixed. Without pressures the body has at least as many;
+    /// with them it may have fewer, and a factor of the whole tangent then only takes longer.
     pub(in crate::fem::solve) fn unstable_near(&self) -> Option<u32> {
         self.near.as_ref().and_then(|near| near.factor.unstable_modes(&near.of.symbolic))
     }

@@ -15,8 +15,12 @@ pub(super) struct Section {
     pub(super) repeats: Vec<String>,
     /// Whether it has fewer positions than a full run.
     pub(super) quick: bool,
+    /// When it was measured, in UTC.
+    pub(super) date: String,
     /// Wall time of the measurement, s.
     pub(super) seconds: f64,
+    /// Share of processor time of other processes in it.
+    pub(super) others_share: Option<f64>,
     /// Its tables.
     pub(super) tables: Vec<Table>,
 }
@@ -217,7 +221,9 @@ mod tests {
             explains: vec![],
             repeats: vec![],
             quick: false,
+            date: String::new(),
             seconds: 0.0,
+            others_share: None,
             tables: vec![table],
         };
         let text = crate::output::csv(&cells(&[section])).expect("a table");

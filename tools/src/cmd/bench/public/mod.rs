@@ -12,7 +12,7 @@
 //!
 //! The questions hold all that a system needs, and no code of this project. A system answers with forces on the
 //! body (N) at displacements (m), and states the rest in `system.toml`. Forces of all systems are judged by the same
-//! functions. What nobody answered is an empty cell.
+//! functions. A figure without an answer is an empty cell.
 
 mod answers;
 mod charts;

@@ -33,7 +33,7 @@ pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine
     body += &paragraph(
         "explains",
         "Bold is the best figure of a row. A system that left a question of the table open is not compared, and nothing is where a \
-         system states its own figure: nobody here has measured it.",
+         system states its own figure, which was not measured here.",
     );
     if quick {
         body += &paragraph(
@@ -146,9 +146,14 @@ fn drawn(section: &Section, all: &[Section], systems: Systems<'_>) -> String {
     let repeats: Vec<String> =
         section.repeats.iter().map(|command| format!("<code>{}</code>", escaped(command))).collect();
     body += &format!(
-        "<p class=\"files\">Repeat it: {} (measured in {}{}).</p>\n",
+        "<p class=\"files\">Repeat it: {} (measured {} in {}{}{}).</p>\n",
         repeats.join(", "),
+        escaped(&section.date),
         seconds(section.seconds),
+        section.others_share.map_or(String::new(), |share| format!(
+            ", other programs used {} of the machine",
+            percent(share)
+        )),
         if section.quick { ", quick" } else { "" }
     );
     whole(&section.key, &section.title, &body)
@@ -204,7 +209,7 @@ fn how_to_join(systems: Systems<'_>) -> String {
     if systems.is_empty() {
         body += &paragraph(
             "explains",
-            &format!("The column \u{201c}{YOURS}\u{201d} is empty: nobody has answered yet."),
+            &format!("The column \u{201c}{YOURS}\u{201d} is empty: there are no answers yet."),
         );
     }
     for (name, about) in systems {

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::figures::{Section, Table};
 use super::interrupted;
 use crate::failure::Failure;
+use crate::machine::date;
 
 /// How a section is measured.
 #[derive(Debug, Clone, Copy)]
@@ -41,7 +42,9 @@ pub(super) fn finished(
         explains: owned(explains),
         repeats: owned(repeats),
         quick: context.quick,
+        date: date(),
         seconds,
+        others_share: None,
         tables,
     }
 }

@@ -62,38 +62,50 @@ pub(super) const ORGANS: [OrganScene; 2] = [
 impl OrganScene {
     /// Writes scene, mesh and the description for other programs into its folder.
     pub(super) fn write(&self, assets: &Path, folder: &Folder, quick: bool) -> Result<(), Failure> {
-        let from = assets.join(self.from);
-        let read = |path: &Path| std::fs::read(path).map_err(|error| Failure::file(path, &error));
-        let text = String::from_utf8(read(&from)?).map_err(Failure::work)?;
-        let bundled = |error: &dyn std::fmt::Display| {
-            Failure::input(format!("{}: {error}; give the bundled assets with --assets", from.display()))
-        };
-        let mut scene: toml::Table = toml::from_str(&text).map_err(|error| bundled(&error.message()))?;
-        let mesh = scene.get_mut("mesh").and_then(toml::Value::as_table_mut);
-        let mesh = mesh.ok_or_else(|| bundled(&"has no [mesh]"))?;
-        let file = mesh.insert("file".into(), MESH.into());
-        let file = file.as_ref().and_then(toml::Value::as_str).ok_or_else(|| bundled(&"has no mesh file"))?;
-        let beside = from.parent().unwrap_or(Path::new(""));
-        folder.file(MESH).put(&read(&beside.join(file))?)?;
-        scene.insert("name".into(), self.name.into());
-        if let Some(active) = scene.get_mut("active").and_then(toml::Value::as_array_mut) {
-            active.truncate(1);
-        }
-        if let Some(needs) = scene.get_mut("needs").and_then(toml::Value::as_table_mut) {
-            needs.remove("visual");
-        }
-        let grid = if quick { self.quick_grid } else { self.grid };
-        if !grid.is_empty() {
-            let grid: toml::Table = toml::from_str(grid).map_err(Failure::work)?;
-            scene.insert("grid".into(), grid.into());
-        }
-        let head = format!(
-            "# A scene of the public benchmark, questions version {VERSION}: {}.\n# Units: m, N, Pa. Made from {}.\n\n",
-            self.about, self.from
-        );
-        let text = head + &toml::to_string(&scene).map_err(Failure::work)?;
-        folder.file(SCENE).put(text.as_bytes())
+        write_scene(&assets.join(self.from), self.about, folder, |scene| {
+            scene.insert("name".into(), self.name.into());
+            if let Some(active) = scene.get_mut("active").and_then(toml::Value::as_array_mut) {
+                active.truncate(1);
+            }
+            if let Some(needs) = scene.get_mut("needs").and_then(toml::Value::as_table_mut) {
+                needs.remove("visual");
+            }
+            let grid = if quick { self.quick_grid } else { self.grid };
+            if !grid.is_empty() {
+                let grid: toml::Table = toml::from_str(grid).map_err(Failure::work)?;
+                scene.insert("grid".into(), grid.into());
+            }
+            Ok(())
+        })
     }
+}
+
+/// Writes a changed copy of a bundled scene with its mesh into a folder.
+pub(super) fn write_scene(
+    from: &Path,
+    about: &str,
+    folder: &Folder,
+    change: impl FnOnce(&mut toml::Table) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let read = |path: &Path| std::fs::read(path).map_err(|error| Failure::file(path, &error));
+    let text = String::from_utf8(read(from)?).map_err(Failure::work)?;
+    let bundled = |error: &dyn std::fmt::Display| {
+        Failure::input(format!("{}: {error}; give the bundled assets with --assets", from.display()))
+    };
+    let mut scene: toml::Table = toml::from_str(&text).map_err(|error| bundled(&error.message()))?;
+    let mesh = scene.get_mut("mesh").and_then(toml::Value::as_table_mut);
+    let mesh = mesh.ok_or_else(|| bundled(&"has no [mesh]"))?;
+    let file = mesh.insert("file".into(), MESH.into());
+    let file = file.as_ref().and_then(toml::Value::as_str).ok_or_else(|| bundled(&"has no mesh file"))?;
+    let beside = from.parent().unwrap_or(Path::new(""));
+    folder.file(MESH).put(&read(&beside.join(file))?)?;
+    change(&mut scene)?;
+    let name = from.file_name().unwrap_or_default().to_string_lossy();
+    let head = format!(
+        "# A scene of the public benchmark, questions version {VERSION}: {about}.\n# Units: m, N, Pa. Made from {name}.\n\n"
+    );
+    let text = head + &toml::to_string(&scene).map_err(Failure::work)?;
+    folder.file(SCENE).put(text.as_bytes())
 }
 
 /// Writes the body as tables: nodes, tetrahedra, fixed nodes, and the touched place.
@@ -146,6 +158,21 @@ pub(super) fn readme(tip: Fingertip) -> String {
          \x20          k = {stiffness_pa_m:e} Pa/m, w = {profile} for r < a, else 0; a = {radius_m} m; r is the distance from place.csv.\n\
          \x20          h is the integral of k w (d - u) over the boundary triangles within a that are connected to the place and\n\
          \x20          have a free corner, each cut into four, with Dunavant's six points of degree 4 in each.\n\n\
+         Z-width: the largest stiffness K at which a held device stays passive, over the rates 500 Hz to 4 kHz.\n\
+         device     the bundled profile: effective mass, damping and friction, encoder step, delays, largest force\n\
+         hand       a mass of 0.05 kg on a spring of 150 N/m with a damping ratio of 0.2; no tremor, no reaction\n\
+         hold       from 3 mm above the surface pressed with 1 N, 0.4 s to approach, 0.4 s at rest, then a knock of\n\
+         \x20          0.5 N for 5 ms, and 3 s of observation; hand and mechanism are integrated with steps of 50 us\n\
+         organ      that of point/, stiffer by a factor g: forces, limits and margins are multiplied by g; K = g k, with\n\
+         \x20          the stiffness k at rest along the normal of place.csv\n\
+         still      the peak-to-peak motion in the last 0.25 s of the first or third second is at most the larger of 3\n\
+         \x20          encoder steps and 20 um, or in the third below 80 % of that in the second; and no energy\n\
+         no energy  the device gives the hand at most 5 mJ in the first second\n\
+         K is found by a scan upwards and bisection.\n\n\
+         Nodules: nodules/scene.toml and mesh.msh, with and without the elements of the groups nodule-3, nodule-7 and\n\
+         nodule-12. At each place the tool presses along the normal until the force with the nodule is 1 N. Detectability is\n\
+         the difference of both forces over the larger of 0.02 N and 7 % of the force.\n\n\
+         The references h in positions.csv are given so that a system can check itself. Do not use them for the answers.\n\n\
          A system answers in a folder of its own, with the same folders: positions.csv with\n\
          position,fx_n,fy_n,fz_n, and loops.csv and hands.csv with way,tick,fx_n,fy_n,fz_n: its force on the body.\n\
          system.toml has `about`, and figures that it states, under the names of figures.csv:\n\n\

@@ -17,6 +17,7 @@ use super::stated::SYSTEM;
 use super::{cost, first_touch, forces, interrupted, nodule, table_kind, ticks, zwidth};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Folder, Output};
+use crate::machine::{self, Ticks};
 use crate::steps::{kept, stored};
 
 /// All sections in the order of the page.
@@ -42,6 +43,9 @@ const SECONDS: [[f64; 2]; 8] = [
     [30.0, 3.0],
 ];
 
+/// Folder of the scene with nodules.
+const NODULES: &str = "nodules";
+
 /// Scenes of the assets that a section uses.
 fn scenes_of(key: &str) -> Vec<&'static str> {
     let organs = ORGANS.iter().map(|organ| organ.from);
@@ -55,7 +59,9 @@ fn scenes_of(key: &str) -> Vec<&'static str> {
 /// Folders, organs and the state of a run.
 pub(super) struct Workshop<'s> {
     rooms: Rooms,
+    /// Of the organs.
     folders: Vec<Folder>,
+    nodules: Folder,
     assets: PathBuf,
     context: Context<'s>,
     answers: PathBuf,
@@ -82,6 +88,7 @@ impl<'s> Workshop<'s> {
         let folder = |name| files.folder("--out", &questions.path().join(name), table_kind);
         let folders = ORGANS.iter().map(|organ| organ.name).map(folder).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
+            nodules: files.folder("--out", &questions.path().join(NODULES), table_kind)?,
             folders,
             rooms: Rooms { questions, work },
             assets: assets.to_path_buf(),
@@ -105,6 +112,8 @@ impl<'s> Workshop<'s> {
                 scenes::write_body(&one.analysis.scene, folder)?;
                 ready.push(one);
             }
+            let about = "stiff nodules under the skin";
+            scenes::write_scene(&self.assets.join(nodule::SCENE), about, &self.nodules, |_| Ok(()))?;
             let tip = ready.iter().find_map(|one| one.analysis.scene.tool.fingertip());
             let readme = scenes::readme(tip.copied().unwrap_or(PULP));
             self.rooms.questions.file("README.txt").put(readme.as_bytes())?;
@@ -122,12 +131,9 @@ impl<'s> Workshop<'s> {
     pub(super) fn copy_questions(&mut self, files: &mut Files, to: &Path) -> Result<usize, Failure> {
         let count = self.organs()?.len();
         let mut copied = vec![(self.rooms.questions.path().to_path_buf(), to.to_path_buf())];
-        copied.extend(
-            self.folders
-                .iter()
-                .zip(&ORGANS)
-                .map(|(from, organ)| (from.path().to_path_buf(), to.join(organ.name))),
-        );
+        let names = ORGANS.iter().map(|organ| organ.name).chain([NODULES]);
+        let all = self.folders.iter().chain([&self.nodules]).zip(names);
+        copied.extend(all.map(|(from, name)| (from.path().to_path_buf(), to.join(name))));
         for (from, to) in copied {
             let folder = files.folder("--questions", &to, table_kind)?;
             let entries = std::fs::read_dir(&from).map_err(|error| Failure::file(&from, &error))?;
@@ -165,13 +171,20 @@ impl<'s> Workshop<'s> {
         let stop = self.context.stop;
         // A solve that Ctrl-C ends reports it in words of its own.
         let is_stopped = |failure| if stop.load(Ordering::Relaxed) { interrupted() } else { failure };
-        kept(&file, made_for, || self.measure(key)).map_err(is_stopped)
+        let measure = || {
+            let before = Ticks::now();
+            let section = self.measure(key)?;
+            let others_share = before.and_then(Ticks::others_since);
+            Ok(Section { others_share, ..section })
+        };
+        kept(&file, made_for, measure).map_err(is_stopped)
     }
 
-    /// File of a section, and what it must have been made for: amount, versions, and the content of its scenes.
+    /// File of a section, and what it must have been made for: amount, program, processor, and the content of its scenes.
     fn kept_in(&self, key: &str) -> Result<(Output, String), Failure> {
         let quick = u8::from(self.context.quick);
-        let mut made_for = format!("{VERSION} {quick} {} {}", env!("CARGO_PKG_VERSION"), solver_version());
+        let mut made_for =
+            format!("{VERSION} {quick} {} {} {}", env!("PALPATE_COMMIT"), solver_version(), machine::cpu());
         for scene in scenes_of(key) {
             let path = self.assets.join(scene);
             if !path.is_file() {

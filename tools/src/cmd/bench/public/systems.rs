@@ -30,7 +30,7 @@ pub(super) struct Answers {
     forces: BTreeMap<String, Forces>,
 }
 
-/// Opens the folders of the command line and refuses what nobody would read: before anything is solved.
+/// Opens the folders of the command line and refuses files that are not read, before anything is solved.
 pub(super) fn open(answers: &[(String, PathBuf)]) -> Result<Vec<Answers>, Failure> {
     for (number, (name, folder)) in answers.iter().enumerate() {
         let refused = |why: &str| {
@@ -118,7 +118,7 @@ fn check_names(folder: &Path, folders: &[&str], files: &[&str]) -> Result<(), Fa
         }
         let (path, all) = (path.display(), [folders, files].concat().join(", "));
         return Err(Failure::input(format!(
-            "{path}: nobody reads this; name it as one of {all}, or remove it"
+            "{path}: this is not read; name it as one of {all}, or remove it"
         )));
     }
     Ok(())
@@ -219,7 +219,9 @@ mod tests {
             explains: vec![],
             repeats: vec![],
             quick: false,
+            date: String::new(),
             seconds: 0.0,
+            others_share: None,
             tables: vec![table],
         };
         vec![section("force", judged), section("cost", declared)]
@@ -291,19 +293,19 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_of_answers_that_nobody_would_read_is_refused() {
+    fn a_folder_of_answers_that_is_not_read_is_refused() {
         let (row, empty) = ("position,fx_n,fy_n,fz_n\n0,1,2,3\n", "position,fx_n,fy_n,fz_n\n0,,,\n");
         let asked = "position,dx_m,dy_m,dz_m,hx_n,hy_n,hz_n,residual_n\n0,0,0,0,0,0,0,0\n";
         let cases: [(&[(&str, &str)], &str); 8] = [
             (&[], "neither a force nor a figure"),
             (&[("system.toml", "about = \"theirs\"")], "neither a force nor a figure"),
             (&[("point/positions.csv", empty)], "neither a force nor a figure"),
-            (&[("Point/positions.csv", row)], "Point: nobody reads this; name it as one of point, fingertip"),
+            (&[("Point/positions.csv", row)], "Point: this is not read; name it as one of point, fingertip"),
             (
                 &[("point/position.csv", row)],
-                "position.csv: nobody reads this; name it as one of positions.csv",
+                "position.csv: this is not read; name it as one of positions.csv",
             ),
-            (&[("positions.csv", row)], "positions.csv: nobody reads this"),
+            (&[("positions.csv", row)], "positions.csv: this is not read"),
             (&[("point/positions.csv", asked)], "has no column fx_n"),
             (&[("point/loops.csv", "way,tick\n")], "has no column fx_n"),
         ];

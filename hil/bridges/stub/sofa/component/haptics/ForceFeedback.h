@@ -50,6 +50,7 @@ class BaseController : public virtual objectmodel::BaseObject {};
     using SPtr = std::shared_ptr<T>;                                                                                              \
     template <class Object> friend std::shared_ptr<Object> sofa::core::objectmodel::New()
 #define msg_error() std::cerr << "\n[ERROR] "
+#define msg_warning() std::cerr << "\n[WARNING] "
 
 namespace sofa::simulation {
 class Node;
