@@ -27,7 +27,7 @@ fn neo_hookean() -> Material {
     Material::NeoHookean(NeoHookean { lame: Lame::from_young_poisson(15480.0, 0.45) })
 }
 
-/// Straight columns of 10 x 10 mm, compressed at their end. That of 600 mm is held at the middle, stays straight and becomes
+/// Straight columns of 10 x 10 mm, compressed at their end. That of 1.2 m is held at the middle, stays straight and becomes
 /// unstable; its small stiffnesses beside large ones have the wrong sign in a factor of single precision.
 #[test]
 fn the_unstable_modes_without_a_factor_are_those_of_a_factor() {
@@ -35,7 +35,7 @@ fn the_unstable_modes_without_a_factor_are_those_of_a_factor() {
     for (law, order, shape, edge_m, step_m) in [
         (neo_hookean(), Order::Linear, [10, 1, 1], 0.01, 2e-3),
         (mooney_rivlin(), Order::Quadratic, [10, 1, 1], 0.01, 2e-3),
-        (mooney_rivlin(), Order::Quadratic, [120, 2, 2], 0.005, 8e-5),
+        (mooney_rivlin(), Order::Quadratic, [240, 2, 2], 0.005, 1.7e-5),
     ] {
         let mesh = TetMesh::cuboid(shape, edge_m);
         let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
@@ -56,8 +56,8 @@ fn the_unstable_modes_without_a_factor_are_those_of_a_factor() {
         }
         println!("{} {shape:?}: {seen:?}", law.name());
     }
-    // Of the long one, the last.
-    assert_eq!(seen, BTreeSet::from([Some(0), Some(1)]));
+    // The long one has two modes of each kind, across both of its sides.
+    assert!(seen.contains(&Some(0)) && seen.contains(&Some(2)), "{seen:?}");
 }
 
 /// A strip of 100 x 10 x 2 mm, clamped at both ends and bent up by 10 mm, under a soft fingertip.
