@@ -24,6 +24,7 @@ pub mod profile;
 pub mod script;
 pub mod serial;
 pub mod simulated;
+pub mod way;
 pub mod workspace;
 mod wrapper;
 

@@ -3,9 +3,9 @@
 
 use super::places::places;
 use super::script::{
-    GRASP_BUTTON, GRIP_HEIGHT_M, MAX_TARGET_SPEED_M_S, Script, Segment, SplitMix, largest_stroke_m,
-    surface_centre, tangents,
+    GRASP_BUTTON, GRIP_HEIGHT_M, Script, Segment, SplitMix, largest_stroke_m, surface_centre, tangents,
 };
+use super::way::Way;
 use palpate_core::{Organ, Orientation, Vec3, vec3};
 
 /// Ranges of random palpation. Each value is drawn uniformly from its range.
@@ -56,8 +56,14 @@ const PEAK_SPEED: f32 = 1.875;
 const MIN_DURATION_S: f32 = 0.1;
 
 /// Largest number of motions of one touch: approach, in, aside, rest, out; or approach, down, grip, up,
-/// aside, rest, down, release, away.
-const MAX_MOTIONS: usize = 9;
+/// aside, rest, down, release, away. Before both, the way back of a hand that was caught.
+const MAX_MOTIONS: usize = 10;
+
+/// A hand that travels is caught by the body if it feels this force, N, for this time, s. It goes back this far, m, the way
+/// the body pushes it.
+const CAUGHT_N: f32 = 0.3;
+const CAUGHT_S: f32 = 0.2;
+const BACK_M: f32 = 0.05;
 
 /// Endless sequence of touches: any active node, any direction within a cone, any depth, with drags and
 /// pulls.
@@ -73,6 +79,9 @@ pub struct RandomPalpation {
     planned: usize,
     current: usize,
     elapsed_s: f32,
+    /// Number of the first motions that lead through the air, and for how long the hand has been caught in them.
+    through_air: usize,
+    caught_s: f32,
 }
 
 impl RandomPalpation {
@@ -109,6 +118,8 @@ impl RandomPalpation {
             planned: 1,
             current: 0,
             elapsed_s: 0.0,
+            through_air: 1,
+            caught_s: 0.0,
             nodes,
             centre_m,
             config,
@@ -141,6 +152,26 @@ impl RandomPalpation {
         }
     }
 
+    /// What the hand feels where it is, for a time. On the way to the next place it touches nothing on purpose: if the body
+    /// holds it, it goes back, as a person would, and then on.
+    pub fn feel(&mut self, position_m: Vec3, force_n: Vec3, for_s: f32) {
+        let size_n = vec3::norm(force_n);
+        let is_caught = self.current < self.through_air && size_n > CAUGHT_N;
+        self.caught_s = if is_caught { self.caught_s + for_s } else { 0.0 };
+        if self.caught_s < CAUGHT_S {
+            return;
+        }
+        let (from_m, home_m) = (self.target_m(), self.motions[self.through_air - 1].to_m);
+        let back_m = vec3::add(position_m, vec3::scale(force_n, BACK_M / size_n));
+        let touch = self.through_air..self.planned;
+        self.motions.copy_within(touch.clone(), 2);
+        (self.planned, self.current, self.elapsed_s, self.caught_s) = (0, 0, 0.0, 0.0);
+        let duration_s = PEAK_SPEED * vec3::distance(from_m, back_m) / self.config.speed_m_s[1];
+        self.push(Segment { from_m, to_m: back_m, bow_m: vec3::ZERO, duration_s, buttons: 0 });
+        self.travel(back_m, home_m);
+        (self.through_air, self.planned) = (2, 2 + touch.len());
+    }
+
     fn draw(&mut self, [low, high]: [f32; 2]) -> f32 {
         low + (high - low) * self.random.unit()
     }
@@ -162,7 +193,7 @@ impl RandomPalpation {
     /// Plans the next touch from the end of the last one.
     fn plan(&mut self) {
         let position_m = self.motions[self.planned - 1].to_m;
-        (self.planned, self.current) = (0, 0);
+        (self.planned, self.current, self.through_air) = (0, 0, 1);
         let drawn = self.random.next() % self.nodes.len().max(1) as u64;
         let Some(&(rest_m, normal)) = self.nodes.get(drawn as usize) else {
             self.stay(position_m, 1.0, 0);
@@ -226,65 +257,6 @@ impl RandomPalpation {
     }
 }
 
-/// A place on a way.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Waypoint {
-    /// When the hand is there, s.
-    pub t_s: f32,
-    /// The place, m.
-    pub place_m: Vec3,
-    /// How the grip is turned there: the axis times the angle, rad.
-    pub turn_rad: Vec3,
-}
-
-/// A motion through given places at given times; the hand stays at the last one.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Way {
-    /// In the order of time.
-    places: Box<[Waypoint]>,
-    /// The place that comes next.
-    next: usize,
-    elapsed_s: f32,
-}
-
-impl Way {
-    /// `None` without places, or if a time is not later than the one before, a number is not finite, or the speed exceeds
-    /// [`MAX_TARGET_SPEED_M_S`].
-    #[must_use]
-    pub fn new(places: impl Into<Box<[Waypoint]>>) -> Option<Self> {
-        let places = places.into();
-        let is_sound = |pair: &[Waypoint]| {
-            let [from, to] = [pair[0], pair[1]];
-            let (way_m, time_s) = (vec3::distance(from.place_m, to.place_m), to.t_s - from.t_s);
-            to.t_s > from.t_s && way_m <= MAX_TARGET_SPEED_M_S * time_s
-        };
-        let is_finite =
-            |at: &Waypoint| at.t_s.is_finite() && vec3::is_finite(at.place_m) && vec3::is_finite(at.turn_rad);
-        let all = !places.is_empty() && places.iter().all(is_finite) && places.windows(2).all(is_sound);
-        all.then_some(Self { places, next: 0, elapsed_s: 0.0 })
-    }
-
-    /// A quantity of the places, in between linear in time.
-    fn between(&self, of: impl Fn(&Waypoint) -> Vec3) -> Vec3 {
-        let last = self.places.len() - 1;
-        let to = &self.places[self.next.min(last)];
-        let from = &self.places[self.next.saturating_sub(1).min(last)];
-        let share = (self.elapsed_s - from.t_s) / (to.t_s - from.t_s).max(f32::MIN_POSITIVE);
-        vec3::add(of(from), vec3::scale(vec3::sub(of(to), of(from)), share.clamp(0.0, 1.0)))
-    }
-
-    fn target_m(&self) -> Vec3 {
-        self.between(|at| at.place_m)
-    }
-
-    fn advance(&mut self, by_s: f32) {
-        self.elapsed_s += by_s;
-        while self.places.get(self.next).is_some_and(|at| at.t_s <= self.elapsed_s) {
-            self.next += 1;
-        }
-    }
-}
-
 /// Motion that the hand follows.
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant, reason = "there is one per hand, so boxing saves nothing")]
@@ -324,6 +296,13 @@ impl Palpation {
             Self::Tour(script) => script.buttons(),
             Self::Random(random) => random.buttons(),
             Self::Way(_) => 0,
+        }
+    }
+
+    /// What the hand feels where it is, for a time.
+    pub fn feel(&mut self, position_m: Vec3, force_n: Vec3, for_s: f32) {
+        if let Self::Random(random) = self {
+            random.feel(position_m, force_n, for_s);
         }
     }
 
@@ -388,26 +367,26 @@ mod tests {
     }
 
     #[test]
-    fn a_way_is_followed_and_ends_at_its_last_place() {
-        let at = |t_s: f32, x: f32| Waypoint { t_s, place_m: [x, 0.0, 0.0], turn_rad: [0.0, 10.0 * x, 0.0] };
-        let mut hand = Palpation::Way(Way::new([at(0.5, 0.0), at(1.0, 0.1), at(1.5, 0.0)]).expect("sound"));
-        for tick in 0..2_000 {
-            let t_s = tick as f32 * 1e-3;
-            let exact_m = (0.1 - 0.2 * (t_s - 1.0).abs()).max(0.0);
-            assert!((hand.target_m()[0] - exact_m).abs() < 1e-4, "{t_s}: {:?}", hand.target_m());
-            let [x, _, z] = hand.orientation().expect("a way has one").turn([0.0, 0.0, 1.0]);
-            assert!((x.atan2(z) - 10.0 * exact_m).abs() < 1e-3, "{t_s}: {x} {z}");
+    fn a_hand_that_is_caught_on_its_way_goes_back_and_then_on() {
+        let mut hand = over(&NODES, 7);
+        let mut caught = 0;
+        for _ in 0..600_000 {
             hand.advance(1e-3);
+            let (at_m, is_touch) = (hand.target_m(), hand.current >= hand.through_air);
+            let touch = hand.motions[hand.through_air..hand.planned].to_vec();
+            // Something holds the hand now and then, on its way and while it touches.
+            let holds = hand.elapsed_s > 0.3 && hand.through_air == 1;
+            hand.feel(at_m, if holds { [0.0, 0.0, 2.0] } else { vec3::ZERO }, 1e-3);
+            if hand.through_air == 2 && hand.current == 0 && hand.elapsed_s == 0.0 {
+                caught += 1;
+                assert!(!is_touch && hand.motions[2..hand.planned] == touch, "{hand:?}");
+                let [back, on] = [hand.motions[0], hand.motions[1]];
+                let back_m = vec3::add(at_m, [0.0, 0.0, BACK_M]);
+                assert!(vec3::distance(back.to_m, back_m) < 1e-6 && on.from_m == back.to_m, "{hand:?}");
+                assert!(on.to_m == touch[0].from_m && back.from_m == at_m, "{hand:?}");
+            }
         }
-        for places in [
-            &[][..],
-            &[at(0.0, f32::NAN)],
-            &[at(f32::INFINITY, 0.0)],
-            &[at(1.0, 0.0), at(1.0, 0.0)],
-            &[at(0.0, 0.0), at(0.1, 0.1)],
-        ] {
-            assert!(Way::new(places).is_none(), "{places:?}");
-        }
+        assert!(caught > 50, "{caught}");
     }
 
     #[test]

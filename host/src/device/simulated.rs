@@ -226,6 +226,8 @@ impl SimulatedHand {
 impl Device for SimulatedHand {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.integrate();
+        let step_s = self.config.step_us as f32 * 1e-6;
+        self.palpation.feel(self.position_m(), hand_force_n, step_s);
         // The loop sends the force of the previous tick: it acts from now on, not during the step that ends
         // here.
         self.held_n = hand_force_n;

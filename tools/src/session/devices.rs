@@ -7,9 +7,10 @@ use palpate_core::{Organ, vec3};
 use palpate_host::Device;
 use palpate_host::device::motors_off::MotorsOff;
 use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
-use palpate_host::device::palpation::{Palpation, RandomConfig, Way, Waypoint};
+use palpate_host::device::palpation::{Palpation, RandomConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::device::way::{Way, Waypoint};
 use palpate_host::first_place::first_place;
 
 use super::SessionArgs;
