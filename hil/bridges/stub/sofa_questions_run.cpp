@@ -1,6 +1,6 @@
 // Runs the controller of SofaQuestions.cpp on a body of springs instead of a SOFA scene: node N follows the tool with the
 // stiffness of the scene, against 200, 300 and 400 N/m along x, y and z. Then h = k_b k_s / (k_b + k_s) d. It moves by at most
-// 0.1 mm a step, so that a single position is not at rest at once.
+// 0.3 mm a step, so that a single position is not at rest at once.
 //
 //     sofa_questions_run QUESTIONS ANSWERS
 #include "../SofaQuestions.cpp"
@@ -47,7 +47,7 @@ int main(int argc, char **argv)
         asker.onBeginAnimationStep(1e-3);
         for (int axis = 0; axis < 3; ++axis) {
             const double to = (body_n_m[axis] * rest[axis] + spring_n_m * tool.at[axis]) / (body_n_m[axis] + spring_n_m);
-            body.at[axis] += std::clamp(to - body.at[axis], -1e-4, 1e-4);
+            body.at[axis] += std::clamp(to - body.at[axis], -3e-4, 3e-4);
         }
         asker.onEndAnimationStep(1e-3);
     }
