@@ -12,7 +12,7 @@ use palpate_record::Recording;
 use serialport::SerialPort;
 
 use super::guard::files_of;
-use super::maker::{Hand, end, killed_or_stopped, proxy_of, send};
+use super::maker::{Hand, end, killed_or_stopped, pressing, proxy_of};
 use super::{quiet, refused, text};
 
 fn hand() -> Hand {
@@ -26,8 +26,7 @@ fn the_hand_feels_the_body_and_the_session_says_what_it_drives() {
     hand.cable.set_quantity(Field::Turn, 0.5);
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("session.mcap");
-    let mut session = hand.session_with(&["--record", text(&file)]);
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&["--record", text(&file)]);
     std::thread::sleep(Duration::from_millis(200));
     let output = end(session);
     let said = String::from_utf8_lossy(&output.stdout);
@@ -60,8 +59,7 @@ fn a_session_that_is_killed_or_stopped_leaves_no_force() {
 fn a_cable_that_fails_leaves_the_force_to_the_firmware() {
     let _quiet = quiet();
     let hand = hand();
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     hand.cable.set_whole(Field::Failing, 2);
     std::thread::sleep(Duration::from_millis(100));
     let at_ns = Cable::now_ns();
@@ -80,8 +78,7 @@ fn a_proxy_that_is_killed_or_stopped_leaves_the_force_to_the_firmware() {
     for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
         let _quiet = quiet();
         let hand = hand();
-        let mut session = hand.session();
-        hand.wait_pressing(&mut session);
+        let session = hand.pressing(&[]);
         let proxy = proxy_of(&session);
         let at_ns = Cable::now_ns();
         kill(proxy, signal).expect("it runs");
@@ -139,8 +136,7 @@ fn motors_that_go_off_stay_off() {
     ] {
         let _quiet = quiet();
         let hand = hand();
-        let mut session = hand.session();
-        hand.wait_pressing(&mut session);
+        let session = hand.pressing(&[]);
         let at_ns = Cable::now_ns();
         hand.cable.set_whole(Field::OffCause, cause);
         hand.cable.set_whole(Field::Offs, 1);
@@ -168,8 +164,7 @@ fn the_motors_are_off_until_the_session_is_armed() {
     let output = end(session);
     assert!(String::from_utf8_lossy(&output.stdout).contains("motors off"), "{output:?}");
     let hand = self::hand();
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     assert_eq!(hand.cable.whole(Field::MotorsOn), 1);
     hand.cable.set_whole(Field::OffCause, 1);
     hand.cable.set_whole(Field::Offs, 1);
@@ -185,8 +180,7 @@ fn the_motors_are_off_until_the_session_is_armed() {
 fn positions_of_the_librarys_memory_are_not_samples() {
     let _quiet = quiet();
     let hand = hand();
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     let at_ns = Cable::now_ns();
     hand.cable.set_whole(Field::Cached, 1);
     std::thread::sleep(Duration::from_millis(400));
@@ -232,12 +226,12 @@ fn an_arm_moves_by_itself_only_after_a_yes() {
         let name = terminal.name().expect("a name");
         let input = File::options().read(true).write(true).open(name).expect("it is there");
         keyboard.write_all(answer.as_bytes()).expect("typed");
-        let mut session = hand.session_at(input.into());
-        if code == 0 {
-            hand.wait_pressing(&mut session);
-            send(&session, Signal::SIGINT);
-        }
-        let output = session.wait_with_output().expect("it ends");
+        let session = || hand.session_at(input.try_clone().expect("open").into());
+        let output = if code == 0 {
+            end(pressing(session, || hand.force_n() >= 0.2))
+        } else {
+            session().wait_with_output().expect("it ends")
+        };
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(said.contains("moves its arm by itself\nTake your hands off it."), "{said}");
         assert_eq!((output.status.code(), hand.cable.whole(Field::Motions)), (Some(code), motions), "{said}");
@@ -250,8 +244,7 @@ fn a_firmware_without_a_watchdog_is_told() {
     let hand = hand();
     hand.cable.set_whole(Field::Unwatched, 1);
     hand.cable.set_whole(Field::Unbraked, 1);
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     let output = end(session);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("its firmware has no watchdog"), "{said}");

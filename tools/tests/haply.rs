@@ -6,7 +6,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
 use palpate_core::vec3;
@@ -14,7 +14,7 @@ use palpate_hil::haply::{Held, Reply, Service, World, now_ns};
 use palpate_record::Recording;
 
 use super::guard::files_of;
-use super::maker::{Push, SEEN, end, proxy_of, said_by, send};
+use super::maker::{Push, SEEN, end, pressing, proxy_of, send};
 use super::{device_thread, quiet, text};
 
 /// Largest force of the bundled profile, N.
@@ -55,10 +55,6 @@ impl Hand {
         Self { service, ends, thread: Some(thread), folder }
     }
 
-    fn session(&self) -> Child {
-        self.session_with(&self.service.address(), &[])
-    }
-
     fn session_with(&self, address: &str, more: &[&str]) -> Child {
         let (blob, profile) = files_of(self.folder.path(), "haply");
         Command::new(env!("CARGO_BIN_EXE_palpate"))
@@ -81,13 +77,9 @@ impl Hand {
         self.service.with(change);
     }
 
-    /// Waits until the hand feels the body.
-    fn wait_pressing(&self, session: &mut Child) {
-        let give_up = Instant::now() + Duration::from_secs(20);
-        while self.held().size_n() < 0.4 {
-            assert!(Instant::now() < give_up, "no force: {}", said_by(session));
-            std::thread::sleep(Duration::from_millis(5));
-        }
+    /// A session, with more arguments, in which the hand feels the body.
+    fn pressing(&self, more: &[&str]) -> Child {
+        pressing(|| self.session_with(&self.service.address(), more), || self.held().size_n() >= 0.4)
     }
 
     /// There was no force from `limit_ms` after a time on, and there is none for 600 ms, although the hand still pushes.
@@ -134,8 +126,7 @@ fn the_hand_feels_the_body_whatever_the_service_is_like() {
         let _quiet = quiet();
         let hand =
             Hand::of(World { version: version.into(), has_envelope, is_split, reply, ..World::default() });
-        let mut session = hand.session();
-        hand.wait_pressing(&mut session);
+        let session = hand.pressing(&[]);
         hand.set(|world| world.other_first = true);
         std::thread::sleep(Duration::from_millis(100));
         assert!(hand.held().size_n() > 0.3, "{version} {reply:?}");
@@ -153,8 +144,7 @@ fn commanded_and_reported_force_are_recorded() {
     let _quiet = quiet();
     let hand = Hand::new();
     let file = hand.folder.path().join("session.mcap");
-    let mut session = hand.session_with(&hand.service.address(), &["--record", text(&file)]);
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&["--record", text(&file)]);
     std::thread::sleep(Duration::from_millis(200));
     let output = end(session);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
@@ -175,8 +165,7 @@ fn a_session_that_is_killed_or_stopped_leaves_no_force() {
     for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
         let _quiet = quiet();
         let hand = Hand::new();
-        let mut session = hand.session();
-        hand.wait_pressing(&mut session);
+        let session = hand.pressing(&[]);
         let at_ns = now_ns();
         send(&session, signal);
         hand.assert_stays_off(signal.as_str(), at_ns, 20.0);
@@ -215,8 +204,7 @@ fn faults_of_device_and_service_are_latched() {
     ] {
         let _quiet = quiet();
         let hand = Hand::new();
-        let mut session = hand.session();
-        hand.wait_pressing(&mut session);
+        let session = hand.pressing(&[]);
         let at_ns = now_ns();
         make(&hand);
         hand.assert_stays_off(what, at_ns, 10.0);
@@ -232,8 +220,7 @@ fn faults_of_device_and_service_are_latched() {
 fn a_service_that_ignores_the_force_is_found() {
     let _quiet = quiet();
     let hand = Hand::new();
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     hand.set(|world| world.applies = false);
     std::thread::sleep(Duration::from_millis(200));
     let at_ns = now_ns();
@@ -253,8 +240,7 @@ fn a_late_or_missing_reply_or_a_closed_connection_leaves_no_force() {
     for reply in [Reply::Late(50), Reply::Late(500), Reply::Never, Reply::Close] {
         let _quiet = quiet();
         let hand = Hand::new();
-        let mut session = hand.session();
-        hand.wait_pressing(&mut session);
+        let session = hand.pressing(&[]);
         let at_ns = now_ns();
         hand.set(|world| world.reply = reply);
         hand.assert_stays_off(&format!("{reply:?}"), at_ns, 20.0);
@@ -270,8 +256,7 @@ fn a_late_or_missing_reply_or_a_closed_connection_leaves_no_force() {
 fn replies_that_are_a_little_late_are_waited_for() {
     let _quiet = quiet();
     let hand = Hand::new();
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     hand.set(|world| world.reply = Reply::Late(1));
     std::thread::sleep(Duration::from_millis(300));
     let held = hand.held();
@@ -284,8 +269,7 @@ fn replies_that_are_a_little_late_are_waited_for() {
 fn a_session_whose_proxy_is_killed_ends_without_a_force() {
     let _quiet = quiet();
     let hand = Hand::new();
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     let at_ns = now_ns();
     kill(proxy_of(&session), Signal::SIGKILL).expect("it runs");
     hand.assert_stays_off("killed proxy", at_ns, 20.0);

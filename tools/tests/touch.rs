@@ -12,8 +12,7 @@ use super::quiet;
 fn the_hand_feels_the_body_and_the_session_says_what_it_drives() {
     let _quiet = quiet();
     let hand = Hand::on("touch", "touch", 1e-3);
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     let output = end(session);
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(
@@ -36,8 +35,7 @@ fn the_force_stays_off_where_the_library_resumes() {
     for stalls in [false, true] {
         let _quiet = quiet();
         let hand = Hand::on("touch", "touch", 1e-3);
-        let mut session = hand.session();
-        hand.wait_pressing(&mut session);
+        let session = hand.pressing(&[]);
         let at_ns = Cable::now_ns();
         if stalls {
             hand.cable.set_whole(Field::Stalled, 1);
@@ -62,8 +60,7 @@ fn the_force_stays_off_where_the_library_resumes() {
 fn a_session_whose_proxy_is_killed_ends() {
     let _quiet = quiet();
     let hand = Hand::on("touch", "touch", 1e-3);
-    let mut session = hand.session();
-    hand.wait_pressing(&mut session);
+    let session = hand.pressing(&[]);
     kill(proxy_of(&session), Signal::SIGKILL).expect("it runs");
     let output = session.wait_with_output().expect("it ends");
     let said = String::from_utf8_lossy(&output.stderr);
