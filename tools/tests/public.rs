@@ -231,6 +231,36 @@ fn a_quick_benchmark_is_whole_and_judges_another_system_by_the_same_code() {
     }
 }
 
+/// What finite elements feel, every method and live feel too, and a stiffer loop comes to rest at a higher rate.
+#[test]
+fn the_nodules_and_the_z_width_have_every_method_and_live() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (out, assets) = (folder.path().join("public"), assets());
+    let common = ["bench", "public", "--quick", "--only", "zwidth,nodule", "--threads", "2"];
+    let output = palpate(&[&common[..], &["--assets", text(&assets), "--out", text(&out)]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    check_page(&out);
+    let tables = tables(&figures(&out));
+    let systems: Vec<&str> = Method::ALL.iter().map(|method| method.name()).chain(["live"]).collect();
+    for (place, is_felt) in [("shallow", true), ("beside", false), ("middle", true), ("deep", true)] {
+        let of = |system: &str| {
+            value(&tables["nodule.nodules"], &format!("{place}.detectability"), system).expect("measured")
+        };
+        let exact = of("finite elements");
+        assert_eq!(exact > 1.0, is_felt, "{place}: {exact}");
+        for system in &systems {
+            let found = of(system);
+            assert!((found - exact).abs() < 0.15, "{place}: {found} by {system} for {exact}");
+        }
+    }
+    let table = &tables["zwidth.methods"];
+    for system in systems.into_iter().filter(|system| *system != "kernel") {
+        let of = |rate: &str| value(table, rate, system).expect("measured");
+        assert!(of("500_hz") > 1000.0 && of("1000_hz") > 1.2 * of("500_hz"), "{system}");
+        assert!(of("4000_hz") > of("2000_hz") && of("2000_hz") > of("1000_hz"), "{system}");
+    }
+}
+
 #[test]
 fn wrong_options_are_refused_before_any_work() {
     refused(

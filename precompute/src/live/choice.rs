@@ -120,6 +120,8 @@ pub(super) struct Choice<'s> {
     pub(super) workers: &'s Workers,
     /// `None` if the steps make their factors; else nobody waits for one.
     pub(super) renewals: Option<&'s Renewals>,
+    /// Whether presses are solved before the hand is there, because a solve takes long.
+    pub(super) prepares: bool,
     /// A contact whose kept state has turned out to be unstable.
     pub(super) doubted: Option<u16>,
     pub(super) states: &'s States,
@@ -253,8 +255,7 @@ impl Choice<'_> {
 
     /// A press straight into the body, where a solve takes longer than a hand needs for it.
     fn press(&self, contact: u16, depth_m: f64) -> Option<Task> {
-        self.renewals?;
-        if self.skin.sphere().is_some() {
+        if !self.prepares || self.skin.sphere().is_some() {
             return None;
         }
         let normal = self.skin.contacts.get(usize::from(contact))?.normal;

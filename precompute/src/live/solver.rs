@@ -32,8 +32,9 @@ use crate::pack::PackError;
 use crate::scene::{ElementOrder, ResolvedScene};
 use beside::Alone;
 
-/// Number of contacts whose problem is kept.
+/// Number of contacts whose problem is kept, and that of a large body, where one has about 10 MB.
 const PROBLEMS: usize = 256;
+const LARGE_PROBLEMS: usize = 24;
 /// Jets that wait for the loop during a change of the model, usually.
 const OUTBOX: usize = 16;
 /// Share of the fixed part in the force of a sphere from which on that is what it presses on.
@@ -317,11 +318,24 @@ impl LiveSolver {
             return step;
         }
         let waits = self.waits_for_factors();
+        let prepares = waits || self.needs_no_factor();
         let Self { skin, body, known, growth, lost, branches, workers, states, times, near, .. } = self;
         let renewals = self.renewals.as_ref().filter(|_| waits);
         let doubted = self.doubted;
-        let choice =
-            Choice { skin, body, known, growth, lost, branches, workers, renewals, doubted, states, times };
+        let choice = Choice {
+            skin,
+            body,
+            known,
+            growth,
+            lost,
+            branches,
+            workers,
+            renewals,
+            prepares,
+            doubted,
+            states,
+            times,
+        };
         match choice.next(hand, near) {
             Some(task) if task.aim == Aim::Renewal && self.begin_renewal(&task) => Step::Renewing,
             Some(task) => self.solve(task),
@@ -402,7 +416,8 @@ impl LiveSolver {
             return self.problems[at].1.clone();
         }
         let problem = self.problem_of(contact);
-        if self.problems.len() == PROBLEMS {
+        let most = if self.free.is_large() { LARGE_PROBLEMS } else { PROBLEMS };
+        if self.problems.len() >= most {
             self.problems.remove(0);
         }
         self.problems.push((contact, problem.clone()));

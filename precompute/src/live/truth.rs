@@ -40,11 +40,9 @@ const OPTIONS: FollowOptions = FollowOptions {
 pub struct Truth<'l> {
     live: &'l LiveSolver,
     solver: Option<Solver>,
-    /// Contact, state, and where its factor was made, of each contact of the present touch.
+    /// Of each contact of the present touch.
     paths: Vec<Path>,
     landings: u32,
-    /// Solves of a large body at a place of the path.
-    solved: u64,
     /// The half axis of a capsule, or the displacement of the partner if it touches the body.
     second_m: Option<[f64; 3]>,
 }
@@ -54,12 +52,14 @@ struct Path {
     contact: u16,
     problem: Arc<Problem>,
     seed: Seed,
+    /// Places of the path.
+    places: u64,
 }
 
 impl<'l> Truth<'l> {
     /// Of the body of a live session.
     pub fn new(live: &'l LiveSolver) -> Self {
-        Self { live, solver: None, paths: Vec::new(), landings: 0, solved: 0, second_m: None }
+        Self { live, solver: None, paths: Vec::new(), landings: 0, second_m: None }
     }
 
     /// Number of times that the body landed with a jump that is felt.
@@ -114,11 +114,11 @@ impl<'l> Truth<'l> {
             None => {
                 let seed = self.live.untouched_at(sphere.as_ref(), control_m);
                 let problem = self.live.problem_of(contact);
-                self.paths.push(Path { contact, problem, seed });
+                self.paths.push(Path { contact, problem, seed, places: 0 });
                 self.paths.len() - 1
             }
         };
-        let Path { problem, seed, .. } = &mut self.paths[at];
+        let Path { problem, seed, places, .. } = &mut self.paths[at];
         let solver = self.solver.get_or_insert_with(|| Solver::new(problem.clone()));
         if !Arc::ptr_eq(solver.problem(), problem) {
             solver.touch(problem.clone());
@@ -162,23 +162,31 @@ impl<'l> Truth<'l> {
             else {
                 continue;
             };
-            solver.relax(seed, end_m, DESCENT_STEPS, &mut to)?;
-            let limit_n = Tolerance::IMPERCEPTIBLE.at(seed.jet.force_n);
-            let is_same = distance(seed.jet.force_n, to.jet.force_n) < limit_n;
-            self.landings += u32::from(!is_same);
-            std::mem::swap(seed, &mut to);
+            self.landings += u32::from(lands(solver, seed, end_m, &mut to)?);
             (factor_at_m, beyond_m) = (Some(end_m), None);
         }
         // The steps of a large body do not tell whether it is stable.
-        self.solved += u64::from(problem.is_large());
-        let checks = problem.is_large() && self.solved.is_multiple_of(problem.solves_a_check());
+        *places += 1;
+        let checks = problem.is_large() && places.is_multiple_of(problem.solves_a_check());
         if checks && solver.unstable_modes_at(seed).is_some_and(|modes| modes > 0) {
-            solver.relax(seed, control_m, DESCENT_STEPS, &mut to)?;
-            self.landings += 1;
-            std::mem::swap(seed, &mut to);
+            self.landings += u32::from(lands(solver, seed, control_m, &mut to)?);
         }
         Ok(seed.jet.force_n)
     }
+}
+
+/// Brings the body to rest at a control; whether the jump is felt.
+fn lands(
+    solver: &mut Solver,
+    seed: &mut Seed,
+    control_m: [f64; 3],
+    to: &mut Seed,
+) -> Result<bool, SolveFailure> {
+    solver.relax(seed, control_m, DESCENT_STEPS, to)?;
+    let limit_n = Tolerance::IMPERCEPTIBLE.at(seed.jet.force_n);
+    let is_felt = distance(seed.jet.force_n, to.jet.force_n) >= limit_n;
+    std::mem::swap(seed, to);
+    Ok(is_felt)
 }
 
 /// Moves the second control to its next value while the first one stays. A partner comes and goes on the shortest way, which

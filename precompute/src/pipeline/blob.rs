@@ -53,8 +53,8 @@ const MAX_ROUNDS: u32 = 4;
 
 /// Solves uniform positions of every active node and stores them in the `.space` file. It ends when `uniform`
 /// of them lie away from branch jumps, or when more positions would not help. With `None` it solves 299 for
-/// each of up to eight nodes, or 600 in total for more nodes. Returns the number of positions solved by this
-/// call.
+/// each of up to eight nodes; for more nodes 600 in total, at least three of each. Returns the number of positions
+/// solved by this call.
 ///
 /// Only nodes with branch jumps get more positions. If many nodes are certified together, no node gets more,
 /// because the positions of the other nodes suffice.

@@ -66,11 +66,32 @@ pub(super) struct FixedTable {
     pub(super) key: Option<Spanned<String>>,
 }
 
+/// A list of three numbers. As an array, serde would accept a longer one and leave out the rest.
+#[derive(Debug, Clone, Copy, serde::Deserialize)]
+#[serde(try_from = "Vec<f64>")]
+pub(super) struct Three(pub(super) [f64; 3]);
+
+impl From<Three> for crate::fem::material::Value {
+    fn from(three: Three) -> Self {
+        three.0.into()
+    }
+}
+
+impl TryFrom<Vec<f64>> for Three {
+    type Error = String;
+
+    fn try_from(all: Vec<f64>) -> Result<Self, String> {
+        // In the words of serde, which `Place::explain` knows.
+        let wrong = |all: Vec<f64>| format!("invalid length {}, expected an array of length 3", all.len());
+        all.try_into().map(Self).map_err(wrong)
+    }
+}
+
 #[derive(Debug, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct BoxTable {
-    pub(super) min: [f64; 3],
-    pub(super) max: [f64; 3],
+    pub(super) min: Three,
+    pub(super) max: Three,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -80,16 +101,16 @@ pub(super) struct ActiveTable {
     pub(super) name: Option<Spanned<String>>,
     pub(super) node: Option<Spanned<i64>>,
     /// In metres, for any unit of the mesh file.
-    pub(super) nearest: Option<Spanned<[f64; 3]>>,
+    pub(super) nearest: Option<Spanned<Three>>,
     /// In metres; projected onto the skin, for a tool with a size.
-    pub(super) point: Option<Spanned<[f64; 3]>>,
+    pub(super) point: Option<Spanned<Three>>,
     pub(super) group: Option<Spanned<String>>,
     /// Nodes that move with the node as a rigid body.
     pub(super) patch: Option<Spanned<Vec<Spanned<i64>>>>,
     /// Distance within which all surface nodes belong to the patch.
     pub(super) patch_radius_m: Option<Spanned<f64>>,
     /// Displacements that adaptive sampling solves first.
-    pub(super) visited_m: Option<Spanned<Vec<[f64; 3]>>>,
+    pub(super) visited_m: Option<Spanned<Vec<Three>>>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -104,7 +125,7 @@ pub(super) struct ToolTable {
     /// Distance between the centres of the two ends of a capsule, m.
     pub(super) length_m: Option<Spanned<f64>>,
     /// Direction of its axis in the frame of the grip.
-    pub(super) axis: Option<Spanned<[f64; 3]>>,
+    pub(super) axis: Option<Spanned<Three>>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -120,8 +141,8 @@ pub(super) struct GridTable {
     pub(super) tolerance_relative: Option<Spanned<f64>>,
     pub(super) cannot_be_felt: Option<Spanned<bool>>,
     /// Corners of the box that bounds the tool's positions, in the model's frame.
-    pub(super) workspace_min_m: Option<Spanned<[f64; 3]>>,
-    pub(super) workspace_max_m: Option<Spanned<[f64; 3]>>,
+    pub(super) workspace_min_m: Option<Spanned<Three>>,
+    pub(super) workspace_max_m: Option<Spanned<Three>>,
 }
 
 /// A key with its place, if it is given.
@@ -159,10 +180,10 @@ pub(super) struct DeviceTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct BodyForceTable {
     /// Per undeformed volume.
-    pub(super) force_n_per_m3: Option<Spanned<[f64; 3]>>,
+    pub(super) force_n_per_m3: Option<Spanned<Three>>,
     /// Alternatively as weight: density times gravity.
     pub(super) density_kg_m3: Option<Spanned<f64>>,
-    pub(super) gravity_m_s2: Option<Spanned<[f64; 3]>>,
+    pub(super) gravity_m_s2: Option<Spanned<Three>>,
 }
 
 /// The table `[solver]`. A new key is one field here; its default is the behaviour of scenes without it.
@@ -248,6 +269,8 @@ impl SceneFile {
 
     /// Parses the tables of the file.
     pub(super) fn parse(place: &Place) -> Result<Self, InputError> {
+        // The whole text, also what no key reads.
+        toml::from_str::<toml::Table>(&place.text).map_err(|error| place.explain(&error))?;
         toml::from_str(&place.text).map_err(|error| place.explain(&error))
     }
 }

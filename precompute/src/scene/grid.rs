@@ -81,9 +81,9 @@ impl Lookup<'_> {
                     "give [grid] `cannot_be_felt = true` or a tolerance, or remove it",
                 );
             };
-            let far = visited.get_ref().iter().find(|at_m| norm(**at_m) > scattered.radius_m);
+            let far = visited.get_ref().iter().find(|at_m| norm(at_m.0) > scattered.radius_m);
             if let Some(far) = far {
-                let what = format!("`visited_m` {far:?} lies beyond `radius_m` = {}", scattered.radius_m);
+                let what = format!("`visited_m` {:?} lies beyond `radius_m` = {}", far.0, scattered.radius_m);
                 return error(what, "give a larger `radius_m`, or remove it");
             }
         }

@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use toml::Spanned;
 
+use super::file::Three;
 use super::place::{Located, Place};
 use crate::error::{InputError, nearest_word};
 use crate::fem::material::{Key, LAWS, Material, Value};
@@ -76,7 +77,7 @@ impl<'de> Deserialize<'de> for MaterialTable {
                             parameters.push((name, placed(map.next_value::<Spanned<f64>>()?)));
                         }
                         TableKey::Law(Key::Vector(name)) => {
-                            parameters.push((name, placed(map.next_value::<Spanned<[f64; 3]>>()?)));
+                            parameters.push((name, placed(map.next_value::<Spanned<Three>>()?)));
                         }
                     }
                 }

@@ -6,7 +6,7 @@ use palpate_core::{Limits, SPACE_NAME_LEN};
 use toml::Spanned;
 
 use super::cover::Cover;
-use super::file::{ActiveTable, BoxTable, FixedTable};
+use super::file::{ActiveTable, BoxTable, FixedTable, Three};
 use super::lookup::Lookup;
 use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
@@ -79,7 +79,7 @@ impl Lookup<'_> {
 
     /// Nodes in a box, faces included.
     fn in_box(&self, in_box: &Spanned<BoxTable>) -> Result<Vec<u32>, InputError> {
-        let &BoxTable { min, max } = in_box.get_ref();
+        let &BoxTable { min: Three(min), max: Three(max) } = in_box.get_ref();
         // The negated comparison also refuses a NaN corner.
         if !(0..3).all(|axis| min[axis] <= max[axis]) {
             let what = format!("the box is empty: min {min:?} is not below max {max:?}");
@@ -290,13 +290,14 @@ impl Lookup<'_> {
                 let what = "`visited_m` belongs to one node, not to a `group`";
                 return Err(self.place.error(visited.span(), what, "give the node by `node` or `point`"));
             }
-            for at_m in visited.get_ref() {
+            for Three(at_m) in visited.get_ref() {
                 if !at_m.iter().all(|x| x.is_finite()) {
                     let what = format!("`visited_m` holds {at_m:?}");
                     return Err(self.place.error(visited.span(), what, "give displacements in metres"));
                 }
             }
-            found.iter_mut().for_each(|node| node.visited_m.clone_from(visited.get_ref()));
+            let all_m: Vec<[f64; 3]> = visited.get_ref().iter().map(|at_m| at_m.0).collect();
+            found.iter_mut().for_each(|node| node.visited_m.clone_from(&all_m));
         }
         Ok(found)
     }
@@ -399,7 +400,7 @@ impl Lookup<'_> {
     }
 
     /// The surface node nearest to a point in metres; of equally near nodes, the one with the lowest index.
-    fn nearest(&self, point: &Spanned<[f64; 3]>) -> Result<u32, InputError> {
+    fn nearest(&self, point: &Spanned<Three>) -> Result<u32, InputError> {
         let target = finite(self.place, "nearest", point)?;
         let away = |node: u32| distance(self.mesh.nodes_m[node as usize], target);
         let nearest = self.seen.nodes.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)));

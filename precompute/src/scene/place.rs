@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use toml::Spanned;
 
+use super::file::Three;
 use crate::error::{InputError, nearest_word};
 
 /// A table with its place in the text.
@@ -165,8 +166,8 @@ pub(super) fn positive(place: &Place, key: &str, value: &Spanned<f64>) -> Result
     ))
 }
 
-pub(super) fn finite(place: &Place, key: &str, value: &Spanned<[f64; 3]>) -> Result<[f64; 3], InputError> {
-    let point = *value.get_ref();
+pub(super) fn finite(place: &Place, key: &str, value: &Spanned<Three>) -> Result<[f64; 3], InputError> {
+    let point = value.get_ref().0;
     if point.iter().all(|c| c.is_finite()) {
         return Ok(point);
     }

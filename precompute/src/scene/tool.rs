@@ -5,7 +5,7 @@ use std::ops::Range;
 use toml::Spanned;
 
 use super::ElementOrder;
-use super::file::{ActiveTable, ToolTable};
+use super::file::{ActiveTable, Three, ToolTable};
 use super::lookup::Lookup;
 use super::place::{Place, finite, positive};
 use crate::error::{InputError, count};
@@ -148,11 +148,7 @@ fn capsule(place: &Place, mesh: &TetMesh, table: &Spanned<ToolTable>) -> Result<
 
 impl Lookup<'_> {
     /// The point of the outer skin nearest to `point`, for a tool with a size.
-    pub(super) fn contact_point(
-        &self,
-        name: &str,
-        point: &Spanned<[f64; 3]>,
-    ) -> Result<SkinPoint, InputError> {
+    pub(super) fn contact_point(&self, name: &str, point: &Spanned<Three>) -> Result<SkinPoint, InputError> {
         let target = finite(self.place, "point", point)?;
         let on = |surface: &Surface| {
             let found = surface.nearest(self.mesh, target).expect("a mesh with a tet has a surface");

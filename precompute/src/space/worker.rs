@@ -137,15 +137,18 @@ impl Worker {
             _ => None,
         };
         let solver = self.solver((job.active, None));
+        let is_due = job.task.checks_stability(job.active, solver.problem().solves_a_check());
         solver.loading = if job.task.attempt == 0 { FIRST_ATTEMPT } else { LATER_ATTEMPT };
         let start = Instant::now();
         let mut intermediate = Vec::new();
         let to = context.sampling.displacement_m(job.task.target);
+        solver.determine_stability_at(is_due.then_some(to));
         let solved = match seed {
             Some(seed) => transition(solver, seed, to, context.sampling.increments(), &mut intermediate),
             None => solver.rest(),
         };
-        let solved = solved.map(|configuration| with_stability(solver, job, configuration));
+        let solved = solved.map(|found| if is_due { with_stability(solver, found) } else { found });
+        solver.determine_stability_at(None);
         let seconds = start.elapsed().as_secs_f64();
         Ok(match solved {
             Ok(configuration) => Outcome {
@@ -164,10 +167,9 @@ impl Worker {
     }
 }
 
-/// The configuration of a large body with its stability, if it belongs to the sample that is checked.
-fn with_stability(solver: &mut Solver, job: &Job, mut solved: Configuration) -> Configuration {
-    let is_unknown = solved.unstable_modes.is_none() && solver.problem().is_large();
-    if is_unknown && job.task.checks_stability(job.active, solver.problem().solves_a_check()) {
+/// The configuration of a large body with its stability, also if its last solve made no factor.
+fn with_stability(solver: &mut Solver, mut solved: Configuration) -> Configuration {
+    if solved.unstable_modes.is_none() && solver.problem().is_large() {
         solved.unstable_modes = solver.unstable_modes_at(&solved.seed);
         solved.factorisations += 1;
     }

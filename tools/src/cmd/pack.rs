@@ -43,8 +43,8 @@ pub(crate) struct Args {
     /// Positions of the certificate per active node; 299 if not given
     ///
     /// They are uniform and away from branch jumps. 299 can certify 99 % of the positions with 95 %
-    /// confidence. With more than eight nodes the default is 600 in total, which can certify 99.5 % of the
-    /// positions of all nodes together. 0: no errors are measured; `palpate run` then needs --uncertified.
+    /// confidence. With more than eight nodes the default is 600 in total, at least three per node, which can certify
+    /// 99.5 % of the positions of all nodes together. 0: no errors are measured; `palpate run` then needs --uncertified.
     #[arg(long, value_name = "N")]
     uniform: Option<u32>,
     /// Positions of the certificate that more accurate elements solve too; 0: none

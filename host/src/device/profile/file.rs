@@ -34,7 +34,21 @@ impl fmt::Display for ProfileError {
 impl core::error::Error for ProfileError {}
 
 type Number = Spanned<f64>;
-type Numbers = Spanned<[f64; 3]>;
+type Numbers = Spanned<Three<f64>>;
+
+/// A list of three. As an array, serde would accept a longer one and leave out the rest.
+#[derive(serde::Deserialize)]
+#[serde(try_from = "Vec<T>")]
+struct Three<T>([T; 3]);
+
+impl<T> TryFrom<Vec<T>> for Three<T> {
+    type Error = String;
+
+    fn try_from(all: Vec<T>) -> Result<Self, String> {
+        let wrong = |all: Vec<T>| format!("invalid length {}, expected an array of length 3", all.len());
+        all.try_into().map(Self).map_err(wrong)
+    }
+}
 
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -106,7 +120,7 @@ struct WorkspaceTable {
 #[derive(Default, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MappingTable {
-    axes: Option<Spanned<[[f64; 3]; 3]>>,
+    axes: Option<Spanned<Three<Three<f64>>>>,
     scale: Option<Number>,
     device_origin_m: Option<Numbers>,
     model_origin_m: Option<Numbers>,
@@ -307,12 +321,12 @@ impl Place<'_> {
     fn calibration(&self, table: &CalibrationTable, max_force_n: f64) -> Result<Calibration, ProfileError> {
         let mut calibration = Calibration::default();
         if let Some(given) = &table.counts_per_n_m {
-            if !given.get_ref().iter().all(|counts| COUNTS_PER_N_M.contains(&counts.abs())) {
-                let what = format!("`counts_per_n_m` = {:?}", given.get_ref());
+            if !given.get_ref().0.iter().all(|counts| COUNTS_PER_N_M.contains(&counts.abs())) {
+                let what = format!("`counts_per_n_m` = {:?}", given.get_ref().0);
                 let fix = "give each motor 1000 to 100000 counts per N m, with its sign (-10000 is the uncalibrated default)";
                 return Err(self.error(given.span(), what, fix));
             }
-            calibration.counts_per_n_m = given.get_ref().map(|counts| counts as f32);
+            calibration.counts_per_n_m = given.get_ref().0.map(|counts| counts as f32);
         }
         if let Some(given) = &table.gravity_n {
             // A larger compensation would leave too little of the motors' force for rendering.
@@ -330,7 +344,7 @@ impl Place<'_> {
     }
 
     fn capstan(&self, table: &CapstanTable) -> Result<Capstan, ProfileError> {
-        let (metres_per_turn, origin_m) = (*table.metres_per_turn.get_ref(), *table.origin_m.get_ref());
+        let (metres_per_turn, origin_m) = (table.metres_per_turn.get_ref().0, table.origin_m.get_ref().0);
         if !metres_per_turn.iter().all(|metres| METRES_PER_TURN.contains(&metres.abs())) {
             let fix = format!(
                 "give {} to {} m per axis, negative if the handle moves down as the counts increase",
@@ -355,7 +369,7 @@ impl Place<'_> {
                 Ok(Reach::Ball { radius_m: self.positive("radius_m", radius)? })
             }
             WorkspaceTable { radius_m: None, half_m: Some(half) } => {
-                let half_m = half.get_ref().map(|metres| metres as f32);
+                let half_m = half.get_ref().0.map(|metres| metres as f32);
                 if half_m.iter().all(|metres| metres.is_normal() && *metres > 0.0) {
                     return Ok(Reach::Box { half_m });
                 }
@@ -373,7 +387,7 @@ impl Place<'_> {
         let default = Workspace::default();
         let origin = |key: &str, given: &Option<Numbers>| -> Result<Vec3, ProfileError> {
             let Some(given) = given else { return Ok(vec3::ZERO) };
-            let metres = given.get_ref().map(|metres| metres as f32);
+            let metres = given.get_ref().0.map(|metres| metres as f32);
             if vec3::is_finite(metres) {
                 return Ok(metres);
             }
@@ -382,7 +396,7 @@ impl Place<'_> {
         let axes = match &table.axes {
             None => default.axes,
             Some(given) => {
-                let axes = given.get_ref().map(|axis| axis.map(|x| x as f32));
+                let axes = given.get_ref().0.each_ref().map(|Three(axis)| axis.map(|x| x as f32));
                 if !is_rotation(&axes) {
                     return Err(self.error(
                         given.span(),

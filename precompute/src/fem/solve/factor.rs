@@ -54,6 +54,11 @@ impl Accuracy {
     pub(super) const fn new(target: f64, accepted: f64) -> Self {
         Self { target, accepted }
     }
+
+    /// Whether a solution with this residual serves.
+    pub(super) fn accepts(self, residual: f64) -> bool {
+        residual <= self.accepted
+    }
 }
 
 /// For a Newton step; the error is below the linearisation error of the step.
@@ -106,8 +111,8 @@ pub(super) struct Factor {
     two_level: Option<Box<TwoLevel>>,
     /// Whether the preconditioner is that of a tangent of the present state.
     follows_tangent: bool,
-    /// Whether every factorisation is one of the whole matrix.
-    pub(super) is_exact: bool,
+    /// Whether residual steps have failed in the present state.
+    stagnates: bool,
     /// Largest number of residual steps with a preconditioner; beyond it the matrix is factorised.
     pub(super) max_steps_without: usize,
 }
@@ -172,7 +177,7 @@ impl Factor {
             residual_steps: ResidualSteps::new(pattern.unknowns()),
             two_level: None,
             follows_tangent: false,
-            is_exact: false,
+            stagnates: false,
             max_steps_without: MAX_STEPS_WITHOUT,
         }
     }
@@ -332,7 +337,7 @@ impl Factor {
 
     /// Takes the preconditioner of a large body to the matrix and its state; whether it has one that serves.
     fn precondition(&mut self, matrix: Matrix<'_>) -> bool {
-        let Some((problem, state)) = matrix.at.filter(|(problem, _)| problem.is_large() && !self.is_exact)
+        let Some((problem, state)) = matrix.at.filter(|(problem, _)| problem.is_large() && !self.stagnates)
         else {
             return false;
         };
@@ -349,6 +354,12 @@ impl Factor {
             (self.pivoted, self.held) = (None, None);
         }
         serves
+    }
+
+    /// Whether the last solve made residual steps without a factor of its matrix.
+    #[cfg(test)]
+    pub(super) fn steps_without(&self) -> bool {
+        self.route == Route::TwoLevel
     }
 
     #[cfg(test)]
@@ -378,10 +389,13 @@ impl Factor {
             return Err(SingularMatrix { residual: best });
         }
         if self.precondition(matrix) {
-            let (residual, _) = self.refine(matrix, right, x, (accuracy.target, self.max_steps_without));
-            if residual <= accuracy.accepted {
+            self.refine(matrix, right, x, (accuracy.target, self.max_steps_without));
+            // That of the steps is not measured.
+            let residual = self.measure(matrix, right, x).worst();
+            if accuracy.accepts(residual) {
                 return Ok(residual);
             }
+            self.stagnates = true;
         }
         for &route in matrix.symbolic.routes() {
             if !self.factorise(matrix, route) {
@@ -389,7 +403,7 @@ impl Factor {
             }
             let residual = self.solve(matrix, right, x, accuracy);
             best = best.min(residual);
-            let accepted = residual <= accuracy.accepted
+            let accepted = accuracy.accepts(residual)
                 || residual <= ACCEPTED_AT_FLOOR && residual <= rounding(matrix.values, x, right);
             if accepted {
                 return Ok(residual);

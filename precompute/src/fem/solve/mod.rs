@@ -198,6 +198,11 @@ impl Problem {
         has_place && self.factor_flops() >= self.newton.large_flops && self.dofs.multipliers.is_empty()
     }
 
+    /// Whether the body is large, and has a factor at rest that serves its states.
+    pub(crate) fn needs_no_factor(&self) -> bool {
+        self.is_large() && self.far_factor().is_some()
+    }
+
     /// The factor of the body at rest without a tool; `None` if it is singular.
     fn far_factor(&self) -> Option<Arc<SingleFactor>> {
         let make = || {
@@ -312,7 +317,7 @@ pub struct Configuration {
     pub unstable_modes: Option<u32>,
     /// Newton iterations, including those of failed attempts, summed over all increments.
     pub iterations: u32,
-    /// Factorisations, counted in the same way.
+    /// Factorisations, counted in the same way. Of a large body, tangents that were solved.
     pub factorisations: u32,
     /// Number of load increments of the transition.
     pub increments: u32,
@@ -321,8 +326,8 @@ pub struct Configuration {
     pub switched: bool,
 }
 
-/// Solver of one thread: options and scratch memory of a problem. The iterations allocate only for a large body, whose
-/// preconditioner follows every tangent.
+/// Solver of one thread: options and scratch memory of a problem. The iterations allocate only for a large body, for its
+/// preconditioner.
 #[derive(Debug)]
 pub struct Solver {
     problem: Arc<Problem>,
@@ -354,6 +359,8 @@ pub struct Solver {
     half_m: Option<[f64; 3]>,
     /// Share of `step` in the last move of the state.
     moved_by: f64,
+    /// Control at which the configuration of a large body gets a factor, so that its stability is known.
+    factor_at_m: Option<[f64; 3]>,
     /// Numbers of iterations and factorisations since the start of the transition.
     iterations: u32,
     factorisations: u32,
@@ -384,6 +391,7 @@ impl Solver {
             partner: None,
             half_m: None,
             moved_by: 0.0,
+            factor_at_m: None,
             iterations: 0,
             factorisations: 0,
             problem,

@@ -63,11 +63,7 @@ impl Solver {
         self.perturb(&mut state, 1);
         self.state = state;
         self.history.clear();
-        // The signs of the pivots decide about a step.
-        self.factor.is_exact = true;
-        let landed = self.descend(from, pose, max_steps, to);
-        self.factor.is_exact = false;
-        landed
+        self.descend(from, pose, max_steps, to)
     }
 
     fn descend(

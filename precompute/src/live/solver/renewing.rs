@@ -13,7 +13,7 @@ impl LiveSolver {
 
     /// Whether the body is so large that its states are solved without a factor of their tangent.
     pub(super) fn needs_no_factor(&self) -> bool {
-        self.skin.sphere().is_none() && self.free.is_large()
+        self.skin.sphere().is_none() && self.free.needs_no_factor()
     }
 
     /// Begins to make the factor of a kept state beside the steps; whether that is possible.

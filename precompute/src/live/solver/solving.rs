@@ -281,15 +281,21 @@ impl LiveSolver {
 
     /// Lands where the hand is.
     fn land(&mut self, from: &Start, task: &Task, to: &mut Seed) -> Found {
-        let most = (LONGEST_DESCENT_S / self.times.renewed_s()).min(f64::from(DESCENT_STEPS)) as u32;
+        // Without a factor in a solve, one says nothing about a descent, which makes one a step.
+        let step_s = match self.needs_no_factor() {
+            true => self.times.descent_s(self.free.factor_flops()),
+            false => self.times.renewed_s(),
+        };
+        let most = (LONGEST_DESCENT_S / step_s).min(f64::from(DESCENT_STEPS)) as u32;
         if most < MIN_DESCENT {
             return Found::Nothing;
         }
         let worker = self.workers.present();
         worker.factor = Made::Unknown;
-        let Ok(found) = worker.solver.relax(&from.seed, task.control_m, most, to) else {
-            return Found::Nothing;
-        };
+        let found = worker.solver.relax(&from.seed, task.control_m, most, to);
+        self.times
+            .descends(found.as_ref().map_or_else(|failure| failure.iterations, |found| found.count.steps));
+        let Ok(found) = found else { return Found::Nothing };
         self.count(task.contact, task.control_m, &found);
         let (before, is_sphere) = (&from.seed.jet, self.skin.sphere().is_some());
         let is_other = before.control_m == task.control_m || !joins(before, &to.jet, is_sphere);

@@ -46,6 +46,19 @@ fn fixed_nodes_in_every_way() {
         "a list of 3 is expected here, not a list of 2",
         "correct the value",
     );
+    refuses(
+        "box = { min = [0, 0, 0, 9], max = [1, 1, 1] }",
+        "block.toml:12",
+        "a list of 3 is expected here, not a list of 4",
+        "correct the value",
+    );
+    // A number in what is left over.
+    refuses(
+        "box = { min = [0, 0, 0], max = [1, 1, 1, 2_a] }",
+        "block.toml:12",
+        "not valid TOML",
+        "correct the syntax",
+    );
     refuses("file = \"sets.json\"", "block.toml:11", "both `file` and `key`", "add the other");
     refuses(
         "file = \"no.json\"\nkey = \"F1\"",

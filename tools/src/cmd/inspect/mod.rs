@@ -190,6 +190,9 @@ fn scene(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     let refined =
         scene.unrefined.map_or_else(String::new, |_| format!("mesh            {}\n", scene.size_in_words()));
     let (warnings, mesh_text) = mesh_text.split_once("\nnodes ").unwrap_or_default();
+    // Those of the scene are printed already.
+    let warnings =
+        if scene.warnings.is_empty() { warnings } else { warnings.trim_start_matches("no warnings\n") };
     let text = format!(
         "{warnings}\n{doubts_text}\nscene           {}\nlaw             {}\nfixed           {} nodes\nactive          {}{more}{}\n\
          grid            {grid_text}\nf_max           {} N\n{refined}nodes {mesh_text}",
@@ -203,7 +206,7 @@ fn scene(path: &Path, verbose: bool) -> Result<Shown, Failure> {
     let figures = json!({
         "name": scene.name, "law": bench.body.law_names(), "fixed": scene.fixed.len(), "active": scene.active,
         "unreachable": scene.unreachable, "grid": grid_figures, "points": points, "max_force_n": scene.max_force_n,
-        "mesh": mesh_figures, "unrefined": scene.unrefined, "pressure_doubts": doubts,
+        "mesh": mesh_figures, "unrefined": scene.unrefined, "pressure_doubts": doubts, "warnings": scene.warnings,
     });
     Ok((text, figures))
 }

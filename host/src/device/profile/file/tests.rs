@@ -93,6 +93,8 @@ fn every_error_has_its_line_and_its_fix() {
     refuses("arm = 3", "arm = 0", 35, "`arm` = 0", "1 to 32");
     refuses("arm = 3", "grasp = 33", 35, "`grasp` = 33", "1 to 32");
     refuses("-9000, ", "", 28, "invalid length", "expected type");
+    refuses("-9000, ", "-9000, 1, ", 28, "invalid length 4", "expected type");
+    refuses("[0, 1, 0],", "[0, 1, 0, 5],", 23, "invalid length 4", "expected type");
     refuses("= 0.7", "= -0.7", 29, "`gravity_n` = -0.7", "upwards");
     refuses("= 0.7", "= 2.6", 29, "`gravity_n` = 2.6", "half");
     refuses("gravity_n", "gravity_N", 29, "unknown key `gravity_N`", "gravity_n");

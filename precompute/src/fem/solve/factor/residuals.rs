@@ -77,8 +77,13 @@ impl Factor {
 
     /// Begins a new state: a preconditioner follows the next tangent, and no direction of the last state is kept.
     pub(in crate::fem::solve) fn begin_state(&mut self) {
-        self.follows_tangent = false;
+        (self.follows_tangent, self.stagnates) = (false, false);
         self.residual_steps.forget();
+    }
+
+    /// The preconditioner follows the tangent of the next solve.
+    pub(in crate::fem::solve) fn follow_next_tangent(&mut self) {
+        self.follows_tangent = false;
     }
 
     /// Residuals b - K x of the last checked solve, column after column.

@@ -9,8 +9,8 @@
 //! z = P K_N^-1 P^T r,   z += R M^-1 R^T (r - K z),   z += P K_N^-1 P^T (r - K z):
 //!
 //! two levels of a multiplicative Schwarz method (Smith, Bjorstad and Gropp 1996) with a corotated far field (Mueller
-//! and Gross 2004). Both factors are in single precision. The residual steps with it gain about a digit each
-//! (docs/measurements.md), and the residual is that of K in double precision.
+//! and Gross 2004). Both factors are in single precision. The residual steps with it gain about a digit each,
+//! and the residual is that of K in double precision.
 
 use std::sync::Arc;
 
@@ -168,6 +168,13 @@ impl TwoLevel {
     #[cfg(test)]
     pub(in crate::fem::solve) fn forget_turns(&mut self) {
         self.turns.clear();
+    }
+
+    /// Whether the factor near the tool is that of a tangent.
+    #[cfg(test)]
+    pub(in crate::fem::solve) fn is_near(&self, values: &[f64]) -> bool {
+        let near = self.near.as_ref().expect("a tool with a place");
+        near.values.iter().zip(&near.of.places).all(|(value, &place)| *value == values[place])
     }
 
     /// The far field alone.

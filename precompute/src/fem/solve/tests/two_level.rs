@@ -68,6 +68,38 @@ fn without_a_factor_of_the_tangent_the_jets_are_the_same() {
     }
 }
 
+/// Where the stability is wanted, the factor that gives it also gives the sensitivities, and only there.
+#[test]
+fn a_configuration_whose_stability_is_wanted_has_one_factor() {
+    for (law, order) in [(neo_hookean(), Order::Linear), (mooney_rivlin(), Order::Quadratic)] {
+        let exact = path(&problem(law.clone(), order, true, false));
+        let mut solver = Solver::new(problem(law.clone(), order, true, true));
+        for (from, exact) in exact.iter().zip(&exact[1..]) {
+            let at = exact.jet().control_m;
+            solver.determine_stability_at(Some(at));
+            let found = solver.advance(&from.seed, at).expect("the beam converges");
+            assert_eq!(found.unstable_modes, Some(0), "{} at {at:?}", law.name());
+            assert!(!solver.factor.steps_without(), "the sensitivities are those of the factor");
+            let stiffness = (exact.jet().stiffness_n_m - found.jet().stiffness_n_m).norm();
+            assert!(stiffness < 1e-9 * exact.jet().stiffness_n_m.norm(), "S differs by {stiffness:e} N/m");
+            solver.determine_stability_at(Some(at.map(|x| 0.5 * x)));
+            let found = solver.advance(&from.seed, at).expect("the beam converges");
+            assert!(found.unstable_modes.is_none() && solver.factor.steps_without(), "not asked for there");
+        }
+    }
+}
+
+/// The part near the tool is that of the solution: between the guess and it the body may have become unstable.
+#[test]
+fn the_near_field_of_the_sensitivities_is_that_of_the_solution() {
+    let problem = problem(mooney_rivlin(), Order::Quadratic, true, true);
+    let way = path(&problem);
+    let mut solver = Solver::new(problem);
+    solver.advance(&way[0].seed, way[1].jet().control_m).expect("the beam converges");
+    let tangent = solver.assembled.tangent.clone();
+    assert!(solver.factor.two_level().is_near(&tangent), "another tangent");
+}
+
 /// With a limit of one residual step the sensitivities get a factor, with none every Newton step too.
 #[test]
 fn where_the_residual_steps_stagnate_a_factor_takes_over() {

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
-use palpate_core::{Coverage, Field, JetMemory, NodeWeight};
+use palpate_core::{Coverage, Field, ForceSample, JetMemory, NodeWeight};
 use palpate_host::sys::{cpu_ns, lower_priority};
 use palpate_precompute::live::{Hand as Seen, LiveSolver, Step, Touch, Truth};
 use palpate_precompute::spec::Tolerance;
@@ -170,6 +170,7 @@ struct Ticks {
 }
 
 /// What the solver spent beside the ticks.
+#[derive(Default)]
 struct Spent {
     solving_ms: f64,
     longest_ms: f64,
@@ -187,84 +188,157 @@ pub(in crate::cmd::bench) fn felt_forces(
     follow(solver, contact, control_m, slower).0.felt_n
 }
 
-/// Solves what a tool that comes near finds solved.
-fn solve_near(solver: &mut LiveSolver, near: &Seen, slower: f64, memory: &mut JetMemory<8, 256>) -> u32 {
-    let mut sequence = 0;
-    loop {
-        let start = Instant::now();
-        if solver.step(near) == Step::Idle {
-            if !solver.is_renewing() {
-                return sequence;
+/// A solver beside a loop in simulated time, with the loop's memory of its jets.
+pub(in crate::cmd::bench) struct Beside<'s> {
+    solver: &'s mut LiveSolver,
+    contact: u16,
+    /// A solve takes so many times as long as on this CPU.
+    slower: f64,
+    memory: Box<JetMemory<8, 256>>,
+    sequence: u32,
+    /// When the jets of the present solve are known to the loop, and when the solver is free, ms.
+    solved_ms: Option<f64>,
+    free_ms: f64,
+    at_m: V,
+    velocity_m_s: V,
+    spent: Spent,
+    begun_ns: u64,
+}
+
+impl<'s> Beside<'s> {
+    /// A solver that has solved what a tool that comes near finds solved.
+    pub(in crate::cmd::bench) fn new(solver: &'s mut LiveSolver, contact: u16, at_m: V, slower: f64) -> Self {
+        solver.renew_beside(lower_priority);
+        let mut beside = Self {
+            solver,
+            contact,
+            slower,
+            memory: Box::default(),
+            sequence: 0,
+            solved_ms: None,
+            free_ms: 0.0,
+            at_m,
+            velocity_m_s: V::zeros(),
+            spent: Spent::default(),
+            begun_ns: 0,
+        };
+        beside.solve_near();
+        beside.begun_ns = cpu_ns();
+        beside
+    }
+
+    fn solve_near(&mut self) {
+        let near = Seen { touch: Some(touch(self.contact, &self.at_m)), ..Seen::default() };
+        loop {
+            let start = Instant::now();
+            if self.solver.step(&near) == Step::Idle {
+                if !self.solver.is_renewing() {
+                    return;
+                }
+                std::thread::sleep(Duration::from_millis(1));
+                continue;
             }
-            std::thread::sleep(Duration::from_millis(1));
-            continue;
+            self.solver.took(self.slower * start.elapsed().as_secs_f64());
+            self.publish();
         }
-        solver.took(slower * start.elapsed().as_secs_f64());
-        while let Some(published) = solver.published() {
-            memory.insert(&published.jet(sequence));
-            sequence += 1;
+    }
+
+    fn publish(&mut self) {
+        while let Some(published) = self.solver.published() {
+            self.memory.insert(&published.jet(self.sequence));
+            self.sequence += 1;
         }
+    }
+
+    /// The solver's work until now, `period_s` after the last call; the tool is displaced by `d`.
+    fn advance(&mut self, now_ms: f64, period_s: f64, d: &V) {
+        let expected = self.at_m + self.velocity_m_s * period_s;
+        self.at_m = expected + (d - expected) * ALPHA;
+        self.velocity_m_s += (d - expected) * (BETA / period_s);
+        loop {
+            if self.solved_ms.is_some_and(|at_ms| at_ms <= now_ms) {
+                self.solved_ms = None;
+                self.publish();
+            }
+            if self.solved_ms.is_some() || self.free_ms > now_ms {
+                return;
+            }
+            let seen = Seen {
+                hip_m: (*d).into(),
+                velocity_m_s: self.velocity_m_s.into(),
+                touch: Some(touch(self.contact, d)),
+                partner: None,
+                axis: None,
+            };
+            let start = Instant::now();
+            let step = self.solver.step(&seen);
+            let seconds = self.slower * start.elapsed().as_secs_f64();
+            if step == Step::Idle {
+                self.free_ms = now_ms + 1e3 * period_s;
+                if self.solver.is_renewing() {
+                    // The factor is made in the time of the CPU.
+                    std::thread::sleep(Duration::from_secs_f64(period_s / self.slower));
+                }
+                return;
+            }
+            self.solver.took(seconds);
+            self.spent.solving_ms += 1e3 * seconds;
+            self.spent.longest_ms = self.spent.longest_ms.max(1e3 * seconds);
+            self.free_ms = self.free_ms.max(now_ms - 1e3 * period_s) + 1e3 * seconds;
+            self.solved_ms = Some(self.free_ms);
+        }
+    }
+
+    /// The force of the jets at a touch of the one contact, `period_s` after the last one.
+    pub(in crate::cmd::bench) fn force(&mut self, touch: &palpate_core::Touch, period_s: f64) -> ForceSample {
+        let d = V::from(touch.displacement_m.map(f64::from));
+        self.advance(1e-3 * touch.now_us as f64, period_s, &d);
+        let mut weights = [NodeWeight::default(); 3];
+        weights[0] = NodeWeight { space: self.contact, weight: 1.0 };
+        let touch = palpate_core::Touch { weights, ..*touch };
+        self.memory.force(&touch).expect("a jet memory always answers")
+    }
+
+    /// The memory of the loop.
+    pub(in crate::cmd::bench) fn memory(&self) -> &JetMemory<8, 256> {
+        &self.memory
+    }
+
+    /// The same, to tell it what happens.
+    pub(in crate::cmd::bench) fn memory_mut(&mut self) -> &mut JetMemory<8, 256> {
+        &mut self.memory
+    }
+
+    fn spent(self) -> Spent {
+        let busy_s = self.slower * 1e-9 * (cpu_ns() - self.begun_ns) as f64;
+        Spent { busy_s, ..self.spent }
     }
 }
 
 /// The ticks along a hand.
 fn follow(solver: &mut LiveSolver, contact: u16, control_m: &[V], slower: f64) -> (Ticks, Spent) {
-    let mut memory: Box<JetMemory<8, 256>> = Box::default();
-    solver.renew_beside(lower_priority);
-    let (mut solving_ms, mut longest_ms) = (0.0, 0.0f64);
-    // When the jets of the present solve are known to the loop.
-    let mut solved_ms: Option<f64> = None;
-    let mut free_ms = 0.0;
-    let (mut at, mut velocity) = (control_m[0], V::zeros());
-    let near = Seen { touch: Some(touch(contact, &at)), ..Seen::default() };
-    let mut sequence = solve_near(solver, &near, slower, &mut memory);
-    let begun_ns = cpu_ns();
+    let mut beside = Beside::new(solver, contact, control_m[0], slower);
     let mut ticks =
         Ticks { felt_n: Vec::new(), extrapolated: 0, first_force_ms: usize::MAX, handover_n: 0.0 };
     for (ms, d) in control_m.iter().enumerate() {
-        let now_ms = ms as f64;
-        let expected = at + velocity * 1e-3;
-        at = expected + (d - expected) * ALPHA;
-        velocity += (d - expected) * (BETA / 1e-3);
-        loop {
-            if solved_ms.is_some_and(|at_ms| at_ms <= now_ms) {
-                solved_ms = None;
-                while let Some(published) = solver.published() {
-                    memory.insert(&published.jet(sequence));
-                    sequence += 1;
-                }
-            }
-            if solved_ms.is_some() || free_ms > now_ms {
-                break;
-            }
-            let seen = Seen {
-                hip_m: (*d).into(),
-                velocity_m_s: velocity.into(),
-                touch: Some(touch(contact, d)),
-                partner: None,
-                axis: None,
-            };
-            let start = Instant::now();
-            let step = solver.step(&seen);
-            let seconds = slower * start.elapsed().as_secs_f64();
-            if step == Step::Idle {
-                free_ms = now_ms + 1.0;
-                if solver.is_renewing() {
-                    // The factor is made in the time of the CPU.
-                    std::thread::sleep(Duration::from_secs_f64(1e-3 / slower));
-                }
-                break;
-            }
-            solver.took(seconds);
-            solving_ms += 1e3 * seconds;
-            longest_ms = longest_ms.max(1e3 * seconds);
-            free_ms = free_ms.max(now_ms - 1.0) + 1e3 * seconds;
-            solved_ms = Some(free_ms);
+        let d = d.map(|x| x as f32).into();
+        let touch = palpate_core::Touch {
+            now_us: 1000 * ms as u64,
+            weights: [NodeWeight::default(); 3],
+            displacement_m: d,
+            hip_m: d,
+            half_axis_m: None,
+        };
+        let answer = beside.force(&touch, 1e-3);
+        let is_covered = answer.coverage != Coverage::Extrapolated;
+        ticks.extrapolated += usize::from(!is_covered);
+        if is_covered && ticks.first_force_ms == usize::MAX {
+            ticks.first_force_ms = ms;
         }
-        ticks.tick(&mut memory, contact, ms, d);
+        ticks.handover_n = ticks.handover_n.max(f64::from(beside.memory.fade_step_n()));
+        ticks.felt_n.push(V::from(answer.force_n.map(f64::from)));
     }
-    let busy_s = slower * 1e-9 * (cpu_ns() - begun_ns) as f64;
-    (ticks, Spent { solving_ms, longest_ms, busy_s })
+    (ticks, beside.spent())
 }
 
 pub(super) fn run(
@@ -310,30 +384,6 @@ pub(super) fn run(
         checked: errors.len(),
         rows,
     })
-}
-
-impl Ticks {
-    fn tick(&mut self, memory: &mut JetMemory<8, 256>, contact: u16, ms: usize, d: &V) {
-        let d32 = [d.x as f32, d.y as f32, d.z as f32];
-        let mut weights = [NodeWeight::default(); 3];
-        weights[0] = NodeWeight { space: contact, weight: 1.0 };
-        let touch = palpate_core::Touch {
-            now_us: 1000 * ms as u64,
-            weights,
-            displacement_m: d32,
-            hip_m: d32,
-            half_axis_m: None,
-        };
-        let answer = memory.force(&touch).expect("a jet memory always answers");
-        let felt = V::from(answer.force_n.map(f64::from));
-        let is_covered = answer.coverage != Coverage::Extrapolated;
-        self.extrapolated += usize::from(!is_covered);
-        if is_covered && self.first_force_ms == usize::MAX {
-            self.first_force_ms = ms;
-        }
-        self.handover_n = self.handover_n.max(f64::from(memory.fade_step_n()));
-        self.felt_n.push(felt);
-    }
 }
 
 /// The tool at the control `d` of one contact.

@@ -2,7 +2,7 @@
 
 use palpate_core::Method;
 
-use super::figures::{Section, Table};
+use super::figures::{Row, Section, Table};
 use super::systems::YOURS;
 use super::zwidth::{DAMPING, DEVICES, RATES_HZ, SPRINGS, WALL};
 use super::{cost, forces, nodule, ticks};
@@ -112,7 +112,13 @@ pub(super) fn of(section: &Section, all: &[Section]) -> String {
         ],
         cost::KEY => speed_and_error(section, all),
         super::zwidth::KEY => return zwidth(tables),
-        nodule::KEY => vec![nodules(&tables[0])],
+        nodule::KEY => {
+            let place = |row: &'_ Row| row.key.strip_suffix(".detectability").map(String::from);
+            let rows = tables.iter().flat_map(|table| &table.rows);
+            let rows: Vec<(&str, String)> =
+                rows.filter_map(|row| Some((row.key.as_str(), place(row)?))).collect();
+            vec![stems("Nodules under the skin", "detectability; above 1 it is felt", tables, &rows)]
+        }
         ticks::KEY => {
             let rows = [
                 ("p50_us", "median".to_owned()),
@@ -202,7 +208,7 @@ fn zwidth(tables: &[Table]) -> String {
     let values = |series: &[Series], of: fn(&Point) -> f64| -> Vec<f64> {
         series.iter().flat_map(|s| s.points.iter().map(of)).collect()
     };
-    let label = "largest passive stiffness K, N/m";
+    let label = "largest stiffness K at rest after a knock, N/m";
     let first = Chart {
         title: "Plain wall, ideal device".into(),
         x: Axis::linear("virtual damping B, N s/m", values(&of_wall, |p| p.x)),
@@ -248,21 +254,4 @@ fn zwidth(tables: &[Table]) -> String {
     let rate_keys: Vec<Key> = rates.into_iter().map(|(name, style)| Key::line(style, name)).collect();
     plots(&rate_keys, "", &[first.svg(), second.svg()])
         + &plots(&keys(&renderers), "", &[third.svg(), fourth])
-}
-
-/// Detectability over the places.
-fn nodules(table: &Table) -> String {
-    let mut groups = Vec::new();
-    let mut all = vec![1.2];
-    for row in &table.rows {
-        let Some(place) = row.key.strip_suffix(".detectability") else { continue };
-        let values = row.values.iter().zip(&table.columns).enumerate().filter(|(_, (_, c))| *c != YOURS);
-        let values = values.map(|(n, (value, _))| {
-            all.extend(*value);
-            Value { style: Style::number(n), value: *value, text: value.map(figure).unwrap_or_default() }
-        });
-        groups.push((place.to_owned(), values.collect()));
-    }
-    let y = Axis::linear("detectability; above 1 it is felt", all.iter().map(|value| 1.1 * value));
-    Bars { title: "Nodules under the skin".into(), x_label: "place".into(), y, groups, solid: true }.svg()
 }

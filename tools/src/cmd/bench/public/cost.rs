@@ -73,7 +73,7 @@ pub(super) fn section(organs: &[Ready], context: &Context<'_>) -> Result<Section
             "What a method needs before the first touch, and in each tick. The time of a query is the median with the fastest \
            vector instructions of this processor.",
         ],
-        &["palpate bench public --only cost", "palpate bench core --blob work/point.blob"],
+        &["palpate bench core --blob OUT/work/point.blob"],
         start.elapsed().as_secs_f64(),
         tables,
     ))

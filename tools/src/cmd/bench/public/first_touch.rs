@@ -99,9 +99,8 @@ pub(super) fn section(assets: &Path, organs: &[Ready], context: &Context<'_>) ->
         "Time to the first touch",
         &["How long a person waits between the command and the first force."],
         &[
-            "palpate bench public --only start",
-            "palpate live assets/liver-small.toml --seconds 3 --headless --frame-rate 0 --json",
-            "palpate run work/point.blob --uncertified --seconds 1 --headless --frame-rate 0 --json",
+            "palpate live ASSETS/liver-small.toml --seconds 3 --headless --frame-rate 0 --json",
+            "palpate run OUT/work/point.blob --uncertified --seconds 1 --headless --frame-rate 0 --json",
         ],
         start.elapsed().as_secs_f64(),
         vec![table],

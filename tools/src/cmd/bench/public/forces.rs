@@ -68,11 +68,7 @@ pub(super) fn section(
         ));
     }
     let (title, explains) = words(key);
-    let repeats = [
-        format!("palpate bench public --only {key}"),
-        format!("questions/*/{}", file_of(key)),
-        format!("answers/*/*/{}", file_of(key)),
-    ];
+    let repeats = [format!("OUT/questions/*/{}", file_of(key)), format!("OUT/answers/*/*/{}", file_of(key))];
     let repeats: Vec<&str> = repeats.iter().map(String::as_str).collect();
     Ok(finished(context, key, title, explains, &repeats, start.elapsed().as_secs_f64(), tables))
 }

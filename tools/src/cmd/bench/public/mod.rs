@@ -54,8 +54,8 @@ use systems::Answers;
 
 /// Measure interpolation methods and live against finite elements, on one page.
 ///
-/// Force error, energy round loops, cost, Z-width of two methods on emulated devices, detectability of nodules by finite
-/// elements, time to the first touch, worst tick. The page is DIR/page.html; its figures are beside it as JSON and CSV. A
+/// Force error, energy round loops, cost, Z-width on emulated devices, detectability of nodules, time to the first touch,
+/// worst tick. The page is DIR/page.html; its figures are beside it as JSON and CSV. A
 /// full run takes a few minutes on two cores. After Ctrl-C the same command continues; finished sections are kept.
 /// --only measures some sections and keeps the others.
 ///

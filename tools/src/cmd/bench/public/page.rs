@@ -27,8 +27,12 @@ pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine
         "lead",
         "How far is the force that a person feels from that of the body, how stable is the loop, and how long does it \
          take? The forces of every interpolation method of Palpate, and those of its live solver under a moving hand, are measured \
-         against finite elements, by questions that any other system can answer. The Z-width is that of two methods; \
-         nodules are felt by finite elements alone.",
+         against finite elements, by questions that any other system can answer.",
+    );
+    body += &paragraph(
+        "explains",
+        "In the commands that repeat a section, OUT is the folder of this page, and ASSETS that of the bundled scenes: assets of a \
+         clone, or /usr/share/palpate.",
     );
     body += &paragraph(
         "explains",

@@ -25,7 +25,7 @@ impl Context<'_> {
     }
 }
 
-/// A section of these tables.
+/// A section of these tables. In the commands that repeat it OUT is the folder of the page, ASSETS that of the scenes.
 pub(super) fn finished(
     context: &Context<'_>,
     key: &str,
@@ -35,12 +35,13 @@ pub(super) fn finished(
     seconds: f64,
     tables: Vec<Table>,
 ) -> Section {
-    let owned = |texts: &[&str]| texts.iter().map(|text| (*text).to_owned()).collect();
+    let owned = |texts: &[&str]| -> Vec<String> { texts.iter().map(|text| (*text).to_owned()).collect() };
+    let again = format!("palpate bench public --only {key} --again --out OUT --assets ASSETS");
     Section {
         key: key.into(),
         title: title.into(),
         explains: owned(explains),
-        repeats: owned(repeats),
+        repeats: [vec![again], owned(repeats)].concat(),
         quick: context.quick,
         date: date(),
         seconds,

@@ -158,7 +158,7 @@ pub(super) fn readme(tip: Fingertip) -> String {
          \x20          k = {stiffness_pa_m:e} Pa/m, w = {profile} for r < a, else 0; a = {radius_m} m; r is the distance from place.csv.\n\
          \x20          h is the integral of k w (d - u) over the boundary triangles within a that are connected to the place and\n\
          \x20          have a free corner, each cut into four, with Dunavant's six points of degree 4 in each.\n\n\
-         Z-width: the largest stiffness K at which a held device stays passive, over the rates 500 Hz to 4 kHz.\n\
+         Z-width: the largest stiffness K at which a held device comes to rest after a knock, over the rates 500 Hz to 4 kHz.\n\
          device     the bundled profile: effective mass, damping and friction, encoder step, delays, largest force\n\
          hand       a mass of 0.05 kg on a spring of 150 N/m with a damping ratio of 0.2; no tremor, no reaction\n\
          hold       from 3 mm above the surface pressed with 1 N, 0.4 s to approach, 0.4 s at rest, then a knock of\n\
@@ -169,9 +169,9 @@ pub(super) fn readme(tip: Fingertip) -> String {
          \x20          encoder steps and 20 um, or in the third below 80 % of that in the second; and no energy\n\
          no energy  the device gives the hand at most 5 mJ in the first second\n\
          K is found by a scan upwards and bisection.\n\n\
-         Nodules: nodules/scene.toml and mesh.msh, with and without the elements of the groups nodule-3, nodule-7 and\n\
-         nodule-12. At each place the tool presses along the normal until the force with the nodule is 1 N. Detectability is\n\
-         the difference of both forces over the larger of 0.02 N and 7 % of the force.\n\n\
+         Nodules: nodules/scene.toml and mesh.msh; nodules-without/ has the constants of the tissue in their place. At each\n\
+         place the tool presses along the normal until the force with the nodule is 1 N. Detectability is the difference\n\
+         of both forces over the larger of 0.02 N and 7 % of the force without.\n\n\
          The references h in positions.csv are given so that a system can check itself. Do not use them for the answers.\n\n\
          A system answers in a folder of its own, with the same folders: positions.csv with\n\
          position,fx_n,fy_n,fz_n, and loops.csv and hands.csv with way,tick,fx_n,fy_n,fz_n: its force on the body.\n\

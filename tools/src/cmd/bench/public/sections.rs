@@ -37,14 +37,11 @@ const SECONDS: [[f64; 2]; 8] = [
     [10.0, 6.0],
     [30.0, 6.0],
     [8.0, 5.0],
-    [70.0, 25.0],
-    [5.0, 5.0],
+    [110.0, 40.0],
+    [35.0, 35.0],
     [65.0, 12.0],
     [30.0, 3.0],
 ];
-
-/// Folder of the scene with nodules.
-const NODULES: &str = "nodules";
 
 /// Scenes of the assets that a section uses.
 fn scenes_of(key: &str) -> Vec<&'static str> {
@@ -61,7 +58,7 @@ pub(super) struct Workshop<'s> {
     rooms: Rooms,
     /// Of the organs.
     folders: Vec<Folder>,
-    nodules: Folder,
+    nodules: [Folder; 2],
     assets: PathBuf,
     context: Context<'s>,
     answers: PathBuf,
@@ -85,10 +82,13 @@ impl<'s> Workshop<'s> {
                 "json" => Some(FileKind::Json),
                 _ => None,
             })?;
-        let folder = |name| files.folder("--out", &questions.path().join(name), table_kind);
-        let folders = ORGANS.iter().map(|organ| organ.name).map(folder).collect::<Result<Vec<_>, _>>()?;
+        let mut folder = |name| files.folder("--out", &questions.path().join(name), table_kind);
+        let folders =
+            ORGANS.iter().map(|organ| organ.name).map(&mut folder).collect::<Result<Vec<_>, _>>()?;
+        let [with, without] = nodule::FOLDERS.map(folder);
+        let nodules = [with?, without?];
         Ok(Self {
-            nodules: files.folder("--out", &questions.path().join(NODULES), table_kind)?,
+            nodules,
             folders,
             rooms: Rooms { questions, work },
             assets: assets.to_path_buf(),
@@ -112,8 +112,7 @@ impl<'s> Workshop<'s> {
                 scenes::write_body(&one.analysis.scene, folder)?;
                 ready.push(one);
             }
-            let about = "stiff nodules under the skin";
-            scenes::write_scene(&self.assets.join(nodule::SCENE), about, &self.nodules, |_| Ok(()))?;
+            nodule::write_scenes(&self.assets, &self.nodules)?;
             let tip = ready.iter().find_map(|one| one.analysis.scene.tool.fingertip());
             let readme = scenes::readme(tip.copied().unwrap_or(PULP));
             self.rooms.questions.file("README.txt").put(readme.as_bytes())?;
@@ -131,8 +130,8 @@ impl<'s> Workshop<'s> {
     pub(super) fn copy_questions(&mut self, files: &mut Files, to: &Path) -> Result<usize, Failure> {
         let count = self.organs()?.len();
         let mut copied = vec![(self.rooms.questions.path().to_path_buf(), to.to_path_buf())];
-        let names = ORGANS.iter().map(|organ| organ.name).chain([NODULES]);
-        let all = self.folders.iter().chain([&self.nodules]).zip(names);
+        let names = ORGANS.iter().map(|organ| organ.name).chain(nodule::FOLDERS);
+        let all = self.folders.iter().chain(&self.nodules).zip(names);
         copied.extend(all.map(|(from, name)| (from.path().to_path_buf(), to.join(name))));
         for (from, to) in copied {
             let folder = files.folder("--questions", &to, table_kind)?;
@@ -209,8 +208,11 @@ impl<'s> Workshop<'s> {
         let (context, assets, answers) = (self.context, self.assets.clone(), self.answers.clone());
         match key {
             cost::KEY => cost::section(self.organs()?, &context),
-            zwidth::KEY => zwidth::section(&self.organs()?[0].organ()?, &context),
-            nodule::KEY => nodule::section(&assets, &context),
+            zwidth::KEY => zwidth::section(&self.organs()?[0], &context),
+            nodule::KEY => {
+                nodule::write_scenes(&assets, &self.nodules)?;
+                nodule::section(&self.nodules, &self.rooms.work, &context)
+            }
             first_touch::KEY => first_touch::section(&assets, self.organs()?, &context),
             ticks::KEY => ticks::section(self.organs()?, &context),
             _ => forces::section(key, self.organs()?, &context, |ready, ours| keep(&answers, ready, ours)),

@@ -58,6 +58,7 @@ fn own_columns() -> Vec<&'static str> {
 fn stated_rows(table: &str) -> Option<Vec<String>> {
     let keys = |keys: &[&str]| keys.iter().map(|key| (*key).to_owned()).collect();
     match table {
+        zwidth::DAMPING => Some(zwidth::damping_rows()),
         zwidth::DEVICES => Some(zwidth::device_rows()),
         nodule::TABLE => Some(nodule::rows()),
         first_touch::TABLE => Some(first_touch::rows()),
@@ -76,7 +77,8 @@ fn stated_rows(table: &str) -> Option<Vec<String>> {
 /// Names of the tables for statements.
 fn stated_tables() -> Vec<String> {
     let of_organs = |section: &str| ORGANS.iter().map(|organ| format!("{section}.{}", organ.name)).collect();
-    let others = [zwidth::DEVICES, nodule::TABLE, first_touch::TABLE].map(String::from).to_vec();
+    let others =
+        [zwidth::DAMPING, zwidth::DEVICES, nodule::TABLE, first_touch::TABLE].map(String::from).to_vec();
     [of_organs(cost::KEY), others, of_organs(ticks::KEY)].concat()
 }
 

@@ -71,10 +71,10 @@ pub(super) fn section(organs: &[Ready], context: &Context<'_>) -> Result<Section
         "Worst tick",
         &[
             "The loop must answer within a millisecond, always. Times depend on the machine; the number of instructions of the \
-           dearest tick does not, and the second command counts it. Live has no column: its tick is that of the controller, and it \
+           dearest tick does not; in a clone the second command counts it, on the organ of its tests. Live has no column: its tick is that of the controller, and it \
            solves beside the loop.",
         ],
-        &["palpate bench public --only tick", "TICKS=100000 firmware-like-core/check-worst-case"],
+        &["TICKS=100000 firmware-like-core/check-worst-case"],
         start.elapsed().as_secs_f64(),
         tables,
     ))
@@ -114,7 +114,9 @@ fn table(ready: &Ready, context: &Context<'_>) -> Result<Table, Failure> {
     table.others = Others::Declared;
     for (key, name, share) in ROWS {
         let values = histograms.iter().map(|times| 1e-3 * times.value_at_quantile(share) as f64);
-        table.rows.push(Row::new(key, name, Best::Least, values.collect()));
+        // The largest is that of the machine as much as of a method.
+        let best = if share < 1.0 { Best::Least } else { Best::None };
+        table.rows.push(Row::new(key, name, best, values.collect()));
     }
     Ok(table)
 }

@@ -3,11 +3,16 @@
 //! The organ is made stiffer by a gain g: its force, and every limit and margin of the controller, are multiplied
 //! by g, as if all constants of the material were. So K = g k, with the stiffness k of the organ at rest.
 
-use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, State, vec3};
+use nalgebra::Vector3;
+use palpate_core::{
+    Config, Controller, Field, ForceSample, Method, Organ, Phase, Sample, State, Touch, Vec3, vec3,
+};
 use palpate_host::device::hand::{Hand, HandConfig};
 use palpate_host::device::impedance::{Impedance, ImpedanceConfig};
 use palpate_host::device::profile::Profile;
 
+use crate::cmd::bench::live::simulation::Beside;
+use crate::cmd::bench::public::organs::Ready;
 use crate::failure::Failure;
 
 /// Force of the hold, N.
@@ -44,6 +49,8 @@ pub(super) enum Renderer<'r> {
     Wall,
     /// An organ by a method in the controller, with or without its energy guard.
     Organ { organ: &'r Organ<'r>, method: Method, guard: bool },
+    /// The organ by the jets of a live solver beside the loop, in the controller without its energy guard.
+    Live { ready: &'r Ready, organ: &'r Organ<'r> },
 }
 
 /// Result of a hold.
@@ -84,9 +91,30 @@ pub(super) fn rest_stiffness_n_m(organ: &Organ<'_>) -> Result<f64, Failure> {
 }
 
 /// The force along the outward normal, from the height of the tool.
-struct Loop<'r> {
-    stiffness_n_m: f32,
-    controlled: Option<Controlled<'r>>,
+enum Loop<'r, 's> {
+    Wall { stiffness_n_m: f32 },
+    Controlled { controlled: Box<Controlled<'r>>, jets: Option<Jets<'s>> },
+}
+
+/// The jets of the one contact that is touched.
+struct Jets<'s> {
+    beside: Beside<'s>,
+    contact: u16,
+    period_s: f64,
+}
+
+impl Field for Jets<'_> {
+    fn force(&mut self, touch: &Touch) -> Option<ForceSample> {
+        Some(self.beside.force(touch, self.period_s))
+    }
+
+    fn energy_j(&self, _: u16, displacement_m: Vec3) -> Option<f32> {
+        self.beside.memory().energy_j(self.contact, displacement_m)
+    }
+
+    fn released(&mut self, now_us: u64) {
+        self.beside.memory_mut().released(now_us);
+    }
 }
 
 struct Controlled<'r> {
@@ -97,11 +125,14 @@ struct Controlled<'r> {
     normal: [f32; 3],
 }
 
-impl<'r> Loop<'r> {
-    fn new(renderer: Renderer<'r>, stiffness_n_m: f32, profile: &Profile) -> Result<Self, Failure> {
-        let Renderer::Organ { organ, method, guard } = renderer else {
-            return Ok(Self { stiffness_n_m, controlled: None });
-        };
+impl<'r> Controlled<'r> {
+    fn new(
+        organ: &'r Organ<'r>,
+        method: Method,
+        guard: bool,
+        stiffness_n_m: f32,
+        profile: &Profile,
+    ) -> Result<Self, Failure> {
         let gain = stiffness_n_m / rest_stiffness_n_m(organ)? as f32;
         let mut config = Config::new(method);
         let quantum_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
@@ -129,18 +160,26 @@ impl<'r> Loop<'r> {
         let mut state = State::new();
         state.arm();
         let (rest_m, normal) = (active.rest_position_m, active.outward_normal);
-        Ok(Self { stiffness_n_m, controlled: Some(Controlled { controller, state, gain, rest_m, normal }) })
+        Ok(Self { controller, state, gain, rest_m, normal })
     }
+}
 
+impl Loop<'_, '_> {
     /// Force along the outward normal, and whether the controller is active.
     fn force_n(&mut self, now_us: u64, taken_us: u64, height_m: f32) -> (f32, bool) {
-        let Some(Controlled { controller, state, gain, rest_m, normal }) = &mut self.controlled else {
-            return (self.stiffness_n_m * (-height_m).max(0.0), true);
-        };
-        let position_m = vec3::add(*rest_m, vec3::scale(*normal, height_m));
-        let sample = Sample { t_us: taken_us, position_m, ..Sample::default() };
-        let command = controller.tick(state, now_us, Some(&sample));
-        (*gain * vec3::dot(command.hand_force_n, *normal), command.phase == Phase::Active)
+        match self {
+            Self::Wall { stiffness_n_m } => (*stiffness_n_m * (-height_m).max(0.0), true),
+            Self::Controlled { controlled, jets } => {
+                let Controlled { controller, state, gain, rest_m, normal } = &mut **controlled;
+                let position_m = vec3::add(*rest_m, vec3::scale(*normal, height_m));
+                let sample = Sample { t_us: taken_us, position_m, ..Sample::default() };
+                let command = match jets {
+                    Some(jets) => controller.tick_on(state, now_us, Some(&sample), jets),
+                    None => controller.tick(state, now_us, Some(&sample)),
+                };
+                (*gain * vec3::dot(command.hand_force_n, *normal), command.phase == Phase::Active)
+            }
+        }
     }
 }
 
@@ -152,7 +191,26 @@ pub(super) fn hold(
     seconds: usize,
 ) -> Result<Hold, Failure> {
     let stiffness_n_m = stiffness_n_m as f32;
-    let mut loop_ = Loop::new(renderer, stiffness_n_m, profile)?;
+    let mut live = match renderer {
+        Renderer::Live { ready, .. } => Some(ready.live()?),
+        Renderer::Wall | Renderer::Organ { .. } => None,
+    };
+    let jets = live.as_mut().map(|(solver, contact)| Jets {
+        beside: Beside::new(solver, *contact, Vector3::zeros(), 1.0),
+        contact: *contact,
+        period_s: 1e-6 * f64::from(profile.period_us()),
+    });
+    let mut loop_ = match renderer {
+        Renderer::Wall => Loop::Wall { stiffness_n_m },
+        Renderer::Organ { organ, .. } | Renderer::Live { organ, .. } => {
+            let (method, guard) = match renderer {
+                Renderer::Organ { method, guard, .. } => (method, guard),
+                _ => (Method::Energy, false),
+            };
+            let controlled = Controlled::new(organ, method, guard, stiffness_n_m, profile)?;
+            Loop::Controlled { controlled: Box::new(controlled), jets }
+        }
+    };
     let mechanism = ImpedanceConfig::of(profile);
     let mut hand = Hand::new(HandConfig::LIGHT, [START_M, 0.0, 0.0]);
     let mut device = Impedance::new(mechanism, hand.position_m(), STEP_S);

@@ -7,7 +7,9 @@ mod emulated;
 mod ideal;
 mod section;
 
-pub(super) use section::{COLUMNS, DAMPING, DEVICES, KEY, RATES_HZ, SPRINGS, WALL, device_rows, section};
+pub(super) use section::{
+    COLUMNS, DAMPING, DEVICES, KEY, RATES_HZ, SPRINGS, WALL, damping_rows, device_rows, section,
+};
 
 /// Largest value in `low` .. `high` up to which `is_passive` holds: a scan upwards by steps of `factor`, then
 /// bisection to a relative error of `close`. `None` if it does not hold at `low`.

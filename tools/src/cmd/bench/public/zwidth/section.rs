@@ -1,6 +1,6 @@
 //! The section of the Z-width: tables over rate, damping and device.
 
-use palpate_core::{Method, Organ};
+use palpate_core::Method;
 use palpate_host::device::profile::{Damping, Profile};
 use palpate_precompute::num::in_parallel;
 
@@ -8,6 +8,8 @@ use super::emulated::{Renderer, SECONDS, hold};
 use super::ideal::Device;
 use super::largest;
 use crate::cmd::bench::public::figures::{Best, Others, Row, Section, Table};
+use crate::cmd::bench::public::organs::Ready;
+use crate::cmd::bench::public::ours::LIVE;
 use crate::cmd::bench::public::run::{Context, finished};
 use crate::failure::Failure;
 
@@ -18,6 +20,7 @@ pub(in crate::cmd::bench::public) const WALL: &str = "zwidth.wall";
 pub(in crate::cmd::bench::public) const SPRINGS: &str = "zwidth.springs";
 pub(in crate::cmd::bench::public) const DAMPING: &str = "zwidth.damping";
 pub(in crate::cmd::bench::public) const DEVICES: &str = "zwidth.devices";
+const METHODS: &str = "zwidth.methods";
 
 /// Columns of the emulated devices; the last ones ask for the energy alone.
 pub(in crate::cmd::bench::public) const COLUMNS: [&str; 6] =
@@ -33,6 +36,8 @@ const DAMPING_N_S_M: f64 = 1.0;
 const PROFILES: [&str; 4] = ["falcon", "touch", "omega", "polhem"];
 /// The device whose damping is varied.
 const VARIED: &str = "omega";
+/// Its damping, N s/m; a quick run has every second one.
+const DAMPINGS_N_S_M: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 /// Range of the stiffness that is searched, N/m, the step of the scan, and the accuracy.
 const RANGE_N_M: [f64; 2] = [50.0, 50_000.0];
 const SCAN: f64 = 1.25;
@@ -55,16 +60,26 @@ fn device_row(name: &str, rate_hz: u32) -> String {
     format!("{name}.{rate_hz}_hz")
 }
 
+/// Keys of the rows of the device whose damping is varied.
+pub(in crate::cmd::bench::public) fn damping_rows() -> Vec<String> {
+    RATES_HZ.iter().flat_map(|rate| DAMPINGS_N_S_M.map(|damping| damping_row(*rate, damping))).collect()
+}
+
+/// Key of the row of a rate and a damping.
+fn damping_row(rate_hz: u32, damping_n_s_m: f32) -> String {
+    format!("{rate_hz}_hz.{damping_n_s_m}")
+}
+
 /// Keys of the rows of the bundled devices.
 pub(in crate::cmd::bench::public) fn device_rows() -> Vec<String> {
     PROFILES.iter().flat_map(|name| RATES_HZ.map(|rate| device_row(name, rate))).collect()
 }
 
 /// The columns of the emulated devices, in the order of their names.
-fn columns<'r>(organ: &'r Organ<'r>) -> [Column<'r>; 6] {
+fn columns<'r>(organ: &'r palpate_core::Organ<'r>) -> Vec<Column<'r>> {
     let of = |method, guard| Renderer::Organ { organ, method, guard };
     let (free, guarded) = (of(Method::Energy, false), of(Method::Energy, true));
-    [
+    vec![
         (Renderer::Wall, Wanted::Stillness),
         (of(Method::Trilinear, false), Wanted::Stillness),
         (free, Wanted::Stillness),
@@ -142,16 +157,8 @@ struct Case {
     profile: Profile,
 }
 
-/// A table of cases by columns.
-fn emulated(
-    mut table: Table,
-    cases: Vec<Case>,
-    organ: &Organ<'_>,
-    context: &Context<'_>,
-) -> Result<Table, Failure> {
-    let columns = columns(organ);
-    table.columns = COLUMNS.map(String::from).to_vec();
-    table.apart = ENERGY_ALONE.iter().map(|name| (*name).to_owned()).collect();
+/// The largest stiffness of every case and column, in the order of the cases.
+fn all_of(cases: &[Case], columns: &[Column<'_>], context: &Context<'_>) -> Result<Vec<f64>, Failure> {
     let jobs: Vec<(usize, usize)> =
         (0..cases.len()).flat_map(|case| (0..columns.len()).map(move |column| (case, column))).collect();
     let found = in_parallel(&jobs, context.threads, |&(case, column)| {
@@ -159,40 +166,79 @@ fn emulated(
         largest_n_m(columns[column], &cases[case].profile)
     })
     .map_err(Failure::work)?;
-    let values = found.into_iter().collect::<Result<Vec<f64>, Failure>>()?;
+    found.into_iter().collect()
+}
+
+/// A table of cases by columns.
+fn emulated(
+    mut table: Table,
+    cases: Vec<Case>,
+    names: Vec<String>,
+    columns: &[Column<'_>],
+    context: &Context<'_>,
+) -> Result<Table, Failure> {
+    table.columns = names;
+    let values = all_of(&cases, columns, context)?;
     for (case, values) in cases.into_iter().zip(values.chunks(columns.len())) {
         table.rows.push(Row::new(case.row, case.name, Best::Most, values.to_vec()));
     }
     Ok(table)
 }
 
+/// Every method of the organ, and live, on one device at every rate.
+fn methods(ready: &Ready, context: &Context<'_>) -> Result<Table, Failure> {
+    let organ = ready.organ()?;
+    let methods = ready.scene.methods;
+    let of = |&method: &Method| (Renderer::Organ { organ: &organ, method, guard: false }, Wanted::Stillness);
+    let mut columns: Vec<Column<'_>> = methods.iter().map(of).collect();
+    columns.push((Renderer::Live { ready, organ: &organ }, Wanted::Stillness));
+    let names = methods.iter().map(|method| method.name().to_owned()).chain([LIVE.to_owned()]);
+    let mut cases = Vec::new();
+    for rate_hz in RATES_HZ {
+        let profile = profile(VARIED, rate_hz)?;
+        cases.push(Case { row: format!("{rate_hz}_hz"), name: format!("{rate_hz} Hz"), profile });
+    }
+    let table = Table::new(
+        METHODS,
+        "By method, on an emulated omega.3",
+        "The same criterion for every method in the controller without its energy guard. \u{201c}live\u{201d} has the solver beside \
+         the loop in simulated time, so it depends on this processor.",
+        "rate",
+        Vec::new(),
+    );
+    emulated(table, cases, names.collect(), &columns, context)
+}
+
 /// Measures the section on an organ whose first space is touched.
 pub(in crate::cmd::bench::public) fn section(
-    organ: &Organ<'_>,
+    ready: &Ready,
     context: &Context<'_>,
 ) -> Result<Section, Failure> {
     let start = std::time::Instant::now();
     let [wall, springs] = walls(context.quick);
+    let organ = ready.organ()?;
+    let (columns, names) = (columns(&organ), COLUMNS.map(String::from).to_vec());
+    let apart: Vec<String> = ENERGY_ALONE.iter().map(|name| (*name).to_owned()).collect();
     let mut varied = Vec::new();
-    let dampings: &[f32] = if context.quick { &[0.25, 1.0, 4.0] } else { &[0.25, 0.5, 1.0, 2.0, 4.0] };
     for rate_hz in RATES_HZ {
-        for damping in dampings {
+        for damping in DAMPINGS_N_S_M.into_iter().step_by(if context.quick { 2 } else { 1 }) {
             let mut profile = profile(VARIED, rate_hz)?;
-            profile.mechanism.damping = Some(Damping { n_s_m: *damping, measured: true });
+            profile.mechanism.damping = Some(Damping { n_s_m: damping, measured: true });
             (profile.mechanism.coulomb_n, profile.assumed.coulomb_n) = (None, 0.0);
-            let row = format!("{rate_hz}_hz.{damping}");
-            varied.push(Case { row, name: format!("{rate_hz} Hz, b = {damping} N s/m"), profile });
+            let name = format!("{rate_hz} Hz, b = {damping} N s/m");
+            varied.push(Case { row: damping_row(rate_hz, damping), name, profile });
         }
     }
-    let damping = Table::new(
+    let mut damping = Table::new(
         DAMPING,
         "Against the damping of the device",
-        "Largest passive stiffness at the hand, N/m, on an emulated omega.3 without Coulomb friction, held by two \
-         fingers (1.1 N s/m) with 1 N and knocked once.",
+        "Largest stiffness at the hand, N/m, on an emulated omega.3 without Coulomb friction, held by two \
+         fingers (1.1 N s/m) with 1 N and knocked once. Another system states the K without oscillation.",
         "rate and damping b of the device",
         Vec::new(),
     );
-    let damping = emulated(damping, varied, organ, context)?;
+    (damping.others, damping.apart) = (Others::Declared, apart.clone());
+    let damping = emulated(damping, varied, names.clone(), &columns, context)?;
     let mut bundled = Vec::new();
     for name in PROFILES {
         for rate_hz in RATES_HZ {
@@ -205,29 +251,31 @@ pub(in crate::cmd::bench::public) fn section(
         DEVICES,
         "On the bundled device profiles",
         "The same with mass, damping, Coulomb friction, encoder, motors and delays of each profile. A profile states \
-         assumptions where its maker states nothing (docs/devices.md). Another system states the K without oscillation.",
+         assumptions where its maker states nothing (docs/devices.md).",
         "device and rate",
         Vec::new(),
     );
-    devices.others = Others::Declared;
-    let devices = emulated(devices, bundled, organ, context)?;
+    (devices.others, devices.apart) = (Others::Declared, apart);
+    let devices = emulated(devices, bundled, names, &columns, context)?;
+    let methods = methods(ready, context)?;
     Ok(finished(
         context,
         KEY,
-        "Z-width: how stiff a loop can be and stay passive",
+        "Z-width: how stiff a loop can be and come to rest",
         &[
             "A sampled spring gives back more energy than it took. Beyond a stiffness K the device hums or kicks. The \
-             figures are the largest K that is passive: the device gives the hand at most 5 mJ in the second after a knock, and within \
-             three seconds the hand is still (three encoder steps, at least 20 \u{b5}m) or moves less by a fifth than a second \
-             before. Columns with \u{201c}5 mJ\u{201d} ask for the energy alone: the hand may tremble. They are compared with each \
-             other only.",
+             figures of emulated devices are the largest K at which a held device comes to rest after a knock of 2.5 mN s: it gives \
+             the hand at most 5 mJ in the second after it, and within three seconds the hand is still (three encoder steps, at least \
+             20 \u{b5}m) or moves less by a fifth than a second before. That is weaker than passivity in any motion, which the \
+             first table has. Columns with \u{201c}5 mJ\u{201d} ask for the energy alone: the hand may tremble. They are compared \
+             with each other only.",
             "K of an organ is that of its skin at rest; it is made stiffer by multiplying all its constants. \u{201c}trilinear\u{201d} and \
              \u{201c}energy\u{201d} are methods in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} adds the energy guard. \
              Devices are held by two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall. \
              The guard acts when its own balance passes 5 mJ, so it stops a small limit cycle only after a second or two.",
         ],
-        &["palpate bench public --only zwidth"],
+        &[],
         start.elapsed().as_secs_f64(),
-        vec![wall, springs, damping, devices],
+        vec![wall, springs, damping, methods, devices],
     ))
 }
