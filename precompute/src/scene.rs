@@ -22,6 +22,7 @@ pub(crate) mod reach;
 mod refine;
 mod regions;
 mod resolve;
+mod three;
 mod tool;
 
 use std::path::{Path, PathBuf};

@@ -10,6 +10,7 @@ use toml::Spanned;
 
 use super::material::MaterialTable;
 use super::place::{Located, Place};
+use super::three::Three;
 use crate::error::InputError;
 use crate::fem::PadProfile;
 use crate::fem::boundary::Constraints;
@@ -64,27 +65,6 @@ pub(super) struct FixedTable {
     pub(super) in_box: Option<Spanned<BoxTable>>,
     pub(super) file: Option<Spanned<String>>,
     pub(super) key: Option<Spanned<String>>,
-}
-
-/// A list of three numbers. As an array, serde would accept a longer one and leave out the rest.
-#[derive(Debug, Clone, Copy, serde::Deserialize)]
-#[serde(try_from = "Vec<f64>")]
-pub(super) struct Three(pub(super) [f64; 3]);
-
-impl From<Three> for crate::fem::material::Value {
-    fn from(three: Three) -> Self {
-        three.0.into()
-    }
-}
-
-impl TryFrom<Vec<f64>> for Three {
-    type Error = String;
-
-    fn try_from(all: Vec<f64>) -> Result<Self, String> {
-        // In the words of serde, which `Place::explain` knows.
-        let wrong = |all: Vec<f64>| format!("invalid length {}, expected an array of length 3", all.len());
-        all.try_into().map(Self).map_err(wrong)
-    }
 }
 
 #[derive(Debug, serde::Deserialize)]

@@ -6,8 +6,8 @@ use std::sync::LazyLock;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use toml::Spanned;
 
-use super::file::Three;
 use super::place::{Located, Place};
+use super::three::Three;
 use crate::error::{InputError, nearest_word};
 use crate::fem::material::{Key, LAWS, Material, Value};
 

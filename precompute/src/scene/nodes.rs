@@ -6,10 +6,11 @@ use palpate_core::{Limits, SPACE_NAME_LEN};
 use toml::Spanned;
 
 use super::cover::Cover;
-use super::file::{ActiveTable, BoxTable, FixedTable, Three};
+use super::file::{ActiveTable, BoxTable, FixedTable};
 use super::lookup::Lookup;
 use super::place::{Located, check_name, finite, positive};
 use super::reach::is_blocked;
+use super::three::Three;
 use super::{Scene, Unreachable};
 use crate::error::{InputError, count};
 use crate::fem::PadProfile;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use toml::Spanned;
 
-use super::file::Three;
+use super::three::Three;
 use crate::error::{InputError, nearest_word};
 
 /// A table with its place in the text.

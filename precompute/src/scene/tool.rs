@@ -5,9 +5,10 @@ use std::ops::Range;
 use toml::Spanned;
 
 use super::ElementOrder;
-use super::file::{ActiveTable, Three, ToolTable};
+use super::file::{ActiveTable, ToolTable};
 use super::lookup::Lookup;
 use super::place::{Place, finite, positive};
+use super::three::Three;
 use crate::error::{InputError, count};
 use crate::fem::pad::under;
 use crate::fem::{Capsule, Fingertip, Layer, PadProfile, Sphere};
