@@ -24,10 +24,13 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <string>
-#include <termios.h>
 #include <unistd.h>
 
+// Before termios.h, whose macro B0 is the name of a variable in CHAI3D.
 #include "chai3d.h"
+
+#include <termios.h>
+
 #include "palpate_link.h"
 
 using chai3d::cVector3d;

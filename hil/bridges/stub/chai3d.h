@@ -22,6 +22,9 @@
 
 namespace chai3d {
 
+// CHAI3D has a variable of this name, which is a macro of termios.h.
+inline int nameOfAMacro() { int B0 = 1; return B0; }
+
 class cVector3d {
 public:
     cVector3d(double x = 0, double y = 0, double z = 0) : x_(x), y_(y), z_(z) {}
