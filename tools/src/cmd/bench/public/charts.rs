@@ -113,7 +113,7 @@ pub(super) fn of(section: &Section, all: &[Section]) -> String {
         cost::KEY => speed_and_error(section, all),
         super::zwidth::KEY => return zwidth(tables),
         nodule::KEY => {
-            let place = |row: &'_ Row| row.key.strip_suffix(".detectability").map(String::from);
+            let place = |row: &Row| row.key.strip_suffix(".detectability").map(String::from);
             let rows = tables.iter().flat_map(|table| &table.rows);
             let rows: Vec<(&str, String)> =
                 rows.filter_map(|row| Some((row.key.as_str(), place(row)?))).collect();
@@ -208,7 +208,7 @@ fn zwidth(tables: &[Table]) -> String {
     let values = |series: &[Series], of: fn(&Point) -> f64| -> Vec<f64> {
         series.iter().flat_map(|s| s.points.iter().map(of)).collect()
     };
-    let label = "largest stiffness K at rest after a knock, N/m";
+    let label = "largest stiffness K, N/m";
     let first = Chart {
         title: "Plain wall, ideal device".into(),
         x: Axis::linear("virtual damping B, N s/m", values(&of_wall, |p| p.x)),

@@ -8,7 +8,7 @@ use palpate_precompute::space::Store;
 
 use super::figures::{Best, Others, Row, Section, Table};
 use super::organs::Ready;
-use super::run::{Context, finished};
+use super::run::{Context, WORK, finished};
 use crate::cmd::bench::core::fastest_ns;
 use crate::failure::Failure;
 
@@ -73,7 +73,7 @@ pub(super) fn section(organs: &[Ready], context: &Context<'_>) -> Result<Section
             "What a method needs before the first touch, and in each tick. The time of a query is the median with the fastest \
            vector instructions of this processor.",
         ],
-        &["palpate bench core --blob OUT/work/point.blob"],
+        &[&format!("palpate bench core --blob OUT/{WORK}/point.blob")],
         start.elapsed().as_secs_f64(),
         tables,
     ))

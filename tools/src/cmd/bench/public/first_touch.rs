@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::figures::{Best, Others, Row, Section, Table};
 use super::organs::Ready;
-use super::run::{Context, finished};
+use super::run::{Context, WORK, finished};
 use super::scenes::ORGANS;
 use crate::failure::Failure;
 
@@ -100,7 +100,9 @@ pub(super) fn section(assets: &Path, organs: &[Ready], context: &Context<'_>) ->
         &["How long a person waits between the command and the first force."],
         &[
             "palpate live ASSETS/liver-small.toml --seconds 3 --headless --frame-rate 0 --json",
-            "palpate run OUT/work/point.blob --uncertified --seconds 1 --headless --frame-rate 0 --json",
+            &format!(
+                "palpate run OUT/{WORK}/point.blob --uncertified --seconds 1 --headless --frame-rate 0 --json"
+            ),
         ],
         start.elapsed().as_secs_f64(),
         vec![table],

@@ -25,6 +25,9 @@ impl Context<'_> {
     }
 }
 
+/// Folder of spaces, blobs and finished sections, beside the page.
+pub(super) const WORK: &str = "work";
+
 /// A section of these tables. In the commands that repeat it OUT is the folder of the page, ASSETS that of the scenes.
 pub(super) fn finished(
     context: &Context<'_>,

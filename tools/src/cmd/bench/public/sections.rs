@@ -11,7 +11,7 @@ use palpate_precompute::space::solver_version;
 use super::figures::Section;
 use super::organs::{Amount, Ready, Rooms};
 use super::questions::{Questions, VERSION};
-use super::run::Context;
+use super::run::{Context, WORK};
 use super::scenes::{self, ORGANS};
 use super::stated::SYSTEM;
 use super::{cost, first_touch, forces, interrupted, nodule, table_kind, ticks, zwidth};
@@ -75,13 +75,12 @@ impl<'s> Workshop<'s> {
         context: Context<'s>,
     ) -> Result<Self, Failure> {
         let questions = files.folder("--out", &out.path().join("questions"), table_kind)?;
-        let work =
-            files.folder("--out", &out.path().join("work"), |name| match name.rsplit_once('.')?.1 {
-                "blob" => Some(FileKind::Blob),
-                "space" => Some(FileKind::Space),
-                "json" => Some(FileKind::Json),
-                _ => None,
-            })?;
+        let work = files.folder("--out", &out.path().join(WORK), |name| match name.rsplit_once('.')?.1 {
+            "blob" => Some(FileKind::Blob),
+            "space" => Some(FileKind::Space),
+            "json" => Some(FileKind::Json),
+            _ => None,
+        })?;
         let mut folder = |name| files.folder("--out", &questions.path().join(name), table_kind);
         let folders =
             ORGANS.iter().map(|organ| organ.name).map(&mut folder).collect::<Result<Vec<_>, _>>()?;

@@ -1,6 +1,6 @@
 //! The section of the Z-width: tables over rate, damping and device.
 
-use palpate_core::Method;
+use palpate_core::{Method, Organ};
 use palpate_host::device::profile::{Damping, Profile};
 use palpate_precompute::num::in_parallel;
 
@@ -76,7 +76,7 @@ pub(in crate::cmd::bench::public) fn device_rows() -> Vec<String> {
 }
 
 /// The columns of the emulated devices, in the order of their names.
-fn columns<'r>(organ: &'r palpate_core::Organ<'r>) -> Vec<Column<'r>> {
+fn columns<'r>(organ: &'r Organ<'r>) -> Vec<Column<'r>> {
     let of = |method, guard| Renderer::Organ { organ, method, guard };
     let (free, guarded) = (of(Method::Energy, false), of(Method::Energy, true));
     vec![
