@@ -28,6 +28,8 @@ const AHEAD: f64 = 1.5;
 const MAX_AHEAD_S: f64 = 0.3;
 /// and by at most this distance, m.
 const MAX_AHEAD_M: f64 = 0.02;
+/// or this one where a solve takes long: it fails from farther away, and that takes longer.
+const LONG_AHEAD_M: f64 = 0.01;
 /// The first jets of contacts within this distance of a free tool are solved, m,
 pub(super) const HEADING_M: f64 = 0.03;
 /// round the place where it will be after this time, s.
@@ -54,7 +56,7 @@ const SEARCH_SOLVES: f64 = 4.0;
 /// The end of a branch is checked where the hand will be after this time, s.
 pub(super) const CHECK_S: f64 = 0.02;
 /// Where nobody waits for a factor, a touch is prepared by presses of these depths, m,
-const PRESSES_M: [f64; 2] = [0.012, 0.024];
+const PRESSES_M: [f64; 3] = [0.012, 0.018, 0.024];
 /// at so many contacts: the corners of a triangle.
 const PRESSED: usize = 3;
 /// Jets of a sphere are trusted over millimetres only: they are solved where the hand will be after this time, s.
@@ -120,7 +122,7 @@ pub(super) struct Choice<'s> {
     pub(super) workers: &'s Workers,
     /// `None` if the steps make their factors; else nobody waits for one.
     pub(super) renewals: Option<&'s Renewals>,
-    /// Whether presses are solved before the hand is there, because a solve takes long.
+    /// Whether presses are solved before the hand is there, and no step renews a factor, because that takes long.
     pub(super) prepares: bool,
     /// A contact whose kept state has turned out to be unstable.
     pub(super) doubted: Option<u16>,
@@ -144,9 +146,10 @@ impl Choice<'_> {
         let of_any = |find: &dyn Fn(u16) -> Option<Task>| touched().find_map(|(contact, _)| find(contact));
         let here_m = touch.control_m;
         let (frozen_s, renewed_s) = (self.times.frozen_s(), self.times.renewed_s());
+        let most_m = if self.prepares { LONG_AHEAD_M } else { MAX_AHEAD_M };
         let after = |seconds: f64| {
             let ahead = hand.velocity_m_s.map(|v| v * seconds);
-            let reduced = (MAX_AHEAD_M / norm(ahead)).min(1.0);
+            let reduced = (most_m / norm(ahead)).min(1.0);
             std::array::from_fn(|axis| here_m[axis] + reduced * ahead[axis])
         };
         let unknown = |control_m, limit| {
@@ -169,7 +172,7 @@ impl Choice<'_> {
             .or_else(|| touched().find_map(|(contact, _)| self.beside(contact, found)))
             .or_else(|| {
                 let has_time = || unknown(after(AHEAD * renewed_s), Limit::Unknown).is_none();
-                (self.renewals.is_none() && has_time()).then(|| self.renewal(contacts[0].0, here_m))?
+                (!self.prepares && has_time()).then(|| self.renewal(contacts[0].0, here_m))?
             })
             .or_else(|| {
                 let within_m = SEARCH_M.max(SEARCH_SOLVES * renewed_s * norm(hand.velocity_m_s));
@@ -236,11 +239,11 @@ impl Choice<'_> {
         let of_any = |most: usize, find: &dyn Fn(u16) -> Option<Task>| {
             found.iter().take(most).find_map(|&(_, contact)| find(contact))
         };
-        let [light_m, deep_m] = PRESSES_M;
+        let [light_m, deep_m @ ..] = PRESSES_M;
         of_any(PRESSED, &|contact| self.first(contact))
             .or_else(|| of_any(PRESSED, &|contact| self.press(contact, light_m)))
             .or_else(|| of_any(usize::MAX, &|contact| self.first(contact)))
-            .or_else(|| of_any(PRESSED, &|contact| self.press(contact, deep_m)))
+            .or_else(|| of_any(PRESSED, &|contact| deep_m.iter().find_map(|&m| self.press(contact, m))))
     }
 
     /// The first touches of a sphere that comes near the skin: where its way leads, and on the shortest way.

@@ -216,6 +216,19 @@ impl Known {
         (*of == branch).then(|| (nearest, away_m(nearest)))
     }
 
+    /// Largest error c r^3 of a series near a control, in c, that the others show there, N/m^3: two series, r_1 and r_2 away, whose
+    /// errors are c r^3 differ by at most c (r_1^3 + r_2^3).
+    fn contradiction_n_m3(&self, control_m: [f64; 3], branch: u32, (nearest, r_m): (&Trust, f64)) -> f64 {
+        let force_n = nearest.force_n(control_m, self.second_m);
+        let others = self.jets.iter().filter_map(|(trust, of)| {
+            let away_m = trust.away_m(control_m, self.second_m);
+            let is_near = *of == branch && away_m <= trust.radius_m && away_m > MIN_MEASURED_M;
+            let cubes_m3 = away_m.powi(3) + r_m.powi(3);
+            is_near.then(|| distance(trust.force_n(control_m, self.second_m), force_n) / cubes_m3)
+        });
+        others.fold(0.0, f64::max)
+    }
+
     /// The jets are those of tables, which lie no farther apart than twice this distance, m.
     pub(super) fn are_tabled(&mut self, within_m: f64) {
         self.tabled_m = within_m;
@@ -341,7 +354,8 @@ impl Growth {
         limit: Limit,
     ) -> bool {
         known.nearest(control_m, branch).is_some_and(|(nearest, r_m)| {
-            let error_n = self.error_n_m3 * r_m * r_m * r_m;
+            let shown_n_m3 = known.contradiction_n_m3(control_m, branch, (nearest, r_m));
+            let error_n = self.error_n_m3.max(shown_n_m3) * r_m * r_m * r_m;
             // Where no error can be measured nothing would be gained.
             let is_small =
                 weight * error_n < limit.share() * Tolerance::IMPERCEPTIBLE.at(nearest.jet.force_n);

@@ -15,7 +15,7 @@ use palpate_core::{Method, Organ, Space};
 use super::branches::{Branches, REST};
 use super::choice::{Choice, LostPositions};
 use super::error::LiveError;
-use super::hand::{Hand, Touch};
+use super::hand::{Hand, Touch, Way};
 use super::memory::{Growth, Known, Limit};
 use super::published::{Published, Step, Totals};
 use super::renewals::Renewals;
@@ -61,6 +61,7 @@ pub struct LiveSolver {
     lost: LostPositions,
     branches: Branches,
     times: SolveTimes,
+    way: Way,
     renewals: Option<Renewals>,
     /// A contact whose kept state has turned out to be unstable.
     doubted: Option<u16>,
@@ -121,6 +122,7 @@ impl LiveSolver {
             lost: LostPositions::default(),
             branches: Branches::default(),
             times: SolveTimes::default(),
+            way: Way::default(),
             renewals: None,
             doubted: None,
             totals: Totals::default(),
@@ -283,15 +285,10 @@ impl LiveSolver {
         self.totals
     }
 
-    /// All jets of a contact, as if they were found anew.
-    pub fn jets(&self, contact: u16) -> impl Iterator<Item = Published> {
-        let known = self.known.get(usize::from(contact)).filter(|_| !self.holds_back);
-        known.into_iter().flat_map(move |known| as_new(known, contact, self.model))
-    }
-
     /// States how long the last step took, s.
     pub fn took(&mut self, seconds: f64) {
         self.times.took(seconds);
+        self.way.took(seconds);
     }
 
     /// Solves at one position, if there is one that is worth it, or goes over to the branch behind a fold that the
@@ -311,6 +308,7 @@ impl LiveSolver {
     }
 
     fn solve_next(&mut self, hand: &Hand) -> Step {
+        let hand = &self.way.steady(hand);
         // The next touch of a free tool starts from there.
         if hand.touch.is_none()
             && let Some(step) = self.follow_partner()
@@ -430,18 +428,6 @@ impl LiveSolver {
         let branch_of = |contact| self.branches.of(contact);
         self.states.displacements_into(hand, (&self.body, &self.first_rest), branch_of, nodes, out);
     }
-}
-
-/// The jets of a contact, as if they were found anew.
-fn as_new(known: &Known, contact: u16, model: u32) -> impl Iterator<Item = Published> {
-    known.jets().map(move |&trust| Published {
-        contact,
-        trust,
-        joins: true,
-        is_fresh: false,
-        is_unstable: false,
-        model,
-    })
 }
 
 #[cfg(test)]

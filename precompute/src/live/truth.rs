@@ -33,6 +33,7 @@ const OPTIONS: FollowOptions = FollowOptions {
     max_sweeps: 6,
     worst_sensitivity: 0.3,
     renews: true,
+    gives_up: false,
 };
 
 /// The true force along a path.

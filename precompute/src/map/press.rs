@@ -44,6 +44,7 @@ const FOLLOW: FollowOptions = FollowOptions {
     max_sweeps: 10,
     worst_sensitivity: 3e-3,
     renews: true,
+    gives_up: false,
 };
 /// Halvings of the interval in the search for a depth: to rounding.
 const HALVINGS: u32 = 60;

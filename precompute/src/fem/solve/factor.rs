@@ -11,6 +11,8 @@
 //! order. Refinement then removes the effect of delta. If the measured residual shows that this fails (a part
 //! of the body is about a million times softer than the rest), an LU factorisation with pivoting is used.
 
+mod held_by_loads;
+mod packed;
 mod residual_steps;
 mod residuals;
 mod single;
@@ -24,14 +26,17 @@ use faer::prelude::Solve;
 use faer::sparse::linalg::cholesky::{LdltRef, LltRef};
 use faer::sparse::{SparseColMat, SparseColMatRef, SymbolicSparseColMatRef, Triplet};
 use faer::{Conj, Mat, MatMut, Par, Side};
-use nalgebra::{Matrix3, Vector3};
 
+use held_by_loads::HeldByLoads;
+pub(super) use held_by_loads::held_stiffness;
+pub(super) use packed::PackedFactor;
 pub(super) use residual_steps::MAX_STEPS;
 use residual_steps::ResidualSteps;
-pub(super) use single::{SingleFactor, SingleScratch};
+use single::{SingleFactor, SingleScratch};
 pub(super) use symbolic::SymbolicFactor;
 use symbolic::{Route, negative_pivots};
 pub(super) use two_level::NearEquations;
+
 use two_level::TwoLevel;
 
 use super::Problem;
@@ -115,38 +120,8 @@ pub(super) struct Factor {
     stagnates: bool,
     /// Largest number of residual steps with a preconditioner; beyond it the matrix is factorised.
     pub(super) max_steps_without: usize,
-}
-
-/// Three equations whose solution is held at zero by loads on them, x = M^-1 r - Y (E' Y)^-1 E' M^-1 r.
-struct HeldByLoads {
-    equations: [usize; 3],
-    /// Y = M^-1 E, column after column.
-    unit_loads: Vec<f64>,
-    /// (E' Y)^-1.
-    stiffness: Matrix3<f64>,
-}
-
-impl HeldByLoads {
-    /// Changes the columns M^-1 r to those with the equations held.
-    fn hold(&self, columns: &mut [f64]) {
-        let n = self.unit_loads.len() / 3;
-        for x in columns.chunks_mut(n) {
-            let loads = self.stiffness * Vector3::from(self.equations.map(|equation| x[equation]));
-            for (load, column) in loads.iter().zip(self.unit_loads.chunks(n)) {
-                for (x, y) in x.iter_mut().zip(column) {
-                    *x -= load * y;
-                }
-            }
-            // Without the rounding.
-            self.equations.iter().for_each(|&equation| x[equation] = 0.0);
-        }
-    }
-}
-
-/// (E' Y)^-1 of the solutions Y for unit loads on three equations: the loads that displace these by one.
-pub(super) fn held_stiffness(equations: [usize; 3], unit_loads: &[f64]) -> Option<Matrix3<f64>> {
-    let n = unit_loads.len() / 3;
-    Matrix3::from_fn(|row, column| unit_loads[column * n + equations[row]]).try_inverse()
+    /// Whether the tangent of a large body is not factorised where the steps with its preconditioner fail.
+    pub(super) gives_up: bool,
 }
 
 impl std::fmt::Debug for Factor {
@@ -179,6 +154,7 @@ impl Factor {
             follows_tangent: false,
             stagnates: false,
             max_steps_without: MAX_STEPS_WITHOUT,
+            gives_up: false,
         }
     }
 
@@ -194,12 +170,7 @@ impl Factor {
 
     /// Holds three equations at zero from now on, by the solutions Y for unit loads on them; whether these can.
     pub(super) fn hold(&mut self, equations: [usize; 3], unit_loads: &[f64]) -> bool {
-        let held = held_stiffness(equations, unit_loads).map(|stiffness| HeldByLoads {
-            equations,
-            unit_loads: unit_loads.to_vec(),
-            stiffness,
-        });
-        self.held = held.map(Box::new);
+        self.held = HeldByLoads::new(equations, unit_loads).map(Box::new);
         self.held.is_some()
     }
 
@@ -389,13 +360,17 @@ impl Factor {
             return Err(SingularMatrix { residual: best });
         }
         if self.precondition(matrix) {
-            self.refine(matrix, right, x, (accuracy.target, self.max_steps_without));
+            let most = if self.gives_up { MAX_STEPS } else { self.max_steps_without };
+            self.refine(matrix, right, x, (accuracy.target, most));
             // That of the steps is not measured.
             let residual = self.measure(matrix, right, x).worst();
             if accuracy.accepts(residual) {
                 return Ok(residual);
             }
             self.stagnates = true;
+        }
+        if self.gives_up && matrix.at.is_some_and(|(problem, _)| problem.is_large()) {
+            return Err(SingularMatrix { residual: best });
         }
         for &route in matrix.symbolic.routes() {
             if !self.factorise(matrix, route) {

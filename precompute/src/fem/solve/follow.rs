@@ -39,6 +39,9 @@ pub struct FollowOptions {
     /// Whether a new factor is made where the one at hand does not serve for Broyden steps and sweeps. If not,
     /// Newton steps are solved with it by generalised conjugate residuals.
     pub renews: bool,
+    /// Whether the continuation of a large body is given up where its preconditioner does not serve, because factors of its
+    /// tangents take seconds.
+    pub gives_up: bool,
 }
 
 impl Default for FollowOptions {
@@ -51,6 +54,7 @@ impl Default for FollowOptions {
             max_sweeps: 6,
             worst_sensitivity: 0.3,
             renews: true,
+            gives_up: false,
         }
     }
 }
@@ -106,6 +110,20 @@ impl Solver {
         to: &mut Seed,
     ) -> Result<Followed, SolveFailure> {
         assert!(self.problem.dofs.multipliers.is_empty(), "continuation needs elimination");
+        self.factor.gives_up = options.gives_up;
+        let followed = self.follow_to(from, control_m, refresh, options, to);
+        self.factor.gives_up = false;
+        followed
+    }
+
+    fn follow_to(
+        &mut self,
+        from: &Seed,
+        control_m: [f64; 3],
+        refresh: bool,
+        options: &FollowOptions,
+        to: &mut Seed,
+    ) -> Result<Followed, SolveFailure> {
         let pose = Pose { displacement_m: control_m, ..from.pose };
         let mut count = FollowCount::default();
         let residual_n = self.reach_frozen(from, &pose, refresh, options, &mut count)?;

@@ -43,7 +43,7 @@ use crate::fem::boundary::{Constraints, Contact, DofMap, Handle, Pose};
 use crate::fem::elastic::ElasticState;
 use crate::fem::element::Order;
 use crate::num::jet::EnergyJet;
-use factor::{Factor, Matrix, NearEquations, RIGHT_SIDES, SingleFactor, SingleScratch, SymbolicFactor};
+use factor::{Factor, Matrix, NearEquations, PackedFactor, RIGHT_SIDES, SymbolicFactor};
 use held::HeldEntries;
 use partner::Partner;
 use quasi_newton::StepHistory;
@@ -65,7 +65,7 @@ pub struct Problem {
     /// Entries of a held node that was numbered like the others.
     held: Option<HeldEntries>,
     /// The factor of the body at rest without a tool, if it is large, made by the first solve.
-    far: Arc<OnceLock<Option<Arc<SingleFactor>>>>,
+    far: Arc<OnceLock<Option<Arc<PackedFactor>>>>,
     /// The equations near its tool.
     near: OnceLock<Option<Arc<NearEquations>>>,
 }
@@ -204,16 +204,8 @@ impl Problem {
     }
 
     /// The factor of the body at rest without a tool; `None` if it is singular.
-    fn far_factor(&self) -> Option<Arc<SingleFactor>> {
-        let make = || {
-            let mut assembled = Assembled::new(&self.body, &self.pattern);
-            assembled.assemble(&self.body, &self.pattern, &self.body.rest_state);
-            let mut factor = SingleFactor::new(&self.symbolic, self.unknowns());
-            let mut scratch = SingleScratch::new(&self.symbolic, self.unknowns());
-            let made = factor.make(self.matrix(&assembled.tangent), &mut scratch);
-            let is_stable = made && factor.unstable_modes(&self.symbolic) == Some(0);
-            is_stable.then(|| Arc::new(factor))
-        };
+    fn far_factor(&self) -> Option<Arc<PackedFactor>> {
+        let make = || PackedFactor::at_rest(self).map(Arc::new);
         self.far.get_or_init(make).clone()
     }
 

@@ -112,3 +112,29 @@ fn a_contact_that_is_given_up_keeps_its_jet_at_rest() {
     tabled.keep_rest();
     assert_eq!((tabled.away_from_rest(), tabled.jets().len()), (0, 4));
 }
+
+/// Two series with errors of c r^3 contradict each other by as much, whatever was measured elsewhere.
+#[test]
+fn series_that_contradict_each_other_are_not_believed() {
+    let growth = Growth { error_n_m3: 1.0, least_n_m3: 0.0 };
+    // The force 200 x + c x^3, and its expansions at 0 and at 10 mm.
+    let jet = |c: f64, x: f64| {
+        let mut numbers = [0.0; 20];
+        numbers[1] = 200.0 * x + c * x * x * x;
+        (numbers[4], numbers[7], numbers[9]) = (200.0 + 3.0 * c * x * x, 200.0, 200.0);
+        numbers[10] = 6.0 * c * x;
+        EnergyJet::from_numbers([x, 0.0, 0.0], &numbers)
+    };
+    for (c, is_known) in [(0.0, true), (1e6, false)] {
+        let mut known = Known::default();
+        for x in [0.0, 0.01] {
+            let trust = known.trust(jet(c, x), None);
+            known.add(trust, 0, false);
+        }
+        let at = ([0.005, 0.0, 0.0], 0);
+        assert_eq!(growth.knows(&known, at, 1.0, Limit::Unknown), is_known, "c = {c:e} N/m^3");
+        let (nearest, r_m) = known.nearest(at.0, 0).expect("a jet");
+        let shown_n_m3 = known.contradiction_n_m3(at.0, 0, (nearest, r_m));
+        assert!((0.5 * c..=2.0 * c).contains(&shown_n_m3) || c == 0.0 && shown_n_m3 < 1e-3, "{shown_n_m3:e}");
+    }
+}

@@ -11,7 +11,8 @@ use super::super::hand::{Hand, Touch};
 use super::super::memory::{Known, MAX_JETS};
 use super::super::published::Published;
 use super::super::tabled;
-use super::{LiveSolver, as_new};
+use super::LiveSolver;
+use super::publishing::as_new;
 
 /// Contacts whose jets the loop has for certain. It has room for 64, and gives the room of the one that it used longest
 /// ago to another; it also uses contacts between two looks of the solver at the hand, and never gives away those in touch.

@@ -1,6 +1,6 @@
 //! What the loop gets of a solved state.
 
-use super::super::memory::Trust;
+use super::super::memory::{Known, Trust};
 use super::super::published::Published;
 use super::LiveSolver;
 use crate::fem::{Coupling, Second};
@@ -15,6 +15,12 @@ const LIGHT_TRUST_M: f64 = 5e-4;
 const BESIDE_PARTNER_M: f64 = 1e-3;
 
 impl LiveSolver {
+    /// All jets of a contact, as if they were found anew.
+    pub fn jets(&self, contact: u16) -> impl Iterator<Item = Published> {
+        let known = self.known.get(usize::from(contact)).filter(|_| !self.holds_back);
+        known.into_iter().flat_map(move |known| as_new(known, contact, self.model))
+    }
+
     /// Enters a jet in the memory, and in the queue for the loop. If it does not join, jets that contradict it are
     /// removed.
     pub(super) fn publish(
@@ -55,4 +61,16 @@ impl LiveSolver {
             model: self.model,
         });
     }
+}
+
+/// The jets of a contact, as if they were found anew.
+pub(super) fn as_new(known: &Known, contact: u16, model: u32) -> impl Iterator<Item = Published> {
+    known.jets().map(move |&trust| Published {
+        contact,
+        trust,
+        joins: true,
+        is_fresh: false,
+        is_unstable: false,
+        model,
+    })
 }

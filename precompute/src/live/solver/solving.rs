@@ -25,6 +25,7 @@ pub(super) const OPTIONS: FollowOptions = FollowOptions {
     max_sweeps: 8,
     worst_sensitivity: 0.3,
     renews: true,
+    gives_up: false,
 };
 /// Most sweeps where no new factor is made.
 const MAX_SWEEPS_FROZEN: u32 = 12;
@@ -264,6 +265,9 @@ impl LiveSolver {
         } else {
             FollowOptions { max_steps: MAX_STEPS_AHEAD, ..OPTIONS }
         };
+        let is_costly = !task.aim.is_at_hand() || self.longest_descent() < MIN_DESCENT;
+        let gives_up = is_costly && self.needs_no_factor();
+        let options = FollowOptions { gives_up, ..options };
         let renews = renews && (options.renews || self.workers.present().factor == Made::Unknown);
         let worker = self.workers.present();
         let Ok(found) = worker.solver.follow(&from.seed, control_m, renews, &options, to) else {
@@ -279,14 +283,19 @@ impl LiveSolver {
         (is_same && found.unstable_modes.is_none_or(|modes| modes == 0)).then_some(found)
     }
 
-    /// Lands where the hand is.
-    fn land(&mut self, from: &Start, task: &Task, to: &mut Seed) -> Found {
+    /// Most steps of a descent.
+    fn longest_descent(&self) -> u32 {
         // Without a factor in a solve, one says nothing about a descent, which makes one a step.
         let step_s = match self.needs_no_factor() {
             true => self.times.descent_s(self.free.factor_flops()),
             false => self.times.renewed_s(),
         };
-        let most = (LONGEST_DESCENT_S / step_s).min(f64::from(DESCENT_STEPS)) as u32;
+        (LONGEST_DESCENT_S / step_s).min(f64::from(DESCENT_STEPS)) as u32
+    }
+
+    /// Lands where the hand is.
+    fn land(&mut self, from: &Start, task: &Task, to: &mut Seed) -> Found {
+        let most = self.longest_descent();
         if most < MIN_DESCENT {
             return Found::Nothing;
         }
@@ -369,7 +378,7 @@ impl LiveSolver {
     /// The present branch of a contact was not found at a control from this state.
     fn note_fold(&mut self, contact: u16, last: &EnergyJet, beyond_m: [f64; 3]) {
         // A sphere that comes to other edges of the skin is not found from far away, though no branch ends there.
-        if self.skin.sphere().is_some() {
+        if self.skin.sphere().is_some() || self.longest_descent() < MIN_DESCENT {
             self.lost.add(&Task { contact, control_m: beyond_m, aim: Aim::Ahead });
             return;
         }

@@ -13,9 +13,6 @@ use faer::{Conj, MatMut, Par, Side};
 use super::symbolic::{SymbolicFactor, negative_pivots};
 use super::{Matrix, RIGHT_SIDES};
 
-/// Regularisation of the pressures without a block, in units of V_i / mu: above the rounding of single precision.
-const DELTA: f64 = 1e-5;
-
 /// A factor to apply from any number of threads, each with its [`SingleScratch`].
 #[derive(Debug)]
 pub(in crate::fem::solve) struct SingleFactor {
@@ -54,12 +51,17 @@ impl SingleFactor {
     }
 
     /// Factorises a matrix; whether that is possible.
-    pub(in crate::fem::solve) fn make(&mut self, matrix: Matrix<'_>, scratch: &mut SingleScratch) -> bool {
+    pub(in crate::fem::solve) fn make(
+        &mut self,
+        matrix: Matrix<'_>,
+        delta: f64,
+        scratch: &mut SingleScratch,
+    ) -> bool {
         let Matrix { symbolic, pattern, values, .. } = matrix;
         let n = pattern.unknowns();
         let mut regularised = values[..pattern.entries()].to_vec();
         for &(place, size) in &symbolic.pressure_diagonal {
-            regularised[place] -= DELTA * size;
+            regularised[place] -= delta * size;
         }
         for (scale, &start) in self.scale.iter_mut().zip(&pattern.column_starts) {
             let diagonal = regularised[start].abs();
@@ -87,6 +89,11 @@ impl SingleFactor {
             Default::default(),
         );
         made.is_ok()
+    }
+
+    /// The entries by the analysis, and D by equation.
+    pub(super) fn into_parts(self) -> (Vec<f32>, Vec<f64>) {
+        (self.values, self.scale)
     }
 
     /// Replaces the columns r by M^-1 r.

@@ -1,8 +1,10 @@
 use std::sync::Arc;
 
+use super::packed::{COLUMNS, DELTA};
 use super::*;
 use crate::fem::body::{Body, Model};
-use crate::fem::material::{Lame, Material, MooneyRivlin, StVenantKirchhoff};
+use crate::fem::element::Order;
+use crate::fem::material::{Lame, Material, MooneyRivlin, NeoHookean, StVenantKirchhoff, mooney_rivlin};
 use crate::fem::solve::{Problem, Solver};
 
 /// A body without fixed nodes: the kernel of its tangent contains the six rigid-body modes.
@@ -72,4 +74,39 @@ fn a_solve_is_as_good_as_was_asked_for() {
     let residual = factor.solve(problem.matrix(&tangent), &right, &mut x, SENSITIVITY_ACCURACY);
     assert!(residual <= SENSITIVITY_ACCURACY.accepted, "LU: residual {residual:.1e}");
     assert_eq!(factor.unstable_modes(&problem.symbolic), None);
+}
+
+/// A block of more columns than one has room for is split, and rows that fill no panel are in most.
+#[test]
+fn a_packed_factor_solves_like_that_of_which_it_is_made() {
+    let neo_hookean = Material::NeoHookean(NeoHookean { lame: Lame::from_young_poisson(15480.0, 0.45) });
+    for (law, order, most) in [(neo_hookean, Order::Linear, 1e-3), (mooney_rivlin(), Order::Quadratic, 1e-2)]
+    {
+        let mesh = crate::mesh::testing::cube(6, 0.1);
+        let fixed = crate::mesh::testing::nodes_where(&mesh, |x| x[2] == 0.0);
+        let name = law.name();
+        let body = Arc::new(Body::new(&mesh, &Model { order, ..Model::uniform(law, &fixed) }).unwrap());
+        let problem = Arc::new(Problem::with(body, None, crate::fem::boundary::Constraints::Elimination));
+        let (symbolic, n) = (&*problem.symbolic, problem.unknowns());
+        let mut solver = Solver::new(problem.clone());
+        solver.evaluate(true);
+        let mut scratch = SingleScratch::new(symbolic, n);
+        let mut single = SingleFactor::new(symbolic, n);
+        assert!(single.make(problem.matrix(&solver.assembled.tangent), DELTA, &mut scratch));
+        let right: Vec<f64> = (0..RIGHT_SIDES * n).map(|k| libm::sin(0.7 * k as f64)).collect();
+        let mut exact = right.clone();
+        single.solve(symbolic, &mut exact, &mut scratch);
+        let packed = PackedFactor::new(symbolic, single).expect("a finite factor");
+        assert!(packed.widest() == COLUMNS, "{name}: no block is split");
+        let mut room = Vec::new();
+        for count in [3, 1, 2] {
+            let mut found = right[..count * n].to_vec();
+            packed.solve(&mut found, &mut room);
+            for (found, exact) in found.chunks(n).zip(exact.chunks(n)) {
+                let away: Vec<f64> = found.iter().zip(exact).map(|(a, b)| a - b).collect();
+                let share = magnitude(&away) / magnitude(exact);
+                assert!(share < most && share > 0.0, "{name}, {count} columns: off by {share:.1e}");
+            }
+        }
+    }
 }

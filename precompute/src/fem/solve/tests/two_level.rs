@@ -15,6 +15,8 @@ fn neo_hookean() -> Material {
     Material::NeoHookean(NeoHookean { lame: Lame::from_young_poisson(15480.0, 0.45) })
 }
 
+/// So far away that the first steps lead through unstable states.
+const FAR_M: [f64; 3] = [-0.06, 0.0, 0.0];
 const WAY_M: [[f64; 3]; 3] = [[0.001, 0.0, -0.004], [0.003, 0.001, -0.01], [-0.008, 0.002, -0.012]];
 
 /// A beam of 160 x 40 x 40 mm, held at its left end and touched on top near its right end, which turns.
@@ -169,5 +171,21 @@ fn a_continuation_without_factors_finds_the_same_force() {
         let error: f64 =
             (0..3).map(|i| (to.jet.force_n[i] - exact.jet().force_n[i]).abs()).fold(0.0, f64::max);
         assert!(error < 1e-4, "{error:e} N at {:?}", exact.jet().control_m);
+    }
+}
+
+/// Where the residual steps fail only factors lead on: a continuation that is to be given up makes none.
+#[test]
+fn a_continuation_is_given_up_before_it_makes_factors() {
+    let problem = problem(mooney_rivlin(), Order::Quadratic, true, true);
+    let rest = &path(&problem)[0].seed;
+    let mut to = rest.clone();
+    for gives_up in [true, false] {
+        let mut solver = Solver::new(problem.clone());
+        let options = FollowOptions { gives_up, ..FollowOptions::default() };
+        let found = solver.follow(rest, FAR_M, true, &options, &mut to);
+        assert_eq!(found.is_err(), gives_up, "{found:?}");
+        assert!(!gives_up || solver.factor.steps_without(), "a factor was made");
+        assert!(solver.advance(rest, FAR_M).is_ok(), "other solves make factors");
     }
 }
