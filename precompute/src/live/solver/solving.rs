@@ -227,7 +227,8 @@ impl LiveSolver {
                 return Found::Joined(found);
             }
             failed_m = Some(control_m);
-            if control_m == start_m {
+            // Half of the way of a continuation that takes long is worth less than another look at the hand.
+            if control_m == start_m || self.needs_no_factor() && !task.aim.is_at_hand() {
                 break;
             }
             if distance(start_m, control_m) < NEAR_M && task.aim.is_at_hand() {
