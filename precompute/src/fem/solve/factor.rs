@@ -36,7 +36,6 @@ use single::{SingleFactor, SingleScratch};
 pub(super) use symbolic::SymbolicFactor;
 use symbolic::{Route, negative_pivots};
 pub(super) use two_level::NearEquations;
-
 use two_level::TwoLevel;
 
 use super::Problem;

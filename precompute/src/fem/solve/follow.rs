@@ -110,25 +110,15 @@ impl Solver {
         to: &mut Seed,
     ) -> Result<Followed, SolveFailure> {
         assert!(self.problem.dofs.multipliers.is_empty(), "continuation needs elimination");
-        self.factor.gives_up = options.gives_up;
-        let followed = self.follow_to(from, control_m, refresh, options, to);
-        self.factor.gives_up = false;
-        followed
-    }
-
-    fn follow_to(
-        &mut self,
-        from: &Seed,
-        control_m: [f64; 3],
-        refresh: bool,
-        options: &FollowOptions,
-        to: &mut Seed,
-    ) -> Result<Followed, SolveFailure> {
         let pose = Pose { displacement_m: control_m, ..from.pose };
         let mut count = FollowCount::default();
-        let residual_n = self.reach_frozen(from, &pose, refresh, options, &mut count)?;
-        self.evaluate(true);
-        let sensitivity = self.follow_sensitivity(from, options, &mut count);
+        self.factor.gives_up = options.gives_up;
+        let reached = self.reach_frozen(from, &pose, refresh, options, &mut count).map(|residual_n| {
+            self.evaluate(true);
+            (residual_n, self.follow_sensitivity(from, options, &mut count))
+        });
+        self.factor.gives_up = false;
+        let (residual_n, sensitivity) = reached?;
         self.conclude(&pose, residual_n, sensitivity, count, to)
     }
 

@@ -227,8 +227,8 @@ impl LiveSolver {
                 return Found::Joined(found);
             }
             failed_m = Some(control_m);
-            // Half of the way of a continuation that takes long is worth less than another look at the hand.
-            if control_m == start_m || self.needs_no_factor() && !task.aim.is_at_hand() {
+            // Where no factor is made, half of the way is worth less than another look at the hand.
+            if control_m == start_m || self.makes_no_factor() && !task.aim.is_at_hand() {
                 break;
             }
             if distance(start_m, control_m) < NEAR_M && task.aim.is_at_hand() {
@@ -266,9 +266,7 @@ impl LiveSolver {
         } else {
             FollowOptions { max_steps: MAX_STEPS_AHEAD, ..OPTIONS }
         };
-        let is_costly = !task.aim.is_at_hand() || self.longest_descent() < MIN_DESCENT;
-        let gives_up = is_costly && self.needs_no_factor();
-        let options = FollowOptions { gives_up, ..options };
+        let options = FollowOptions { gives_up: self.makes_no_factor(), ..options };
         let renews = renews && (options.renews || self.workers.present().factor == Made::Unknown);
         let worker = self.workers.present();
         let Ok(found) = worker.solver.follow(&from.seed, control_m, renews, &options, to) else {
@@ -292,6 +290,11 @@ impl LiveSolver {
             false => self.times.renewed_s(),
         };
         (LONGEST_DESCENT_S / step_s).min(f64::from(DESCENT_STEPS)) as u32
+    }
+
+    /// Whether the body needs no factor, and one takes so long that live makes none.
+    fn makes_no_factor(&self) -> bool {
+        self.needs_no_factor() && self.longest_descent() < MIN_DESCENT
     }
 
     /// Lands where the hand is.

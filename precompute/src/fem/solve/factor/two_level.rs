@@ -9,8 +9,8 @@
 //! z = P K_N^-1 P^T r,   z += R M^-1 R^T (r - K z),   z += P K_N^-1 P^T (r - K z):
 //!
 //! two levels of a multiplicative Schwarz method (Smith, Bjorstad and Gropp 1996) with a corotated far field (Mueller
-//! and Gross 2004). Both factors are made in single precision, and M^-1 is kept in 16 bits an entry. The residual steps with it gain about a digit each,
-//! and the residual is that of K in double precision.
+//! and Gross 2004). Both factors are made in single precision, and that of M is kept in 16 bits an entry. The residual
+//! steps with it gain about a digit each, and the residual is that of K in double precision.
 
 use std::sync::Arc;
 
