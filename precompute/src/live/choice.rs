@@ -20,7 +20,7 @@ use super::task::{Aim, Task};
 use super::times::SolveTimes;
 use super::workers::Workers;
 use crate::fem::{Body, CoatedSphere};
-use crate::num::vector::{distance, norm};
+use crate::num::vector::{cross, distance, norm, unit};
 
 /// The prediction looks ahead by this multiple of the time of a solve,
 const AHEAD: f64 = 1.5;
@@ -55,8 +55,17 @@ const SEARCH_M: f64 = 3e-3;
 const SEARCH_SOLVES: f64 = 4.0;
 /// The end of a branch is checked where the hand will be after this time, s.
 pub(super) const CHECK_S: f64 = 0.02;
-/// Where nobody waits for a factor, a touch is prepared by presses of these depths, m,
-const PRESSES_M: [f64; 3] = [0.012, 0.018, 0.024];
+/// Where nobody waits for a factor, a touch is prepared by these presses: depth, and two components aside, m. Straight ones come
+/// first, because the leaning ones start from them,
+const PRESSES_M: [[f64; 3]; 7] = [
+    [0.012, 0.0, 0.0],
+    [0.018, 0.0, 0.0],
+    [0.024, 0.0, 0.0],
+    [0.024, 0.007, 0.0],
+    [0.024, -0.007, 0.0],
+    [0.024, 0.0, 0.007],
+    [0.024, 0.0, -0.007],
+];
 /// at so many contacts: the corners of a triangle.
 const PRESSED: usize = 3;
 /// Jets of a sphere are trusted over millimetres only: they are solved where the hand will be after this time, s.
@@ -178,7 +187,7 @@ impl Choice<'_> {
                 let within_m = SEARCH_M.max(SEARCH_SOLVES * renewed_s * norm(hand.velocity_m_s));
                 of_any(&|contact| self.search(contact, there_m, within_m))
             })
-            .or_else(|| PRESSES_M.iter().find_map(|&depth_m| of_any(&|contact| self.press(contact, depth_m))))
+            .or_else(|| PRESSES_M.iter().find_map(|&press_m| of_any(&|contact| self.press(contact, press_m))))
             .or_else(|| unknown(next_m, Limit::Rough))
             .or_else(|| self.state(contacts[0].0, here_m))
     }
@@ -239,11 +248,11 @@ impl Choice<'_> {
         let of_any = |most: usize, find: &dyn Fn(u16) -> Option<Task>| {
             found.iter().take(most).find_map(|&(_, contact)| find(contact))
         };
-        let [light_m, deep_m @ ..] = PRESSES_M;
+        let [light_m, others_m @ ..] = PRESSES_M;
         of_any(PRESSED, &|contact| self.first(contact))
             .or_else(|| of_any(PRESSED, &|contact| self.press(contact, light_m)))
             .or_else(|| of_any(usize::MAX, &|contact| self.first(contact)))
-            .or_else(|| of_any(PRESSED, &|contact| deep_m.iter().find_map(|&m| self.press(contact, m))))
+            .or_else(|| of_any(PRESSED, &|contact| others_m.iter().find_map(|&m| self.press(contact, m))))
     }
 
     /// The first touches of a sphere that comes near the skin: where its way leads, and on the shortest way.
@@ -256,13 +265,17 @@ impl Choice<'_> {
         on_way().and_then(solved).or_else(|| nearest().and_then(solved))
     }
 
-    /// A press straight into the body, where a solve takes longer than a hand needs for it.
-    fn press(&self, contact: u16, depth_m: f64) -> Option<Task> {
+    /// A press into the body, where a solve takes longer than a hand needs for it.
+    fn press(&self, contact: u16, [depth_m, one_m, other_m]: [f64; 3]) -> Option<Task> {
         if !self.prepares || self.skin.sphere().is_some() {
             return None;
         }
         let normal = self.skin.contacts.get(usize::from(contact))?.normal;
-        let control_m = normal.map(|n| -depth_m * n);
+        let not_along = if normal[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+        let one = unit(cross(normal, not_along));
+        let other = cross(normal, one);
+        let control_m =
+            std::array::from_fn(|axis| one_m * one[axis] + other_m * other[axis] - depth_m * normal[axis]);
         self.position(Task { contact, control_m, aim: Aim::Ahead }, 1.0, Limit::Unknown)
     }
 

@@ -261,7 +261,7 @@ impl LiveSolver {
         let is_sphere = self.skin.sphere().is_some();
         let options = if self.waits_for_factors() {
             FollowOptions { max_sweeps: MAX_SWEEPS_FROZEN, renews: false, ..OPTIONS }
-        } else if task.aim.is_at_hand() || is_sphere {
+        } else if task.aim.is_at_hand() || is_sphere || self.makes_no_factor() {
             OPTIONS
         } else {
             FollowOptions { max_steps: MAX_STEPS_AHEAD, ..OPTIONS }
