@@ -11,21 +11,28 @@
 use faer::sparse::linalg::cholesky::{SymbolicCholeskyRaw, supernodal};
 use pulp::{Simd, WithSimd};
 
-use super::super::Problem;
+use super::super::{Problem, pressure_share};
 use super::RIGHT_SIDES;
 use super::single::{SingleFactor, SingleScratch};
 use super::symbolic::SymbolicFactor;
 use crate::fem::assembly::Assembled;
+use crate::fem::element::Order;
 use crate::num::lanes;
 
-/// Regularisation of the pressures without a block, in units of V_i / mu: above the rounding of 16 bits.
-pub(super) const DELTA: f64 = 1e-2;
+/// Regularisation of the pressures without a block, V_i / mu: above the rounding of 16 bits. More costs P1/P1, which is not
+/// inf-sup stable, many residual steps.
+const DELTA: f64 = 1e-4;
 /// Rows of a panel.
 const PANEL: usize = 16;
 /// Most columns of a block: their partial sums stay in the first cache.
 pub(super) const COLUMNS: usize = 128;
 /// Largest |q|.
 const LARGEST: f32 = 32_767.0;
+
+/// The regularisation in units of that of the analysis.
+pub(super) fn delta(order: Order) -> f64 {
+    DELTA / pressure_share(order)
+}
 
 /// One column of a panel.
 type Strip = [i16; PANEL];
@@ -85,7 +92,7 @@ impl PackedFactor {
         assembled.assemble(body, pattern, &body.rest_state);
         let mut factor = SingleFactor::new(symbolic, problem.unknowns());
         let mut scratch = SingleScratch::new(symbolic, problem.unknowns());
-        let made = factor.make(problem.matrix(&assembled.tangent), DELTA, &mut scratch);
+        let made = factor.make(problem.matrix(&assembled.tangent), delta(body.order), &mut scratch);
         let is_stable = made && factor.unstable_modes(symbolic) == Some(0);
         is_stable.then(|| Self::new(symbolic, factor))?
     }

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use super::packed::{COLUMNS, DELTA};
+use super::packed::{COLUMNS, delta};
 use super::*;
 use crate::fem::body::{Body, Model};
 use crate::fem::element::Order;
@@ -92,7 +92,7 @@ fn a_packed_factor_solves_like_that_of_which_it_is_made() {
         solver.evaluate(true);
         let mut scratch = SingleScratch::new(symbolic, n);
         let mut single = SingleFactor::new(symbolic, n);
-        assert!(single.make(problem.matrix(&solver.assembled.tangent), DELTA, &mut scratch));
+        assert!(single.make(problem.matrix(&solver.assembled.tangent), delta(order), &mut scratch));
         let right: Vec<f64> = (0..RIGHT_SIDES * n).map(|k| libm::sin(0.7 * k as f64)).collect();
         let mut exact = right.clone();
         single.solve(symbolic, &mut exact, &mut scratch);

@@ -48,13 +48,18 @@ fn path(problem: &Arc<Problem>) -> Vec<Configuration> {
 
 #[test]
 fn without_a_factor_of_the_tangent_the_jets_are_the_same() {
-    for (law, order) in [(neo_hookean(), Order::Linear), (mooney_rivlin(), Order::Quadratic)] {
+    let pairs = [
+        (neo_hookean(), Order::Linear),
+        (mooney_rivlin(), Order::Linear),
+        (mooney_rivlin(), Order::Quadratic),
+    ];
+    for (law, order) in pairs {
         for is_pad in [false, true] {
             let [exact, stepped] =
                 [false, true].map(|is_large| path(&problem(law.clone(), order, is_pad, is_large)));
             for (exact, stepped) in exact.iter().zip(&stepped) {
                 let (a, b) = (exact.jet(), stepped.jet());
-                let name = format!("{} pad {is_pad} at {:?}", law.name(), a.control_m);
+                let name = format!("{} {order:?} pad {is_pad} at {:?}", law.name(), a.control_m);
                 assert_eq!(stepped.unstable_modes, None, "{name}: no factor was made");
                 let force: Vec<f64> = (0..3).map(|i| (a.force_n[i] - b.force_n[i]).abs()).collect();
                 assert!(force.iter().all(|e| *e < 1e-7), "{name}: h differs by {force:?} N");
@@ -153,6 +158,8 @@ fn a_far_field_that_turns_and_a_near_field_that_is_fresh_save_steps() {
     let unturned = steps(&problem, |solver| solver.factor.two_level().forget_turns());
     let far_only = steps(&problem, |solver| solver.factor.two_level().forget_near());
     assert!(whole <= 8, "{whole} steps");
+    let of_linear = steps(&self::problem(mooney_rivlin(), Order::Linear, true, true), |_| {});
+    assert!(of_linear <= 8, "{of_linear} steps with P1/P1");
     assert!(unturned > whole, "{unturned} steps without turns, {whole} with");
     assert!(far_only > whole, "{far_only} steps without the near field, {whole} with");
 }
