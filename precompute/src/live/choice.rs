@@ -4,10 +4,10 @@
 //! position of the hand, a fold that it passes soon, the position where it will be when the solve is done, a new factor
 //! if it is made beside the steps and the one at hand has become old, the folds on the way, and the first jets of the
 //! contacts beside. If all are known and the steps make the factors, an old one is renewed if the hand leaves time for
-//! it; then folds are looked for ahead, the position after the solve is solved to a finer
-//! limit, and last the state near the hand if none is kept there: the picture shows it, and the next positions are
-//! continued from it. Prediction farther ahead does not pay without folds: a jet that is trusted for 10 to 24 mm
-//! covers the path of many solves, and what is known already is worth more.
+//! it; then folds are looked for ahead, presses are prepared where a factor takes long, the position after the solve is
+//! solved to a finer limit, and last the state near the hand if none is kept there: the picture shows it, and the next
+//! positions are continued from it. Prediction farther ahead does not pay without folds: a jet that is trusted for 10
+//! to 24 mm covers the path of many solves, and what is known already is worth more.
 
 use super::beyond::parted_m;
 use super::branches::Branches;

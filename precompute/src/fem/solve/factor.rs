@@ -43,7 +43,7 @@ use super::Problem;
 use crate::fem::assembly::Pattern;
 use crate::num::vector::magnitude;
 
-/// Regularisation delta, in units of V_i / mu.
+/// Regularisation delta, in units of `pressure_share` V_i / mu.
 const DELTA: f64 = 1e-9;
 /// Required accuracy of a solution, as relative residuals.
 #[derive(Debug, Clone, Copy)]

@@ -25,7 +25,7 @@ use crate::num::vector::{difference, distance};
 
 /// Share of the equations that count as near the tool.
 const NEAR_SHARE: f64 = 0.05;
-/// Regularisation of the pressures without a block near the tool, in units of V_i / mu: above the rounding of single precision.
+/// Regularisation of the pressures without a block near the tool, in units of the analysis (`pressure_share`): above the rounding of single precision.
 const DELTA: f64 = 1e-5;
 /// Iterations of the polar decomposition; they converge quadratically.
 const POLAR_STEPS: usize = 8;
