@@ -4,6 +4,7 @@ use super::*;
 use crate::live::Truth;
 use crate::mesh::TetMesh;
 use crate::mesh::testing::nodes_where;
+use crate::num::vector::distance;
 use crate::scene::Scene;
 
 const COLUMN: &str = r#"
@@ -49,5 +50,61 @@ fn the_truth_of_a_large_body_leaves_an_unstable_branch() {
     assert!(landed > 0 && large_landed > 0, "{landed} {large_landed}");
     for (exact_n, large_n) in exact_n.iter().zip(&large_n) {
         assert!((exact_n - large_n).abs() < 0.01 * exact_n, "{exact_n} {large_n}");
+    }
+}
+
+const SLAB: &str = r#"
+name = "slab"
+[mesh]
+file = "none.msh"
+unit = "m"
+[material]
+law = "neo-hookean"
+young_pa = 15480.0
+poisson = 0.45
+[fixed]
+box = { min = [-1, -1, -1], max = [1, 1, 1e-6] }
+[[active]]
+name = "top"
+node = 364
+"#;
+
+/// A slab of 100 x 100 x 50 mm that needs no factor, where one would take seconds, and the contact in the middle of its top.
+fn large_slab() -> (LiveSolver, u16) {
+    let mesh = TetMesh::cuboid([8, 8, 4], 0.0125);
+    let fixed = nodes_where(&mesh, |x| x[2] == 0.0);
+    let scene = Scene::parse(Path::new("slab.toml"), SLAB.into()).expect("well-formed");
+    let scene = scene.resolve_in(mesh, fixed).expect("sound");
+    let mut live = LiveSolver::new(&scene).expect("it can be touched");
+    Arc::get_mut(&mut live.free).expect("nobody else has it").newton.large_flops = 0.0;
+    live.times.descends(1);
+    live.times.took(1.0);
+    let middle = |place: &crate::pack::Place| distance(place.rest_m, [0.05, 0.05, 0.05]) < 1e-9;
+    let contact = live.skin.contacts.iter().position(middle).expect("on the skin") as u16;
+    (live, contact)
+}
+
+/// Over a large body a tool waits until all is prepared. It may then lean by 7 mm in a press of 22 mm at once.
+#[test]
+fn leaning_presses_into_a_large_body_are_prepared() {
+    let (mut live, contact) = large_slab();
+    let hand = Hand { hip_m: [0.05, 0.05, 0.06], ..Hand::default() };
+    while live.step(&hand) != Step::Idle {
+        live.took(0.1);
+        assert!(live.totals().jets < 100 && live.totals().lost == 0, "{:?}", live.totals());
+    }
+    for [x_m, y_m] in [[0.0, 0.0], [7e-3, 0.0], [-7e-3, 0.0], [0.0, 7e-3], [0.0, -7e-3]] {
+        let touch = Touch { contacts: [(contact, 1.0), (0, 0.0), (0, 0.0)], control_m: [x_m, y_m, -0.022] };
+        assert!(live.knows(&touch), "{x_m} {y_m}");
+    }
+}
+
+/// Where no factor is made, a solve ahead of the hand takes as many steps as one at the hand: one that ends early is lost.
+#[test]
+fn a_far_press_ahead_of_the_hand_into_a_large_body_is_found() {
+    let (mut live, contact) = large_slab();
+    for control_m in [[0.0; 3], [0.0, 0.0, -0.02]] {
+        live.solve(Task { contact, control_m, aim: Aim::Ahead });
+        assert!(live.known[usize::from(contact)].has_near(control_m, REST, 1e-9), "{control_m:?}");
     }
 }
