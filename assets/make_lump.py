@@ -161,6 +161,7 @@ def main():
     if folder is None:
         build(HERE / "scenes" / "lump.msh", 1e-3 * BUNDLED)
     for edge in edges:
+        Path(folder).mkdir(parents=True, exist_ok=True)
         build(Path(folder) / f"lump-{edge}.msh", 1e-3 * float(edge))
 
 
