@@ -14,6 +14,8 @@ use crate::failure::Failure;
 
 type V = Vector3<f64>;
 
+/// The solver prepares a touch for at most this time, s.
+const LONGEST_WAIT_S: f64 = 120.0;
 /// Gains of the filter of the velocity.
 const ALPHA: f64 = 0.4;
 const BETA: f64 = 0.06;
@@ -227,9 +229,11 @@ impl<'s> Beside<'s> {
         beside
     }
 
+    /// Solves near the place until all is known there, as long as a hand would wait: on a slow machine that need not end.
     fn solve_near(&mut self) {
         let near = Seen { touch: Some(touch(self.contact, &self.at_m)), ..Seen::default() };
-        loop {
+        let mut waited_s = 0.0;
+        while waited_s < LONGEST_WAIT_S {
             let start = Instant::now();
             if self.solver.step(&near) == Step::Idle {
                 if !self.solver.is_renewing() {
@@ -238,7 +242,9 @@ impl<'s> Beside<'s> {
                 std::thread::sleep(Duration::from_millis(1));
                 continue;
             }
-            self.solver.took(self.slower * start.elapsed().as_secs_f64());
+            let solve_s = self.slower * start.elapsed().as_secs_f64();
+            waited_s += solve_s;
+            self.solver.took(solve_s);
             self.publish();
         }
     }
