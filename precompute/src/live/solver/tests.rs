@@ -7,8 +7,8 @@ use crate::mesh::testing::nodes_where;
 use crate::num::vector::distance;
 use crate::scene::Scene;
 
-const COLUMN: &str = r#"
-name = "column"
+const SCENE: &str = r#"
+name = "block"
 [mesh]
 file = "none.msh"
 unit = "m"
@@ -19,18 +19,22 @@ poisson = 0.45
 [fixed]
 box = { min = [-1, -1, -1], max = [1e-6, 1, 1] }
 [[active]]
-name = "end"
-node = 10
+name = "last"
 "#;
+
+/// A scene of a block that is fixed where this coordinate is zero.
+fn scene(mesh: TetMesh, axis: usize) -> ResolvedScene {
+    let fixed = nodes_where(&mesh, |x| x[axis] == 0.0);
+    let text = format!("{SCENE}node = {}", mesh.nodes_m.len() - 1);
+    let scene = Scene::parse(Path::new("block.toml"), text).expect("well-formed");
+    scene.resolve_in(mesh, fixed).expect("sound")
+}
 
 /// A straight column of 100 x 10 x 10 mm that is compressed at its end buckles. Steps without a factor of the tangent stay
 /// on the straight branch.
 #[test]
 fn the_truth_of_a_large_body_leaves_an_unstable_branch() {
-    let mesh = TetMesh::cuboid([10, 1, 1], 0.01);
-    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
-    let scene = Scene::parse(Path::new("column.toml"), COLUMN.into()).expect("well-formed");
-    let scene = scene.resolve_in(mesh, fixed).expect("sound");
+    let scene = scene(TetMesh::cuboid([10, 1, 1], 0.01), 0);
     let forces = [f64::INFINITY, 0.0].map(|large_flops| {
         let mut live = LiveSolver::new(&scene).expect("it can be touched");
         Arc::get_mut(&mut live.free).expect("nobody else has it").newton.large_flops = large_flops;
@@ -53,29 +57,9 @@ fn the_truth_of_a_large_body_leaves_an_unstable_branch() {
     }
 }
 
-const SLAB: &str = r#"
-name = "slab"
-[mesh]
-file = "none.msh"
-unit = "m"
-[material]
-law = "neo-hookean"
-young_pa = 15480.0
-poisson = 0.45
-[fixed]
-box = { min = [-1, -1, -1], max = [1, 1, 1e-6] }
-[[active]]
-name = "top"
-node = 364
-"#;
-
 /// A slab of 100 x 100 x 50 mm that needs no factor, where one would take seconds, and the contact in the middle of its top.
 fn large_slab() -> (LiveSolver, u16) {
-    let mesh = TetMesh::cuboid([8, 8, 4], 0.0125);
-    let fixed = nodes_where(&mesh, |x| x[2] == 0.0);
-    let scene = Scene::parse(Path::new("slab.toml"), SLAB.into()).expect("well-formed");
-    let scene = scene.resolve_in(mesh, fixed).expect("sound");
-    let mut live = LiveSolver::new(&scene).expect("it can be touched");
+    let mut live = LiveSolver::new(&scene(TetMesh::cuboid([8, 8, 4], 0.0125), 2)).expect("it can be touched");
     Arc::get_mut(&mut live.free).expect("nobody else has it").newton.large_flops = 0.0;
     live.times.descends(1);
     live.times.took(1.0);

@@ -14,7 +14,7 @@ use crate::failure::Failure;
 
 type V = Vector3<f64>;
 
-/// The solver prepares a touch for at most this time, s.
+/// The solver prepares a touch for at most this time of its own, s.
 const LONGEST_WAIT_S: f64 = 120.0;
 /// Gains of the filter of the velocity.
 const ALPHA: f64 = 0.4;
@@ -229,7 +229,7 @@ impl<'s> Beside<'s> {
         beside
     }
 
-    /// Solves near the place until all is known there, as long as a hand would wait: on a slow machine that need not end.
+    /// Solves near the place until all is known there. On a slow machine that need not end.
     fn solve_near(&mut self) {
         let near = Seen { touch: Some(touch(self.contact, &self.at_m)), ..Seen::default() };
         let mut waited_s = 0.0;
