@@ -91,8 +91,13 @@ impl Machine {
 
     /// Whether the load of other processes makes times unreliable.
     pub(crate) fn is_shared(&self) -> bool {
-        self.others_share.is_some_and(|share| share > 0.1)
+        is_shared(self.others_share)
     }
+}
+
+/// Whether this share of other processes makes times unreliable.
+pub(crate) fn is_shared(others_share: Option<f64>) -> bool {
+    others_share.is_some_and(|share| share > 0.1)
 }
 
 /// The value of a key in a file of the system.

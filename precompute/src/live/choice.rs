@@ -72,8 +72,9 @@ const PRESSED: usize = 3;
 const SPHERE_AHEAD_S: f64 = 0.03;
 /// The first touch of a sphere is solved at this depth, m.
 const FIRST_DEPTH_M: f64 = 1.5e-3;
-/// Number of such positions.
-const LOST: usize = 16;
+/// Number of such positions: above that of all presses, because one that is forgotten is tried again.
+const LOST: usize = 64;
+const _: () = assert!(LOST > 2 * PRESSED * PRESSES_M.len());
 
 /// Positions where no equilibrium was found, newest last.
 #[derive(Debug, Default)]

@@ -129,6 +129,10 @@ impl LiveSolver {
         } else {
             self.states.keep(contact, branch, from);
         }
+        // The choice would take it again: no fold has been noted that hides it.
+        if task.aim == Aim::Ahead && !leads_on && !self.branches.hides(contact, task.control_m) {
+            self.lost.add(&task);
+        }
         if is_lost {
             self.lost.add(&task);
             self.totals.lost += 1;

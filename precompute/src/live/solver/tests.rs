@@ -92,3 +92,19 @@ fn a_far_press_ahead_of_the_hand_into_a_large_body_is_found() {
         assert!(live.known[usize::from(contact)].has_near(control_m, REST, 1e-9), "{control_m:?}");
     }
 }
+
+/// A press to the floor of a slab of 25 mm is found nowhere. Where a factor takes a second nobody tries it again and again.
+#[test]
+fn a_press_that_leads_nowhere_is_not_tried_again() {
+    let mut live = LiveSolver::new(&scene(TetMesh::cuboid([8, 8, 2], 0.0125), 2)).expect("it can be touched");
+    live.renew_beside(|| ());
+    live.times.begin(Some(1));
+    live.times.took(1.0);
+    let hand = Hand { hip_m: [0.05, 0.05, 0.035], ..Hand::default() };
+    let mut steps = 0;
+    while live.step(&hand) != Step::Idle || live.is_renewing() {
+        live.took(1.0);
+        steps += 1;
+        assert!(steps < 200, "{:?} {:?}", live.totals(), live.lost);
+    }
+}

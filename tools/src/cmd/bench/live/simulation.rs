@@ -229,7 +229,7 @@ impl<'s> Beside<'s> {
         beside
     }
 
-    /// Solves near the place until all is known there. On a slow machine that need not end.
+    /// Solves near the place until all is known there, within the longest wait.
     fn solve_near(&mut self) {
         let near = Seen { touch: Some(touch(self.contact, &self.at_m)), ..Seen::default() };
         let mut waited_s = 0.0;

@@ -38,7 +38,7 @@ struct WayRow {
     fz_n: Option<f64>,
 }
 
-/// A force of three finite components.
+/// A force of three finite components. A system that diverges writes `nan`: it has no answer.
 fn force(x: Option<f64>, y: Option<f64>, z: Option<f64>) -> Option<Vec3> {
     let force = [x?, y?, z?];
     force.iter().all(|x| x.is_finite()).then_some(force)
@@ -51,10 +51,11 @@ fn answers<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, Failure> {
     let head = reader.headers().cloned().unwrap_or_default();
     if let Some(missing) = ["fx_n", "fy_n", "fz_n"].iter().find(|name| !head.iter().any(|one| one == **name))
     {
-        return Err(Failure::input(format!(
-            "{}: has no column {missing}; the columns are in docs/formats.md",
-            path.display()
-        )));
+        let cause = match head.get(0) {
+            Some(first) if first.contains(';') => "columns are separated by `;`; write commas".to_owned(),
+            _ => format!("has no column {missing}; the columns are in docs/formats.md"),
+        };
+        return Err(Failure::input(format!("{}: {cause}", path.display())));
     }
     rows(path)
 }
@@ -113,7 +114,8 @@ impl Forces {
                         questions.organ
                     ))
                 })?;
-                *slot = force(row.fx_n, row.fy_n, row.fz_n);
+                let again = || format!("{}: position {} is answered twice", path.display(), row.position);
+                fill(slot, force(row.fx_n, row.fy_n, row.fz_n), again)?;
             }
         }
         read_ways(&folder.join(LOOPS), &questions.loops, &mut forces.loops)?;
@@ -156,8 +158,18 @@ fn read_ways(path: &Path, ways: &[Way], forces: &mut [Vec<Option<Vec3>>]) -> Res
                 row.way
             ))
         })?;
-        *slot = force(row.fx_n, row.fy_n, row.fz_n);
+        let again = || format!("{}: tick {} of `{}` is answered twice", path.display(), row.tick, row.way);
+        fill(slot, force(row.fx_n, row.fy_n, row.fz_n), again)?;
     }
+    Ok(())
+}
+
+/// The answer to a question, unless it has one.
+fn fill(slot: &mut Option<Vec3>, force: Option<Vec3>, again: impl Fn() -> String) -> Result<(), Failure> {
+    if slot.is_some() {
+        return Err(Failure::input(again()));
+    }
+    *slot = force;
     Ok(())
 }
 
@@ -170,4 +182,38 @@ fn way_rows(ways: &[Way], forces: &[Vec<Option<Vec3>>]) -> Vec<WayRow> {
         }));
     }
     rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cmd::bench::public::questions::Position;
+
+    /// What reading these answers to two positions says.
+    fn read(positions: &str) -> Result<Vec<Option<Vec3>>, String> {
+        let at = Position { displacement_m: [0.01, 0.0, 0.0], truth_n: [1.0, 0.0, 0.0], residual_n: 0.0 };
+        let asked = Questions { organ: "point".into(), positions: vec![at; 2], ..Questions::default() };
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join(POSITIONS), positions).expect("a file");
+        let read = Forces::read(&asked, folder.path());
+        read.map(|forces| forces.positions).map_err(|failure| format!("{failure:?}"))
+    }
+
+    #[test]
+    fn a_wrong_answer_is_named_by_line_column_and_value() {
+        let says = |text: &str, what: &str| {
+            let said = read(text).expect_err(text);
+            assert!(said.contains(what), "{said}");
+        };
+        says("position,fx_n,fy_n,fz_n\n0,1,2,3\n1,1,soft,3\n", "line 3: `soft` is no fy_n");
+        says("position;fx_n;fy_n;fz_n\n0;1;2;3\n", "write commas");
+        says("position,fx_n,fy_n,fz_n\n0,1,2,3\n0,1,2,4\n", "position 0 is answered twice");
+        says("position,fx_n,fy_n,fz_n\n7,1,2,3\n", "no position 7");
+    }
+
+    #[test]
+    fn a_force_that_is_not_finite_is_no_answer() {
+        let answered = read("position,fx_n,fy_n,fz_n\n0,1,nan,3\n1,1,2,3\n");
+        assert_eq!(answered, Ok(vec![None, Some([1.0, 2.0, 3.0])]));
+    }
 }

@@ -55,6 +55,9 @@ pub(super) struct Table {
     /// Columns of another criterion: they are compared with each other only.
     #[serde(default)]
     pub(super) apart: Vec<String>,
+    /// Share by which a value may be off by the way it is found: values nearer than this to the best one are as good.
+    #[serde(default)]
+    pub(super) accuracy: f64,
     /// Its rows.
     pub(super) rows: Vec<Row>,
 }
@@ -116,6 +119,7 @@ impl Table {
             columns,
             others: Others::None,
             apart: Vec::new(),
+            accuracy: 0.0,
             rows: Vec::new(),
         }
     }

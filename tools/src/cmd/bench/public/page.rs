@@ -6,7 +6,7 @@ use super::judge::ANSWERED;
 use super::questions::VERSION;
 use super::systems::YOURS;
 use crate::html::{self, Cell, heading, paragraph, section as whole, table};
-use crate::machine::Machine;
+use crate::machine::{Machine, is_shared};
 use crate::plot::escaped;
 use crate::words::{figure, percent, seconds};
 
@@ -36,7 +36,7 @@ pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine
     );
     body += &paragraph(
         "explains",
-        "Bold is the best figure of a row. A system that left a question of the table open is not compared, and nothing is where a \
+        "Bold is the best figure of a row, and those that the measurement cannot tell from it. A system that left a question of the table open is not compared, and nothing is where a \
          system states its own figure, which was not measured here.",
     );
     if quick {
@@ -45,15 +45,7 @@ pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine
             "A quick run (--quick): fewer positions, loops and ticks. Its figures are for a check of the program, not for a comparison.",
         );
     }
-    if machine.is_shared() {
-        let share = machine.others_share.map(percent).unwrap_or_default();
-        body += &paragraph(
-            "warning",
-            &format!(
-                "Other programs used {share} of this machine during the run: times, and the errors of the live solver, are larger than on an idle one."
-            ),
-        );
-    }
+    body += &warning_of_load(sections);
     body += &navigation(sections);
     body += &summary(sections);
     for section in sections {
@@ -62,6 +54,25 @@ pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine
     body += &how_to_join(systems);
     body += &footer(machine);
     html::page(title, &body)
+}
+
+/// Which sections were measured beside other programs, in this run or an earlier one.
+fn warning_of_load(sections: &[Section]) -> String {
+    let loaded: Vec<&Section> = sections.iter().filter(|section| is_shared(section.others_share)).collect();
+    let Some(most) = loaded.iter().filter_map(|section| section.others_share).max_by(f64::total_cmp) else {
+        return String::new();
+    };
+    let titles: Vec<String> =
+        loaded.iter().map(|section| format!("\u{201c}{}\u{201d}", section.title)).collect();
+    paragraph(
+        "warning",
+        &format!(
+            "Other programs used up to {} of this machine during these sections: {}. Times, and the errors of the live solver, are \
+             larger there than on an idle machine.",
+            percent(most),
+            titles.join(", ")
+        ),
+    )
 }
 
 fn navigation(sections: &[Section]) -> String {
@@ -187,8 +198,11 @@ fn marks(of: &Table, row: &Row, systems: Systems<'_>) -> Vec<bool> {
             Best::Most => values().max_by(f64::total_cmp),
             Best::None => None,
         };
-        let Some(best) = best.filter(|best| values().any(|value| value != *best)) else { continue };
-        compared().filter(|(_, value)| *value == best).for_each(|(n, _)| marks[n] = true);
+        let Some(best) = best else { continue };
+        let is_best = |value: f64| (value - best).abs() <= of.accuracy * best.abs();
+        if !values().all(is_best) {
+            compared().filter(|(_, value)| is_best(*value)).for_each(|(n, _)| marks[n] = true);
+        }
     }
     marks
 }
@@ -219,19 +233,16 @@ fn how_to_join(systems: Systems<'_>) -> String {
     for (name, about) in systems {
         body += &paragraph("explains", &format!("{name}: {about}"));
     }
-    body += &paragraph(
-        "explains",
-        &format!(
-            "Each folder of questions/ (version {VERSION}) has a body as tables (nodes.csv, tets.csv, place.csv, scene.toml with law and \
-             constants) and displacements of the touched place. Write the force of your system on the body for them, in a folder of the \
-             same structure, and what it states in system.toml; answers/ has those of Palpate as examples, and README.txt \
-             the columns. Then:"
-        ),
-    );
-    body += "<p><code>palpate bench public --answers mine=my-answers</code></p>\n";
-    body += &paragraph(
-        "explains",
-        "hil/bridges has programs that ask CHAI3D and SOFA. A figure that a system does not give stays empty.",
+    body += &format!(
+        "<p class=\"explains\">Each folder of questions/ (version {VERSION}) has a body as tables (nodes.csv, tets.csv, place.csv, \
+         scene.toml with law and constants) and displacements of the touched place. Write the force of your system on the body for \
+         them, in a folder of the same structure, and what it states in system.toml. <a href=\"questions/README.txt\">README.txt</a> \
+         has the columns; answers/ has the answers of Palpate as examples. A figure that a system does not give stays empty. Then:</p>\n\
+         <p><code>palpate bench public --answers mine=my-answers</code></p>\n\
+         <p class=\"explains\">Programs of a clone that answer: for CHAI3D hil/bridges/chai3d_answers.cpp (built and run with 3.3.0), \
+         for SOFA hil/bridges/SofaQuestions.cpp with the scene of hil/bridges/sofa_scene (compiled, never run).</p>\n\
+         <p><code>chai3d_answers questions/point my-answers/point</code></p>\n\
+         <p><code>hil/bridges/sofa_scene questions/point &gt; scene.scn</code></p>\n"
     );
     whole("join", "Add your system", &body)
 }
@@ -312,6 +323,38 @@ mod tests {
         let mut table = table(Others::None, &["a", "b", "a, 5 mJ", "b, 5 mJ"], &[row]);
         table.apart = vec!["a, 5 mJ".into(), "b, 5 mJ".into()];
         assert_eq!(marks(&table, &table.rows[0], &[]), [false, true, false, true]);
+    }
+
+    #[test]
+    fn values_that_the_measurement_cannot_tell_apart_are_all_the_best_ones() {
+        let with = |values: &[f64]| {
+            let mut table = table(Others::None, &["a", "b", "c"], &[("k", Best::Most, values)]);
+            table.accuracy = 0.02;
+            marks(&table, &table.rows[0], &[])
+        };
+        assert_eq!(with(&[2914.0, 2955.0, 2000.0]), [true, true, false]);
+        assert_eq!(with(&[2914.0, 2955.0, 2920.0]), [false; 3], "none is better");
+    }
+
+    #[test]
+    fn the_warning_of_load_is_that_of_each_section() {
+        let of = |title: &str, others_share| Section {
+            key: title.into(),
+            title: title.into(),
+            explains: vec![],
+            repeats: vec![],
+            quick: false,
+            date: String::new(),
+            seconds: 0.0,
+            others_share,
+            tables: vec![],
+        };
+        assert_eq!(warning_of_load(&[of("a", Some(0.02)), of("b", None)]), "");
+        let said = warning_of_load(&[of("a", Some(0.02)), of("b", Some(0.3)), of("c", Some(0.2))]);
+        assert!(
+            said.contains("30 %") && said.contains("b\u{201d}, \u{201c}c") && !said.contains("\u{201c}a"),
+            "{said}"
+        );
     }
 
     #[test]

@@ -87,10 +87,26 @@ struct WayRow {
 /// The rows of a CSV file.
 pub(super) fn rows<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Vec<T>, Failure> {
     let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
-    let rows = csv::Reader::from_reader(&bytes[..]).into_deserialize().collect::<Result<Vec<T>, _>>();
-    rows.map_err(|error| {
-        Failure::input(format!("{}: {error}; the columns are in docs/formats.md", path.display()))
-    })
+    let mut reader = csv::Reader::from_reader(&bytes[..]);
+    let head = reader.headers().cloned().unwrap_or_default();
+    let rows = reader.into_deserialize().collect::<Result<Vec<T>, _>>();
+    rows.map_err(|error| Failure::input(format!("{}: {}", path.display(), cause(&error, &head, &bytes))))
+}
+
+/// What is wrong with a CSV file: line, column and value where they are known.
+fn cause(error: &csv::Error, head: &csv::StringRecord, bytes: &[u8]) -> String {
+    let csv::ErrorKind::Deserialize { pos: Some(at), err } = error.kind() else {
+        return format!("{error}; the columns are in docs/formats.md");
+    };
+    let line = at.line();
+    let Some(field) = err.field().and_then(|field| usize::try_from(field).ok()) else {
+        return format!("line {line}: {err}; the columns are in docs/formats.md");
+    };
+    let mut record =
+        csv::ReaderBuilder::new().has_headers(false).from_reader(&bytes[at.byte() as usize..]).into_records();
+    let record = record.next().and_then(Result::ok).unwrap_or_default();
+    let (column, value) = (head.get(field).unwrap_or("?"), record.get(field).unwrap_or_default());
+    format!("line {line}: `{value}` is no {column}")
 }
 
 impl Questions {

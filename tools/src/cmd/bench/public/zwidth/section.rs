@@ -177,7 +177,7 @@ fn emulated(
     columns: &[Column<'_>],
     context: &Context<'_>,
 ) -> Result<Table, Failure> {
-    table.columns = names;
+    (table.columns, table.accuracy) = (names, CLOSE);
     let values = all_of(&cases, columns, context)?;
     for (case, values) in cases.into_iter().zip(values.chunks(columns.len())) {
         table.rows.push(Row::new(case.row, case.name, Best::Most, values.to_vec()));
