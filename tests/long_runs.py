@@ -18,7 +18,7 @@ TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resol
 
 
 # Results of runs, which are in no program: a row that one run adds does not change the program of the next.
-RESULTS = ["tests/fuzz/ledger.csv"]
+RESULTS = ["tests/fuzz/ledger.csv", "tests/soak.csv", "tests/kills.csv"]
 
 
 def commit(root=ROOT):

@@ -54,10 +54,6 @@ def pattern(words):
     return re.compile("".join(regex.get(p.strip()) or (r"\s+" if p.isspace() else re.escape(p)) for p in parts), re.DOTALL)
 
 
-def without_date(heading):
-    return re.sub(r" \([^()]*\)$", "", heading.lstrip("#").strip())
-
-
 def section(text, heading):
     """Start and end of the text below a heading, up to the next heading outside of code."""
     start, inside, at = None, False, 0
@@ -66,7 +62,7 @@ def section(text, heading):
         if line.startswith("#") and not inside:
             if start is not None:
                 return start, at
-            if without_date(line) == heading:
+            if line.lstrip("#").strip() == heading:
                 start = at + len(line)
         at += len(line)
     if start is None:

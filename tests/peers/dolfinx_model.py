@@ -23,6 +23,7 @@ try:
     ctypes.CDLL(mkl, ctypes.RTLD_GLOBAL)  # before the libraries that shall find their BLAS in it
     import dolfinx_solver  # noqa: F401 - the wheel loads its MPI first
     import ufl
+    from basix import CellType, make_quadrature
     from basix.ufl import element, mixed_element
     from dolfinx import fem
     from dolfinx.fem import petsc
@@ -74,13 +75,15 @@ class Model(NewtonBody):
         self.function = fem.Function(space)
         u, p = ufl.split(self.function) if law == "mooney-rivlin" else (self.function, None)
         # One point is exact for linear tets, degree 4 for quadratic ones in both laws.
-        dx = ufl.dx(metadata={"quadrature_degree": 1 if order == 1 else 4})
+        degree = 1 if order == 1 else 4
+        dx = ufl.dx(metadata={"quadrature_degree": degree})
         residual = ufl.derivative(energy_density(law, u, p) * dx, self.function, ufl.TestFunction(space))
         tangent = ufl.derivative(residual, self.function, ufl.TrialFunction(space))
         self.forms = [fem.form(form, jit_options=COMPILER) for form in (residual, tangent)]
         self.vector = petsc.create_vector(space)
         self.matrix = petsc.create_matrix(self.forms[1])
-        self.determinant = fem.Expression(ufl.det(ufl.Identity(3) + ufl.grad(u)), self._corners(), jit_options=COMPILER)
+        points, _ = make_quadrature(CellType.tetrahedron, degree)
+        self.determinant = fem.Expression(ufl.det(ufl.Identity(3) + ufl.grad(u)), points, jit_options=COMPILER)
 
         self.rest = np.zeros(self.function.x.array.size)
         dofs, points = self._displacement_dofs(space, law)
@@ -101,10 +104,6 @@ class Model(NewtonBody):
         self.columns = PETSc.IS().createGeneral(self.active.astype(np.int32), comm=MPI.COMM_SELF)
         self.scale_residual(mesh, np.setdiff1d(np.arange(len(self.rest)), self.u))
         self.solver = self.free_matrix = None
-
-    def _corners(self):
-        """Reference points at which det F is evaluated."""
-        return np.array([[0.25, 0.25, 0.25], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
     def _displacement_dofs(self, space, law):
         """Unknowns of u at each of its nodes (n x 3), and the nodes' places."""

@@ -136,5 +136,13 @@ class Memory(unittest.TestCase):
         self.assertTrue(math.isclose(soak.slope_mb_h([(0.0, 1.0), (3600.0, 3.0)]), 2.0))
 
 
+class Recorded(unittest.TestCase):
+    def test_a_row_has_all_columns(self):
+        options = types.SimpleNamespace(scene=soak.ROOT / "assets/liver-small.toml", seed=1, loops=2)
+        row = soak.recorded(GOOD, "commit abc", options, SECONDS, True)
+        self.assertEqual(sorted(row), sorted(soak.COLUMNS))
+        self.assertEqual((row["verdict"], row["trusted_mean_mn"], row["all_max_mn"]), ("pass", 4.1, 5095.0))
+
+
 if __name__ == "__main__":
     unittest.main()

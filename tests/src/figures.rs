@@ -10,7 +10,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 use crate::documents;
-pub use places::{Number, section_of, without_date};
+pub use places::{Number, section_of, without_mark};
 
 /// What an entry names and what is not there.
 pub type Missing = String;
@@ -22,7 +22,7 @@ pub struct Figure {
     pub name: String,
     /// Document, relative to the root.
     pub file: String,
-    /// Heading without its date.
+    /// Heading without its mark.
     pub heading: String,
     /// Commands of a shell.
     pub run: String,
@@ -43,7 +43,7 @@ pub struct Figure {
 pub struct Place {
     /// Document, relative to the root.
     pub file: String,
-    /// Heading without its date.
+    /// Heading without its mark.
     pub heading: String,
     /// Where below the heading.
     pub spot: Spot,

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::fs;
 
 use palpate_tests::documents;
-use palpate_tests::figures::{self, Figure, section_of, without_date};
+use palpate_tests::figures::{self, Figure, section_of, without_mark};
 
 const MEASUREMENTS: &str = "docs/measurements.md";
 
@@ -83,7 +83,7 @@ fn every_section_of_the_measurements_has_an_entry() {
         .filter(|(file, _)| file == MEASUREMENTS)
         .map(|(_, heading)| heading)
         .collect();
-    for heading in headings(&document(MEASUREMENTS)).into_iter().map(without_date) {
+    for heading in headings(&document(MEASUREMENTS)).into_iter().map(without_mark) {
         assert!(
             named.contains(heading),
             "`{heading}`: no entry of docs/figures/measurements.toml has this heading"
@@ -91,9 +91,10 @@ fn every_section_of_the_measurements_has_an_entry() {
     }
 }
 
-/// The date and the commit in brackets at the end of a heading: `(2026-11-29, be306a09)`.
-fn is_dated(heading: &str) -> bool {
-    let inside = heading.strip_suffix(')').and_then(|text| text.rsplit_once(" (")).map(|(_, inside)| inside);
+/// Whether a section begins with the date and the commit of its numbers: `*2026-11-29, be306a09*`.
+fn is_dated(section: &str) -> bool {
+    let line = section.trim_start().lines().next().unwrap_or_default();
+    let inside = line.strip_prefix('*').and_then(|line| line.strip_suffix('*'));
     let Some((date, commit)) = inside.and_then(|inside| inside.split_once(", ")) else { return false };
     let is_date = date.len() == 10 && date.chars().all(|c| c.is_ascii_digit() || c == '-');
     is_date && commit.len() >= 7 && commit.chars().all(|c| c.is_ascii_hexdigit())
@@ -101,8 +102,10 @@ fn is_dated(heading: &str) -> bool {
 
 #[test]
 fn every_measurement_has_its_date_and_commit() {
-    for heading in headings(&document(MEASUREMENTS)) {
-        assert!(is_dated(heading), "`{heading}` does not end with (date, commit) of the measurement");
+    let text = document(MEASUREMENTS);
+    for heading in headings(&text).into_iter().map(without_mark) {
+        let section = section_of(&text, heading).expect("it is there");
+        assert!(is_dated(section), "below `{heading}` there is no `*date, commit*` of the measurement");
     }
-    assert!(is_dated("## 1. Solver (2026-11-29, be306a09)") && !is_dated("## 1. Solver (2026-11-29)"));
+    assert!(is_dated("\n*2026-11-29, be306a09*\n") && !is_dated("\n*2026-11-29*\n"));
 }

@@ -15,6 +15,8 @@ use palpate_precompute::space::{Phase, Progress, SolvesLeft};
 const LINE_EVERY: Duration = Duration::from_secs(5);
 /// Interval at which the bar shows the elapsed time.
 const TICK: Duration = Duration::from_millis(200);
+/// An estimate that is exceeded by so much is not shown, s.
+const OVERDUE_S: f64 = 5.0;
 /// With fewer solves in a phase its rate is that of the whole work.
 const ENOUGH_FOR_A_RATE: usize = 8;
 
@@ -70,8 +72,8 @@ impl State {
         let (seconds, since) = self.left_s?;
         let seconds = seconds - since.elapsed().as_secs_f64();
         let is_bound = self.count.is_some_and(|(_, _, is_bound)| is_bound);
-        // A lower bound below a second is no information.
-        if is_bound && seconds < 1.0 {
+        // A lower bound below a second is no information, nor is an estimate that was wrong.
+        if is_bound && seconds < 1.0 || seconds < -OVERDUE_S {
             return None;
         }
         let about = if is_bound { "at least" } else { "about" };
@@ -342,5 +344,7 @@ mod tests {
         shown.steps("path", 3, 6);
         let line = shown.lock().line();
         assert!(line.starts_with("path, 3 of 6 steps, 0 s elapsed, about"), "{line}");
+        shown.lock().left_s = Some((-6.0, Instant::now()));
+        assert!(!shown.lock().line().contains("left"), "the estimate was wrong");
     }
 }

@@ -262,12 +262,15 @@ impl Lookup<'_> {
                 ElementOrder::Quadratic | ElementOrder::NearTool => "refine the mesh",
             };
             let longest_m = edges_m.iter().copied().fold(0.0, f64::max);
+            let places = match edges_m.len() {
+                1 => String::new(),
+                all => format!(" at {coarse} of {}", count(all, "contact point")),
+            };
             self.warnings.push(format!(
                 "the tool is smaller than its elements: the pad has a radius of {:.1} mm, and the edges under it are up to \
-                 {:.1} mm long at {coarse} of {}; {remedy}",
+                 {:.1} mm long{places}; {remedy}",
                 1e3 * tip.radius_m,
                 1e3 * longest_m,
-                count(edges_m.len(), "contact point")
             ));
         }
     }

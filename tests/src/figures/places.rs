@@ -74,13 +74,9 @@ pub(super) fn numbers(text: &str) -> Vec<Number> {
     found
 }
 
-/// A heading without its mark, and without what it has in brackets at its end.
-pub fn without_date(heading: &str) -> &str {
-    let heading = heading.trim_start_matches('#').trim();
-    match heading.rsplit_once(" (") {
-        Some((name, rest)) if rest.find(')') == Some(rest.len() - 1) => name,
-        _ => heading,
-    }
+/// A heading without its mark.
+pub fn without_mark(heading: &str) -> &str {
+    heading.trim_start_matches('#').trim()
 }
 
 /// The text below a heading up to the next one.
@@ -96,7 +92,7 @@ pub fn section_of<'t>(text: &'t str, heading: &str) -> Result<&'t str, Missing> 
             if let Some(start) = start {
                 return Ok(&text[start..at]);
             }
-            if without_date(line) == heading {
+            if without_mark(line) == heading {
                 start = Some(at + line.len());
             }
         }

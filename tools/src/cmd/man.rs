@@ -50,8 +50,20 @@ fn add(command: &Command, pages: &mut Vec<(String, Vec<u8>)>) -> std::io::Result
         Man::new(command.clone()).manual("Palpate").source(concat!("palpate ", env!("CARGO_PKG_VERSION")));
     let mut page = Vec::new();
     man.render(&mut page)?;
-    pages.push((man.get_filename(), page));
+    pages.push((man.get_filename(), with_usage(&page, command)));
     command.get_subcommands().filter(|below| !below.is_hide_set()).try_for_each(|below| add(below, pages))
+}
+
+/// A page whose synopsis is the usage of the help, instead of a list of all options.
+fn with_usage(page: &[u8], command: &Command) -> Vec<u8> {
+    let page = String::from_utf8_lossy(page);
+    let usage = command.clone().render_usage().to_string();
+    let usage = usage.trim_start_matches("Usage: ").replace('-', "\\-").replace('\n', "\n.br\n");
+    let mut lines: Vec<&str> = page.lines().collect();
+    if let Some(line) = lines.iter().position(|line| *line == ".SH SYNOPSIS").and_then(|at| lines.get_mut(at + 1)) {
+        *line = &usage;
+    }
+    (lines.join("\n") + "\n").into_bytes()
 }
 
 #[cfg(test)]
@@ -73,6 +85,7 @@ mod tests {
         assert!(page("palpate-paper-held-out.1").is_some(), "commands below commands");
         let live = page("palpate-live.1").expect("it is shown");
         assert!(live.contains(".TH palpate-live 1") && live.contains("\\-\\-help\\-all"), "{live}");
+        assert!(live.contains(".SH SYNOPSIS\npalpate live [OPTIONS] <SCENE>\n"), "{live}");
         let own = page("palpate.1").expect("the root");
         assert!(own.contains("palpate\\-live(1)") && !own.contains("live\\-solver"), "{own}");
     }
