@@ -60,7 +60,9 @@ fn with_usage(page: &[u8], command: &Command) -> Vec<u8> {
     let usage = command.clone().render_usage().to_string();
     let usage = usage.trim_start_matches("Usage: ").replace('-', "\\-").replace('\n', "\n.br\n");
     let mut lines: Vec<&str> = page.lines().collect();
-    if let Some(line) = lines.iter().position(|line| *line == ".SH SYNOPSIS").and_then(|at| lines.get_mut(at + 1)) {
+    if let Some(line) =
+        lines.iter().position(|line| *line == ".SH SYNOPSIS").and_then(|at| lines.get_mut(at + 1))
+    {
         *line = &usage;
     }
     (lines.join("\n") + "\n").into_bytes()

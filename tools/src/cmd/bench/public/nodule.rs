@@ -135,7 +135,8 @@ pub(super) fn section(
         &[
             "A fingertip of 10 mm presses until 1 N, over each of three nodules and beside them. A system whose force error \
              is larger than the change by a nodule hides it.",
-            "The methods have tables of adaptive sampling of both bodies; \u{201c}live\u{201d} solves with the tool at rest there.",
+            "The methods have tables of adaptive sampling of both bodies at the places themselves. \u{201c}live\u{201d} solves the vertices \
+             of the skin round a place and blends them, as under a hand: some mN, which show beside the nodules.",
         ],
         &[
             "palpate map OUT/questions/nodules/scene.toml --inclusion nodule-3 --inclusion nodule-7 --inclusion nodule-12",
