@@ -119,7 +119,7 @@ fn words(key: &str) -> (&'static str, &'static [&'static str]) {
                  of the same body that no table uses. An error is \u{201c}not felt\u{201d} if it is at most 3.5 % of the force or 20 mN, \
                  half of the just noticeable difference.",
                 "Columns are the methods of Palpate; \u{201c}kernel\u{201d} needs adaptive sampling. The live solver has no answer to single \
-                 positions: it follows a hand, see the next section.",
+                 positions: it follows a hand (next section).",
             ],
         ),
         HANDS => (
@@ -133,8 +133,8 @@ fn words(key: &str) -> (&'static str, &'static [&'static str]) {
         _ => (
             "Energy round closed loops",
             &[
-                "A hand that moves the tool round a circle in the body and back to its start must get back what it put in. \
-                 The net energy, given to the hand or lost, is an error of the force field: what one sense of rotation loses the other one gains. Zero is right for an elastic body.",
+                "A hand that moves the tool round a circle in an elastic body gets back the energy that it put in. A net energy is \
+                 an error of the force field: it is lost in one sense of rotation and given to the hand in the other. Zero is right.",
             ],
         ),
     }

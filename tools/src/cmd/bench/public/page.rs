@@ -25,8 +25,7 @@ pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine
     let mut body = format!("<h1>{title}</h1>\n");
     body += &paragraph(
         "lead",
-        "How far is the force that a person feels from that of the body, how stable is the loop, and how long does it \
-         take? The forces of every interpolation method of Palpate, and those of its live solver under a moving hand, are measured \
+        "How accurate is the force that a person feels, how stable is the loop, and how long does it take? The forces of every interpolation method of Palpate, and those of its live solver under a moving hand, are measured \
          against finite elements, by questions that any other system can answer.",
     );
     body += &paragraph(
@@ -36,8 +35,8 @@ pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine
     );
     body += &paragraph(
         "explains",
-        "Bold is the best figure of a row, and those that the measurement cannot tell from it. A system that left a question of the table open is not compared, and nothing is where a \
-         system states its own figure, which was not measured here.",
+        "Bold are the best figure of a row and those that the measurement cannot tell from it. A system that left questions of a \
+         table open is not compared. Rows in which a system states its own figure have no bold one, because nobody measured it here.",
     );
     if quick {
         body += &paragraph(

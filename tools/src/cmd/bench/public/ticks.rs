@@ -70,9 +70,9 @@ pub(super) fn section(organs: &[Ready], context: &Context<'_>) -> Result<Section
         KEY,
         "Worst tick",
         &[
-            "The loop must answer within a millisecond, always. Times depend on the machine; the number of instructions of the \
-           dearest tick does not; in a clone the second command counts it, on the organ of its tests. Live has no column: its tick is that of the controller, and it \
-           solves beside the loop.",
+            "The loop must answer within a millisecond, always. Times depend on the machine. The largest number of instructions of a \
+             tick does not: in a clone the second command counts it, on the organ of its tests. Live has no column, because it solves \
+             beside the loop, in another process.",
         ],
         &["TICKS=100000 firmware-like-core/check-worst-case"],
         start.elapsed().as_secs_f64(),

@@ -263,13 +263,13 @@ pub(in crate::cmd::bench::public) fn section(
         KEY,
         "Z-width: how stiff a loop can be and come to rest",
         &[
-            "A sampled spring gives back more energy than it took. Beyond a stiffness K the device hums or kicks. The \
-             figures of emulated devices are the largest K at which a held device comes to rest after a knock of 2.5 mN s: it gives \
-             the hand at most 5 mJ in the second after it, and within three seconds the hand is still (three encoder steps, at least \
-             20 \u{b5}m) or moves less by a fifth than a second before. That is weaker than passivity in any motion, which the \
-             first table has. Columns with \u{201c}5 mJ\u{201d} ask for the energy alone: the hand may tremble. They are compared \
-             with each other only.",
-            "K of an organ is that of its skin at rest; it is made stiffer by multiplying all its constants. \u{201c}trilinear\u{201d} and \
+            "A sampled spring gives back more energy than it took: beyond a stiffness K the device hums or kicks. For emulated \
+             devices K is the largest stiffness at which a held device comes to rest after a knock of 2.5 mN s. The hand then gets at \
+             most 5 mJ in the second after the knock. Within three seconds it moves by less than three encoder steps (at least 20 \
+             \u{b5}m), or by a fifth less than a second before. This is weaker than passivity in any motion, which the first table has. \
+             Columns with \u{201c}5 mJ\u{201d} ask for the energy alone, so the hand may tremble; they are compared with each other only.",
+            "The K of an organ is the stiffness of its skin at rest; an organ is made stiffer by multiplying all constants of its \
+             materials. \u{201c}trilinear\u{201d} and \
              \u{201c}energy\u{201d} are methods in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} adds the energy guard. \
              Devices are held by two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall. \
              The guard acts when its own balance passes 5 mJ, so it stops a small limit cycle only after a second or two.",
