@@ -19,7 +19,7 @@ use palpate_tests::write_beam_scene;
 
 use crate::GRID as SMALL;
 
-/// 1014 points: a second.
+/// 1014 points: half a second.
 const LARGE: &str = "radius_m = 0.01\nspacing_m = 0.002";
 
 fn scene(folder: &Path, grid: &str) -> PathBuf {
