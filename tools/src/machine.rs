@@ -34,7 +34,7 @@ pub(crate) struct Machine {
     pub wall_seconds: f64,
 }
 
-/// Clock ticks up to now: of all processors, busy ones, and those of this process.
+/// Clock ticks up to now: of all processors, busy ones, and those of this process and its ended children.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ticks {
     all: u64,
@@ -53,7 +53,8 @@ impl Ticks {
         // The program name in parentheses may contain spaces.
         let own = std::fs::read_to_string("/proc/self/stat").ok()?;
         let own: Vec<&str> = own.rsplit_once(')')?.1.split_whitespace().collect();
-        let own: u64 = own.get(11)?.parse::<u64>().ok()? + own.get(12)?.parse::<u64>().ok()?;
+        // User and system time, of this process and of those that it has waited for.
+        let own: u64 = own.get(11..15)?.iter().map(|n| n.parse::<u64>().ok()).sum::<Option<u64>>()?;
         Some(Self { all, busy: all - idle, own })
     }
 
@@ -135,6 +136,15 @@ fn civil(days: u64) -> (u64, u64, u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_ended_child_is_no_other_program() {
+        let before = Ticks::now().expect("Linux tells");
+        let count = "i=0; while [ $i -lt 300000 ]; do i=$((i+1)); done";
+        let ended = std::process::Command::new("sh").args(["-c", count]).status();
+        assert!(ended.expect("a shell").success());
+        assert!(Ticks::now().expect("Linux tells").own > before.own + 2, "{before:?}");
+    }
 
     #[test]
     fn days_are_dates() {
