@@ -27,9 +27,6 @@ impl Default for LoadingOptions {
     }
 }
 
-/// Number of halvings of the step of a large body before a factor of a tangent is made: shorter steps without one cost less.
-const HALVINGS_WITHOUT: u32 = 2;
-
 /// Maximum number of full steps with a rising residual in a snap-through.
 const MAX_RISING_STEPS: u32 = 3;
 
@@ -81,10 +78,7 @@ impl Solver {
                 self.perturb(&mut guess, perturbations_done);
             }
             self.begin_columns(seed);
-            self.factor.gives_up = halvings < HALVINGS_WITHOUT.min(self.loading.max_halvings);
-            let attempted = self.attempt(&pose, &guess);
-            self.factor.gives_up = false;
-            let configuration = match attempted {
+            let configuration = match self.attempt(&pose, &guess) {
                 Ok(configuration) => {
                     let jumps = self.leaves_branch(seed, &configuration);
                     if jumps && halvings < self.loading.max_halvings {
