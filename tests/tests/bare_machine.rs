@@ -19,7 +19,7 @@ const ANYWHERE: [(&str, &str); 5] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 20] = [
+const HERE: [(&str, &str, &str); 21] = [
     (
         "host/tests/live/process.rs",
         "std::env::current_exe().expect(\"a test has a file\")",
@@ -44,6 +44,7 @@ const HERE: [(&str, &str, &str); 20] = [
     ("tools/tests/command_line.rs", "\"bash\"", "essential"),
     ("tools/tests/documents.rs", "\"sh\"", "dash, essential"),
     ("tools/tests/figures.rs", "\"sh\"", "dash, essential"),
+    ("tools/src/machine.rs", "\"sh\"", "dash, essential"),
 ];
 
 /// The expressions in `Command::new(..)` of a source file.
