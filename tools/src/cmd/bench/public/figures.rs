@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// A finished section.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Section {
     /// Its name on the command line.
     pub(super) key: String,
@@ -219,17 +219,7 @@ mod tests {
             (table.value("r", "d"), table.value("r", "b"), table.value("s", "a")),
             (Some(2.0), None, None)
         );
-        let section = Section {
-            key: "s".into(),
-            title: String::new(),
-            explains: vec![],
-            repeats: vec![],
-            quick: false,
-            date: String::new(),
-            seconds: 0.0,
-            others_share: None,
-            tables: vec![table],
-        };
+        let section = Section { key: "s".into(), tables: vec![table], ..Section::default() };
         let text = crate::output::csv(&cells(&[section])).expect("a table");
         let text = String::from_utf8(text).expect("text");
         assert_eq!(text, "section,table,row,column,value\ns,t,r,a,1.0\ns,t,r,b,\ns,t,r,c,\ns,t,r,d,2.0\n");

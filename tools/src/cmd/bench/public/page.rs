@@ -337,17 +337,8 @@ mod tests {
 
     #[test]
     fn the_warning_of_load_is_that_of_each_section() {
-        let of = |title: &str, others_share| Section {
-            key: title.into(),
-            title: title.into(),
-            explains: vec![],
-            repeats: vec![],
-            quick: false,
-            date: String::new(),
-            seconds: 0.0,
-            others_share,
-            tables: vec![],
-        };
+        let of =
+            |title: &str, others_share| Section { title: title.into(), others_share, ..Section::default() };
         assert_eq!(warning_of_load(&[of("a", Some(0.02)), of("b", None)]), "");
         let said = warning_of_load(&[of("a", Some(0.02)), of("b", Some(0.3)), of("c", Some(0.2))]);
         assert!(

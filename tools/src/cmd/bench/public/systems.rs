@@ -215,17 +215,8 @@ mod tests {
         let mut declared = Table::new("cost.point", "", "", "measure", vec!["ours".into()]);
         declared.others = Others::Declared;
         declared.rows.push(Row::new("bytes", "bytes", Best::Least, vec![10.0]));
-        let section = |key: &str, table| Section {
-            key: key.into(),
-            title: String::new(),
-            explains: vec![],
-            repeats: vec![],
-            quick: false,
-            date: String::new(),
-            seconds: 0.0,
-            others_share: None,
-            tables: vec![table],
-        };
+        let section =
+            |key: &str, table| Section { key: key.into(), tables: vec![table], ..Section::default() };
         vec![section("force", judged), section("cost", declared)]
     }
 
