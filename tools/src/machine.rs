@@ -79,7 +79,7 @@ impl Machine {
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             memory_gb: memory.map(|kb| (kb / 1e5).round() / 10.0),
             system: format!("{name}, kernel {}", kernel.trim()),
-            palpate: env!("CARGO_PKG_VERSION"),
+            palpate: concat!(env!("CARGO_PKG_VERSION"), ", commit ", env!("PALPATE_COMMIT")),
             solver: solver_version(),
             rustc: env!("PALPATE_RUSTC"),
             date: date(),

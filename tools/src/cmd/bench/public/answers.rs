@@ -38,10 +38,19 @@ struct WayRow {
     fz_n: Option<f64>,
 }
 
-/// A force of three finite components. A system that diverges writes `nan`: it has no answer.
-fn force(x: Option<f64>, y: Option<f64>, z: Option<f64>) -> Option<Vec3> {
-    let force = [x?, y?, z?];
-    force.iter().all(|x| x.is_finite()).then_some(force)
+/// The force in a row of a file. A system that diverges has none: `nan` would leave its largest errors out unseen.
+fn force(path: &Path, components: [Option<f64>; 3]) -> Result<Option<Vec3>, Failure> {
+    let [Some(x), Some(y), Some(z)] = components else { return Ok(None) };
+    if [x, y, z].iter().all(|x| x.is_finite()) {
+        return Ok(Some([x, y, z]));
+    }
+    let what = "a force is not finite; leave its cells empty, then the share of the answers states it";
+    Err(Failure::input(format!("{}: {what}", path.display())))
+}
+
+/// The number of rows with a force.
+fn forces(path: &Path, mut rows: impl Iterator<Item = [Option<f64>; 3]>) -> Result<usize, Failure> {
+    rows.try_fold(0, |count, row| Ok(count + usize::from(force(path, row)?.is_some())))
 }
 
 /// The rows of a file of answers. A file without a column of forces, as that of the questions, is refused.
@@ -66,12 +75,12 @@ pub(super) fn count(folder: &Path) -> Result<usize, Failure> {
     let path = folder.join(POSITIONS);
     if path.exists() {
         let rows = answers::<PositionRow>(&path)?;
-        count += rows.iter().filter(|row| force(row.fx_n, row.fy_n, row.fz_n).is_some()).count();
+        count += forces(&path, rows.iter().map(|row| [row.fx_n, row.fy_n, row.fz_n]))?;
     }
     for path in [LOOPS, HANDS].map(|name| folder.join(name)) {
         if path.exists() {
             let rows = answers::<WayRow>(&path)?;
-            count += rows.iter().filter(|row| force(row.fx_n, row.fy_n, row.fz_n).is_some()).count();
+            count += forces(&path, rows.iter().map(|row| [row.fx_n, row.fy_n, row.fz_n]))?;
         }
     }
     Ok(count)
@@ -115,7 +124,7 @@ impl Forces {
                     ))
                 })?;
                 let again = || format!("{}: position {} is answered twice", path.display(), row.position);
-                fill(slot, force(row.fx_n, row.fy_n, row.fz_n), again)?;
+                fill(slot, force(&path, [row.fx_n, row.fy_n, row.fz_n])?, again)?;
             }
         }
         read_ways(&folder.join(LOOPS), &questions.loops, &mut forces.loops)?;
@@ -159,7 +168,7 @@ fn read_ways(path: &Path, ways: &[Way], forces: &mut [Vec<Option<Vec3>>]) -> Res
             ))
         })?;
         let again = || format!("{}: tick {} of `{}` is answered twice", path.display(), row.tick, row.way);
-        fill(slot, force(row.fx_n, row.fy_n, row.fz_n), again)?;
+        fill(slot, force(path, [row.fx_n, row.fy_n, row.fz_n])?, again)?;
     }
     Ok(())
 }
@@ -209,11 +218,12 @@ mod tests {
         says("position;fx_n;fy_n;fz_n\n0;1;2;3\n", "write commas");
         says("position,fx_n,fy_n,fz_n\n0,1,2,3\n0,1,2,4\n", "position 0 is answered twice");
         says("position,fx_n,fy_n,fz_n\n7,1,2,3\n", "no position 7");
+        says("position,fx_n,fy_n,fz_n\n0,1,nan,3\n", "is not finite");
     }
 
     #[test]
-    fn a_force_that_is_not_finite_is_no_answer() {
-        let answered = read("position,fx_n,fy_n,fz_n\n0,1,nan,3\n1,1,2,3\n");
+    fn empty_cells_are_no_answer() {
+        let answered = read("position,fx_n,fy_n,fz_n\n0,1,,3\n1,1,2,3\n");
         assert_eq!(answered, Ok(vec![None, Some([1.0, 2.0, 3.0])]));
     }
 }

@@ -134,7 +134,7 @@ fn words(key: &str) -> (&'static str, &'static [&'static str]) {
             "Energy round closed loops",
             &[
                 "A hand that moves the tool round a circle in an elastic body gets back the energy that it put in. A net energy is \
-                 an error of the force field: it is lost in one sense of rotation and given to the hand in the other. Zero is right.",
+                 an error of the force field: turning one way the hand loses it, turning the other way the hand gets it. Zero is right.",
             ],
         ),
     }

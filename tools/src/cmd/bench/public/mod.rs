@@ -61,7 +61,7 @@ use systems::Answers;
 ///
 /// The questions in DIR/questions let anybody run another system; --answers puts it beside ours.
 ///
-/// Example: palpate bench public --answers mine=my-answers
+/// Example: palpate bench public, then with the same --out: palpate bench public --answers mine=my-answers
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Folder for the page

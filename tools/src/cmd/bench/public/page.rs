@@ -237,9 +237,9 @@ fn how_to_join(systems: Systems<'_>) -> String {
          scene.toml with law and constants) and displacements of the touched place. Write the force of your system on the body for \
          them, in a folder of the same structure, and what it states in system.toml. <a href=\"questions/README.txt\">README.txt</a> \
          has the columns; answers/ has the answers of Palpate as examples. A figure that a system does not give stays empty. Then:</p>\n\
-         <p><code>palpate bench public --answers mine=my-answers</code></p>\n\
+         <p><code>palpate bench public --out OUT --assets ASSETS --answers mine=my-answers</code></p>\n\
          <p class=\"explains\">Programs of a clone that answer: for CHAI3D hil/bridges/chai3d_answers.cpp (built and run with 3.3.0), \
-         for SOFA hil/bridges/SofaQuestions.cpp with the scene of hil/bridges/sofa_scene (compiled, never run).</p>\n\
+         for SOFA hil/bridges/SofaQuestions.cpp with the scene of hil/bridges/sofa_scene (compiled against stand-ins of its headers only).</p>\n\
          <p><code>chai3d_answers questions/point my-answers/point</code></p>\n\
          <p><code>hil/bridges/sofa_scene questions/point &gt; scene.scn</code></p>\n"
     );
