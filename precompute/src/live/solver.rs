@@ -315,8 +315,7 @@ impl LiveSolver {
         {
             return step;
         }
-        let waits = self.waits_for_factors();
-        let prepares = waits || self.needs_no_factor();
+        let (waits, prepares) = (self.waits_for_factors(), self.prepares());
         let Self { skin, body, known, growth, lost, branches, workers, states, times, near, .. } = self;
         let renewals = self.renewals.as_ref().filter(|_| waits);
         let doubted = self.doubted;

@@ -11,6 +11,11 @@ impl LiveSolver {
         self.renewals.is_some() && self.times.factor_is_long() && !self.needs_no_factor()
     }
 
+    /// Whether presses are solved before the hand is there.
+    pub(super) fn prepares(&self) -> bool {
+        self.waits_for_factors() || self.needs_no_factor()
+    }
+
     /// Whether the body is so large that its states are solved without a factor of their tangent.
     pub(super) fn needs_no_factor(&self) -> bool {
         self.skin.sphere().is_none() && self.free.needs_no_factor()

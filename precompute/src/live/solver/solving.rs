@@ -129,8 +129,9 @@ impl LiveSolver {
         } else {
             self.states.keep(contact, branch, from);
         }
-        // The choice would take it again: no fold has been noted that hides it.
-        if task.aim == Aim::Ahead && !leads_on && !self.branches.hides(contact, task.control_m) {
+        // The choice would take a press again: no fold has been noted that hides it.
+        let is_press = task.aim == Aim::Ahead && self.prepares();
+        if is_press && !leads_on && !self.branches.hides(contact, task.control_m) {
             self.lost.add(&task);
         }
         if is_lost {
