@@ -108,3 +108,25 @@ fn a_press_that_leads_nowhere_is_not_tried_again() {
         assert!(steps < 200, "{:?} {:?}", live.totals(), live.lost);
     }
 }
+
+/// What a hand may come to is tried again from nearer by, unless it is one of the presses that prepare a touch: those stay
+/// where they are. So far through the floor no fold hides the position.
+#[test]
+fn only_a_press_that_leads_nowhere_is_lost() {
+    for is_slow in [false, true] {
+        let mut live =
+            LiveSolver::new(&scene(TetMesh::cuboid([8, 8, 2], 0.0125), 2)).expect("it can be touched");
+        live.renew_beside(|| ());
+        if is_slow {
+            live.times.begin(Some(1));
+            live.times.took(1.0);
+        }
+        let middle = |place: &crate::pack::Place| distance(place.rest_m, [0.05, 0.05, 0.025]) < 1e-9;
+        let contact = live.skin.contacts.iter().position(middle).expect("on the skin") as u16;
+        let task = |z_m| Task { contact, control_m: [0.0, 0.0, z_m], aim: Aim::Ahead };
+        live.solve(task(0.0));
+        live.solve(task(-0.4));
+        assert!(!live.known[usize::from(contact)].has_near(task(-0.4).control_m, REST, 0.1), "it is found");
+        assert_eq!(live.lost.contains(&task(-0.4)), is_slow, "{:?}", live.lost);
+    }
+}
