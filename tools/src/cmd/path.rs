@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
+use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::fem::{Configuration, FailureReason, Pose, SolveFailure};
@@ -59,10 +60,10 @@ pub(crate) struct Args {
     /// interrupted run leaves a series of the steps so far.
     #[arg(long, value_name = "FILE")]
     displacements: Option<PathBuf>,
-    /// More columns: reason, unstable modes, branch, moment
+    /// More columns: reason, unstable modes, branch, moment, time
     ///
     /// After `status`: reason of a failure, unstable modes, whether the step left its branch, moment of a
-    /// patch.
+    /// patch, wall time of the step in s.
     #[arg(long)]
     details: bool,
     /// Also turn the patch of the active node about it, or a capsule about its centre: rotation vector x,y,z in
@@ -97,7 +98,7 @@ pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
 const HEADER: &str = "step,dx_m,dy_m,dz_m,fx_n,fy_n,fz_n,energy_j,newton_iterations,residual_n,min_jacobian,inverted,\
                       volume_m3,status";
 /// Additional columns of --details.
-const DETAILS: &str = "reason,unstable_modes,switched,tx_n_m,ty_n_m,tz_n_m";
+const DETAILS: &str = "reason,unstable_modes,switched,tx_n_m,ty_n_m,tz_n_m,solve_s";
 
 /// The displacements of the tool from rest, m.
 fn controls(args: &Args) -> Result<Vec<[f64; 3]>, Failure> {
@@ -186,11 +187,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let share = f64::from(step) / steps as f64;
         let pose =
             Pose { displacement_m: target, rotation_rad: args.turn.unwrap_or_default().map(|x| x * share) };
-        match loading.advance(&pose) {
+        let begun = Instant::now();
+        let reached = loading.advance(&pose);
+        let solve_s = begun.elapsed().as_secs_f64();
+        match reached {
             Ok(()) => {
-                let unstable = args.details.then(|| loading.unstable_modes());
+                let details = args.details.then(|| (loading.unstable_modes(), solve_s));
                 let configuration = loading.here();
-                push_row(&mut table, step, configuration, unstable)?;
+                push_row(&mut table, step, configuration, details)?;
                 if configuration.switched {
                     eprintln!(
                         "palpate: warning: step {step}: the body left its branch (snap-through, or Newton found another \
@@ -201,7 +205,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                 last = Some((step, length_mm, norm(configuration.jet().force_n)));
             }
             Err(failure) => {
-                push_failure(&mut table, step, target, &failure, args.details)?;
+                push_failure(&mut table, step, target, &failure, args.details.then_some(solve_s))?;
                 let what = match failure.reason {
                     FailureReason::Pierced => {
                         "the skin is deep inside the sphere, whose layer is too soft here".into()
@@ -231,31 +235,34 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     ended.and(written)
 }
 
-/// The row of a step that did not converge.
+/// The row of a step that did not converge; with its time if details are asked for.
 fn push_failure(
     table: &mut Csv,
     step: u32,
     target_m: [f64; 3],
     failure: &SolveFailure,
-    details: bool,
+    details: Option<f64>,
 ) -> Result<(), Failure> {
     let (solved, at_end) = ([""; 4], [""; 3]);
     let row = (step, target_m, solved, failure.iterations, failure.residual_n, at_end, "failed");
-    if details { table.row((row, failure.reason.to_string(), [""; 5])) } else { table.row(row) }
+    match details {
+        Some(solve_s) => table.row((row, failure.reason.to_string(), [""; 5], solve_s)),
+        None => table.row(row),
+    }
 }
 
-/// The row of a solved step; with its number of unstable modes if details are asked for.
+/// The row of a solved step; with its number of unstable modes and its time if details are asked for.
 fn push_row(
     table: &mut Csv,
     step: u32,
     c: &Configuration,
-    unstable: Option<Option<u32>>,
+    details: Option<(Option<u32>, f64)>,
 ) -> Result<(), Failure> {
     let (moved_m, jet) = (c.seed.pose.displacement_m, c.jet());
     let row = (step, moved_m, jet.force_n, jet.energy_j, c.iterations, c.residual_n, c.min_jacobian);
     let row = (row, c.inverted, c.volume_m3, "ok");
-    match unstable {
-        Some(modes) => table.row((row, "", modes, u32::from(c.switched), c.torque_n_m)),
+    match details {
+        Some((modes, solve_s)) => table.row((row, "", modes, u32::from(c.switched), c.torque_n_m, solve_s)),
         None => table.row(row),
     }
 }

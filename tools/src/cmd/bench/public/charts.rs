@@ -15,8 +15,10 @@ fn style(column: &str, number: usize) -> Style {
     match (Method::from_name(column), column) {
         (Some(method), _) => Style::of_method(method),
         (None, "live") => Style::number(0).hollow(),
-        (None, "energy, guarded") => Style::of_method(Method::Energy).hollow(),
+        (None, "guarded") => Style::of_method(Method::Energy).hollow(),
         (None, "plain wall") => Style::number(0),
+        (None, "energy, 5 mJ") => Style::number(6),
+        (None, "guarded, 5 mJ") => Style::number(6).hollow(),
         _ => Style::number(number),
     }
 }

@@ -11,8 +11,10 @@ pub(super) struct Section {
     pub(super) title: String,
     /// What is measured and how to read it, in sentences.
     pub(super) explains: Vec<String>,
-    /// Commands and files that repeat the figures.
+    /// Commands that repeat the figures.
     pub(super) repeats: Vec<String>,
+    /// Files with what was asked and answered.
+    pub(super) files: Vec<String>,
     /// Whether it has fewer positions than a full run.
     pub(super) quick: bool,
     /// When it was measured, in UTC.

@@ -63,14 +63,15 @@ pub(super) fn section(
         tables.push(Table::judged(
             &format!("{key}.{}", ready.scene.name),
             &format!("Organ \u{201c}{}\u{201d}", ready.scene.name),
-            &format!("Here {}. {} {}", ready.scene.about, details(key, &ready.questions), ready.reference()),
+            &format!("Here {}. {} {}", ready.scene.about, details(key, ready), ready.reference()),
             judged.collect(),
         ));
     }
     let (title, explains) = words(key);
-    let repeats = [format!("OUT/questions/*/{}", file_of(key)), format!("OUT/answers/*/*/{}", file_of(key))];
-    let repeats: Vec<&str> = repeats.iter().map(String::as_str).collect();
-    Ok(finished(context, key, title, explains, &repeats, start.elapsed().as_secs_f64(), tables))
+    let section = finished(context, key, title, explains, &[], start.elapsed().as_secs_f64(), tables);
+    let file = file_of(key);
+    let files = vec![format!("OUT/questions/*/{file}"), format!("OUT/answers/*/*/{file}")];
+    Ok(Section { files, ..section })
 }
 
 fn along(ready: &Ready, ways: &[Way], context: &Context<'_>) -> Result<Vec<Vec<Option<[f64; 3]>>>, Failure> {
@@ -93,13 +94,15 @@ fn file_of(key: &str) -> &'static str {
 }
 
 /// The size of the set.
-fn details(key: &str, questions: &Questions) -> String {
+fn details(key: &str, ready: &Ready) -> String {
+    let questions = &ready.questions;
     match key {
         FORCE => {
             let residual = questions.positions.iter().map(|at| at.residual_n).fold(0.0, f64::max);
             format!(
-                "{} positions; the largest residual of a reference solution is {residual:.0e} N.",
-                questions.positions.len()
+                "{} positions; the largest residual of a reference solution is {residual:.0e} N. {}",
+                questions.positions.len(),
+                ready.solved()
             )
         }
         ENERGY => format!("{} loops of a second each.", questions.loops.len()),

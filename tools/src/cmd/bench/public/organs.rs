@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::time::Instant;
 
 use nalgebra::Vector3;
 use palpate_core::{Method, Organ};
@@ -60,6 +61,8 @@ pub(super) struct Ready {
     pub(super) blob_path: PathBuf,
     /// The scene with its body.
     pub(super) analysis: Analysis,
+    /// Wall time of all solves, s; `None` if an earlier run made some.
+    solved_s: Option<f64>,
 }
 
 /// Folders of the command.
@@ -88,6 +91,7 @@ impl Ready {
         let blob_name = format!("{name}.blob");
         let blob_path = rooms.work.path().join(&blob_name);
         let analysis = analysis::load(&folder.path().join(super::scenes::SCENE))?;
+        let (started, is_new) = (Instant::now(), !space.exists());
         let store = analysis.store(&space)?;
         let mut progress = WorkProgress::new(scene.name, "positions");
         analysis.solve(&[0], &store, run, |p| progress.spaces(p))?;
@@ -103,7 +107,16 @@ impl Ready {
         let positions = positions(&store, &blob::organ(&blob_path, &blob)?, amount)?;
         progress.finish();
         let questions = with_ways(scene, folder, &analysis, positions, amount, run)?;
-        Ok(Self { scene, questions, space, blob, blob_path, analysis })
+        let solved_s = is_new.then(|| started.elapsed().as_secs_f64());
+        Ok(Self { scene, questions, space, blob, blob_path, analysis, solved_s })
+    }
+
+    /// How long the solves took that the figures of the forces need.
+    pub(super) fn solved(&self) -> String {
+        self.solved_s.map_or_else(
+            || "Its solves are those of an earlier run.".into(),
+            |s| format!("The solves of its table, positions and hands, and packing, took {s:.0} s."),
+        )
     }
 
     /// What the reference forces are those of, with the warnings of the scene.

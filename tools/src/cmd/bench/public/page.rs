@@ -100,7 +100,7 @@ fn summary(sections: &[Section]) -> String {
         says.extend(table(&format!("hands.{organ}")).and_then(|table| live_under_a_poke(organ, table)));
     }
     let stiffness = |column| value("zwidth.devices", "omega.1000_hz", column).map(figure);
-    let of = ["energy", "energy, guarded", "energy, 5 mJ", "guarded, 5 mJ"].map(stiffness);
+    let of = ["energy", "guarded", "energy, 5 mJ", "guarded, 5 mJ"].map(stiffness);
     if let [Some(plain), Some(guarded), Some(energy), Some(guarded_energy)] = of {
         says.push(format!(
             "On an emulated omega.3 at 1 kHz a hand is still on an organ up to {plain} N/m, with the energy guard up to {guarded} N/m; \
@@ -157,11 +157,17 @@ fn drawn(section: &Section, all: &[Section], systems: Systems<'_>) -> String {
             }
         );
     }
-    let repeats: Vec<String> =
-        section.repeats.iter().map(|command| format!("<code>{}</code>", escaped(command))).collect();
+    let codes = |texts: &[String]| {
+        let codes: Vec<String> = texts.iter().map(|text| format!("<code>{}</code>", escaped(text))).collect();
+        codes.join(", ")
+    };
+    let files = match section.files.as_slice() {
+        [] => String::new(),
+        files => format!("; files: {}", codes(files)),
+    };
     body += &format!(
-        "<p class=\"files\">Repeat it: {} (measured {} in {}{}{}).</p>\n",
-        repeats.join(", "),
+        "<p class=\"files\">Repeat it: {}{files} (measured {} in {}{}{}).</p>\n",
+        codes(&section.repeats),
         escaped(&section.date),
         seconds(section.seconds),
         section.others_share.map_or(String::new(), |share| format!(

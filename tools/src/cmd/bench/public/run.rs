@@ -45,6 +45,7 @@ pub(super) fn finished(
         title: title.into(),
         explains: owned(explains),
         repeats: [vec![again], owned(repeats)].concat(),
+        files: Vec::new(),
         quick: context.quick,
         date: date(),
         seconds,

@@ -20,12 +20,11 @@ pub(in crate::cmd::bench::public) const WALL: &str = "zwidth.wall";
 pub(in crate::cmd::bench::public) const SPRINGS: &str = "zwidth.springs";
 pub(in crate::cmd::bench::public) const DAMPING: &str = "zwidth.damping";
 pub(in crate::cmd::bench::public) const DEVICES: &str = "zwidth.devices";
-const METHODS: &str = "zwidth.methods";
 
-/// Columns of the emulated devices; the last ones ask for the energy alone.
-pub(in crate::cmd::bench::public) const COLUMNS: [&str; 6] =
-    ["plain wall", "trilinear", "energy", "energy, guarded", "energy, 5 mJ", "guarded, 5 mJ"];
-const ENERGY_ALONE: &[&str] = &[COLUMNS[4], COLUMNS[5]];
+/// Columns beside those of the methods and of live; the last two ask for the energy alone.
+pub(in crate::cmd::bench::public) const COLUMNS: [&str; 4] =
+    ["plain wall", "guarded", "energy, 5 mJ", "guarded, 5 mJ"];
+const ENERGY_ALONE: [&str; 2] = [COLUMNS[2], COLUMNS[3]];
 
 /// Rates of the loop, Hz.
 pub(in crate::cmd::bench::public) const RATES_HZ: [u32; 4] = [500, 1000, 2000, 4000];
@@ -52,8 +51,13 @@ enum Wanted {
     NoEnergy,
 }
 
-/// A column: what renders, and what must hold.
-type Column<'r> = (Renderer<'r>, Wanted);
+/// A column: its name, what renders, and what must hold.
+#[derive(Debug, Clone)]
+struct Column<'r> {
+    name: String,
+    renderer: Renderer<'r>,
+    wanted: Wanted,
+}
 
 /// Key of the row of a device at a rate.
 fn device_row(name: &str, rate_hz: u32) -> String {
@@ -75,22 +79,25 @@ pub(in crate::cmd::bench::public) fn device_rows() -> Vec<String> {
     PROFILES.iter().flat_map(|name| RATES_HZ.map(|rate| device_row(name, rate))).collect()
 }
 
-/// The columns of the emulated devices, in the order of their names.
-fn columns<'r>(organ: &'r Organ<'r>) -> Vec<Column<'r>> {
+/// The columns of the emulated devices: the wall, every method and live without the energy guard, then with it.
+fn columns<'r>(ready: &'r Ready, organ: &'r Organ<'r>) -> Vec<Column<'r>> {
+    let [wall, guarded, energy_alone, guarded_alone] = COLUMNS;
+    let column = |name: &str, renderer, wanted| Column { name: name.to_owned(), renderer, wanted };
     let of = |method, guard| Renderer::Organ { organ, method, guard };
-    let (free, guarded) = (of(Method::Energy, false), of(Method::Energy, true));
-    vec![
-        (Renderer::Wall, Wanted::Stillness),
-        (of(Method::Trilinear, false), Wanted::Stillness),
-        (free, Wanted::Stillness),
-        (guarded, Wanted::Stillness),
-        (free, Wanted::NoEnergy),
-        (guarded, Wanted::NoEnergy),
-    ]
+    let mut columns = vec![column(wall, Renderer::Wall, Wanted::Stillness)];
+    for method in ready.scene.methods {
+        columns.push(column(method.name(), of(*method, false), Wanted::Stillness));
+    }
+    columns.push(column(LIVE, Renderer::Live { ready, organ }, Wanted::Stillness));
+    columns.push(column(guarded, of(Method::Energy, true), Wanted::Stillness));
+    columns.push(column(energy_alone, of(Method::Energy, false), Wanted::NoEnergy));
+    columns.push(column(guarded_alone, of(Method::Energy, true), Wanted::NoEnergy));
+    columns
 }
 
 /// The largest stiffness of a case at which a column holds, N/m; NaN if there is none.
-fn largest_n_m((renderer, wanted): Column<'_>, profile: &Profile) -> Result<f64, Failure> {
+fn largest_n_m(column: &Column<'_>, profile: &Profile) -> Result<f64, Failure> {
+    let Column { renderer, wanted, .. } = *column;
     let quantum_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
     let mut failure = None;
     let [low, high] = RANGE_N_M;
@@ -157,56 +164,28 @@ struct Case {
     profile: Profile,
 }
 
-/// The largest stiffness of every case and column, in the order of the cases.
-fn all_of(cases: &[Case], columns: &[Column<'_>], context: &Context<'_>) -> Result<Vec<f64>, Failure> {
-    let jobs: Vec<(usize, usize)> =
-        (0..cases.len()).flat_map(|case| (0..columns.len()).map(move |column| (case, column))).collect();
-    let found = in_parallel(&jobs, context.threads, |&(case, column)| {
-        context.go_on()?;
-        largest_n_m(columns[column], &cases[case].profile)
-    })
-    .map_err(Failure::work)?;
-    found.into_iter().collect()
-}
-
-/// A table of cases by columns.
+/// Fills a table with the largest stiffness of every case and column. Other systems state theirs.
 fn emulated(
     mut table: Table,
     cases: Vec<Case>,
-    names: Vec<String>,
     columns: &[Column<'_>],
     context: &Context<'_>,
 ) -> Result<Table, Failure> {
-    (table.columns, table.accuracy) = (names, CLOSE);
-    let values = all_of(&cases, columns, context)?;
+    let jobs: Vec<(&Case, &Column<'_>)> =
+        cases.iter().flat_map(|case| columns.iter().map(move |column| (case, column))).collect();
+    let found = in_parallel(&jobs, context.threads, |&(case, column)| {
+        context.go_on()?;
+        largest_n_m(column, &case.profile)
+    })
+    .map_err(Failure::work)?;
+    let values = found.into_iter().collect::<Result<Vec<f64>, Failure>>()?;
+    table.columns = columns.iter().map(|column| column.name.clone()).collect();
+    (table.others, table.accuracy) = (Others::Declared, CLOSE);
+    table.apart = ENERGY_ALONE.map(String::from).to_vec();
     for (case, values) in cases.into_iter().zip(values.chunks(columns.len())) {
         table.rows.push(Row::new(case.row, case.name, Best::Most, values.to_vec()));
     }
     Ok(table)
-}
-
-/// Every method of the organ, and live, on one device at every rate.
-fn methods(ready: &Ready, context: &Context<'_>) -> Result<Table, Failure> {
-    let organ = ready.organ()?;
-    let methods = ready.scene.methods;
-    let of = |&method: &Method| (Renderer::Organ { organ: &organ, method, guard: false }, Wanted::Stillness);
-    let mut columns: Vec<Column<'_>> = methods.iter().map(of).collect();
-    columns.push((Renderer::Live { ready, organ: &organ }, Wanted::Stillness));
-    let names = methods.iter().map(|method| method.name().to_owned()).chain([LIVE.to_owned()]);
-    let mut cases = Vec::new();
-    for rate_hz in RATES_HZ {
-        let profile = profile(VARIED, rate_hz)?;
-        cases.push(Case { row: format!("{rate_hz}_hz"), name: format!("{rate_hz} Hz"), profile });
-    }
-    let table = Table::new(
-        METHODS,
-        "By method, on an emulated omega.3",
-        "The same criterion for every method in the controller without its energy guard. \u{201c}live\u{201d} has the solver beside \
-         the loop in simulated time, so it depends on this processor.",
-        "rate",
-        Vec::new(),
-    );
-    emulated(table, cases, names.collect(), &columns, context)
 }
 
 /// Measures the section on an organ whose first space is touched.
@@ -217,28 +196,26 @@ pub(in crate::cmd::bench::public) fn section(
     let start = std::time::Instant::now();
     let [wall, springs] = walls(context.quick);
     let organ = ready.organ()?;
-    let (columns, names) = (columns(&organ), COLUMNS.map(String::from).to_vec());
-    let apart: Vec<String> = ENERGY_ALONE.iter().map(|name| (*name).to_owned()).collect();
+    let columns = columns(ready, &organ);
     let mut varied = Vec::new();
     for rate_hz in RATES_HZ {
         for damping in DAMPINGS_N_S_M.into_iter().step_by(if context.quick { 2 } else { 1 }) {
             let mut profile = profile(VARIED, rate_hz)?;
             profile.mechanism.damping = Some(Damping { n_s_m: damping, measured: true });
             (profile.mechanism.coulomb_n, profile.assumed.coulomb_n) = (None, 0.0);
-            let name = format!("{rate_hz} Hz, b = {damping} N s/m");
+            let name = format!("{rate_hz} Hz, {damping} N s/m");
             varied.push(Case { row: damping_row(rate_hz, damping), name, profile });
         }
     }
-    let mut damping = Table::new(
+    let damping = Table::new(
         DAMPING,
         "Against the damping of the device",
-        "Largest stiffness at the hand, N/m, on an emulated omega.3 without Coulomb friction, held by two \
+        "Largest stiffness at the hand, N/m, on an emulated omega.3 with damping b and without Coulomb friction, held by two \
          fingers (1.1 N s/m) with 1 N and knocked once. Another system states the K without oscillation.",
-        "rate and damping b of the device",
+        "rate, b",
         Vec::new(),
     );
-    (damping.others, damping.apart) = (Others::Declared, apart.clone());
-    let damping = emulated(damping, varied, names.clone(), &columns, context)?;
+    let damping = emulated(damping, varied, &columns, context)?;
     let mut bundled = Vec::new();
     for name in PROFILES {
         for rate_hz in RATES_HZ {
@@ -247,7 +224,7 @@ pub(in crate::cmd::bench::public) fn section(
             bundled.push(Case { row: device_row(name, rate_hz), name: shown, profile });
         }
     }
-    let mut devices = Table::new(
+    let devices = Table::new(
         DEVICES,
         "On the bundled device profiles",
         "The same with mass, damping, Coulomb friction, encoder, motors and delays of each profile. A profile states \
@@ -255,9 +232,7 @@ pub(in crate::cmd::bench::public) fn section(
         "device and rate",
         Vec::new(),
     );
-    (devices.others, devices.apart) = (Others::Declared, apart);
-    let devices = emulated(devices, bundled, names, &columns, context)?;
-    let methods = methods(ready, context)?;
+    let devices = emulated(devices, bundled, &columns, context)?;
     Ok(finished(
         context,
         KEY,
@@ -269,13 +244,16 @@ pub(in crate::cmd::bench::public) fn section(
              \u{b5}m), or by a fifth less than a second before. This is weaker than passivity in any motion, which the first table has. \
              Columns with \u{201c}5 mJ\u{201d} ask for the energy alone, so the hand may tremble; they are compared with each other only.",
             "The K of an organ is the stiffness of its skin at rest; an organ is made stiffer by multiplying all constants of its \
-             materials. \u{201c}trilinear\u{201d} and \
-             \u{201c}energy\u{201d} are methods in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} adds the energy guard. \
-             Devices are held by two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall. \
-             The guard acts when its own balance passes 5 mJ, so it stops a small limit cycle only after a second or two.",
+             materials. The methods and \
+             \u{201c}live\u{201d} are in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} is energy with the \
+             energy guard. \u{201c}live\u{201d} solves beside the loop in simulated time, so it depends on this processor. Devices are held by \
+             two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall.",
+            "The guard acts when its own balance passes 5 mJ: it stops a large limit cycle within a second or two, and lets one of a \
+             millimetre that gives less go on. \u{201c}guarded\u{201d} has the K of the first cycle that is left, so it can fall from \
+             one rate or damping to the next.",
         ],
         &[],
         start.elapsed().as_secs_f64(),
-        vec![wall, springs, damping, methods, devices],
+        vec![wall, springs, damping, devices],
     ))
 }
