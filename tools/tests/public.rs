@@ -262,6 +262,13 @@ fn the_nodules_and_the_z_width_have_every_method_and_live() {
         assert!(of("2000_hz.1") > of("1000_hz.1") && of("4000_hz.1") > of("2000_hz.1"), "{system}");
         assert!(of("1000_hz.4") > 1.5 * of("1000_hz.1"), "{system}: damping");
     }
+    // Without friction the wall is as stiff as the formula says.
+    for row in table["rows"].as_array().expect("rows") {
+        let row = row["key"].as_str().expect("a key");
+        let of = |column| value(table, row, column).expect("measured");
+        let share = of("plain wall") / of("bound");
+        assert!((0.88..1.05).contains(&share), "{row}: {share} of the bound");
+    }
 }
 
 #[test]

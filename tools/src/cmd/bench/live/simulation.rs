@@ -204,6 +204,8 @@ pub(in crate::cmd::bench) struct Beside<'s> {
     at_m: V,
     velocity_m_s: V,
     spent: Spent,
+    /// Time in calls of the solver since it was last taken.
+    solving: Duration,
     begun_ns: u64,
 }
 
@@ -222,6 +224,7 @@ impl<'s> Beside<'s> {
             at_m,
             velocity_m_s: V::zeros(),
             spent: Spent::default(),
+            solving: Duration::ZERO,
             begun_ns: 0,
         };
         beside.solve_near();
@@ -298,11 +301,18 @@ impl<'s> Beside<'s> {
     /// The force of the jets at a touch of the one contact, `period_s` after the last one.
     pub(in crate::cmd::bench) fn force(&mut self, touch: &palpate_core::Touch, period_s: f64) -> ForceSample {
         let d = V::from(touch.displacement_m.map(f64::from));
+        let begun = Instant::now();
         self.advance(1e-3 * touch.now_us as f64, period_s, &d);
+        self.solving += begun.elapsed();
         let mut weights = [NodeWeight::default(); 3];
         weights[0] = NodeWeight { space: self.contact, weight: 1.0 };
         let touch = palpate_core::Touch { weights, ..*touch };
         self.memory.force(&touch).expect("a jet memory always answers")
+    }
+
+    /// The time of the solver in the forces since the last call.
+    pub(in crate::cmd::bench) fn take_solving(&mut self) -> Duration {
+        std::mem::take(&mut self.solving)
     }
 
     /// The memory of the loop.

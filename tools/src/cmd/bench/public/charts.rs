@@ -17,8 +17,7 @@ fn style(column: &str, number: usize) -> Style {
         (None, "live") => Style::number(0).hollow(),
         (None, "guarded") => Style::of_method(Method::Energy).hollow(),
         (None, "plain wall") => Style::number(0),
-        (None, "energy, 5 mJ") => Style::number(6),
-        (None, "guarded, 5 mJ") => Style::number(6).hollow(),
+        (None, "bound") => Style::number(6),
         _ => Style::number(number),
     }
 }

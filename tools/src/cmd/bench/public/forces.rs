@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use palpate_precompute::num::norm;
+
 use super::answers::Forces;
 use super::figures::{Judged, Section, Table};
 use super::judge;
@@ -99,8 +101,9 @@ fn details(key: &str, ready: &Ready) -> String {
     match key {
         FORCE => {
             let residual = questions.positions.iter().map(|at| at.residual_n).fold(0.0, f64::max);
+            let force_n = questions.positions.iter().map(|at| norm(at.truth_n)).fold(0.0, f64::max);
             format!(
-                "{} positions; the largest residual of a reference solution is {residual:.0e} N. {}",
+                "{} positions with forces up to {force_n:.1} N; the largest residual of a reference solution is {residual:.0e} N. {}",
                 questions.positions.len(),
                 ready.solved()
             )
@@ -118,11 +121,16 @@ fn words(key: &str) -> (&'static str, &'static [&'static str]) {
         FORCE => (
             "Force against finite elements",
             &[
-                "The force of each interpolation method at independent random positions, against a full finite-element solution \
-                 of the same body that no table uses. An error is \u{201c}not felt\u{201d} if it is at most 3.5 % of the force or 20 mN, \
-                 half of the just noticeable difference.",
-                "Columns are the methods of Palpate; \u{201c}kernel\u{201d} needs adaptive sampling. The live solver has no answer to single \
-                 positions: it follows a hand (next section).",
+                "The force of each interpolation method at random positions away from branch jumps, against a full finite-element \
+                 solution of the same body that no table uses. GetFEM, FElupe and DOLFINx find the same forces (docs/measurements.md, \
+                 section 21). An error is \u{201c}not felt\u{201d} if it is at most 3.5 % of the force, half of the just noticeable \
+                 difference, or 20 mN, about the smallest force that a finger notices.",
+                "Columns are ways to interpolate the solved configurations. \u{201c}trilinear\u{201d}, \u{201c}tricubic\u{201d} and \
+                 \u{201c}hybrid\u{201d}, cubic where the grid has all neighbours and linear elsewhere, are those of the paper. \
+                 \u{201c}rbf-linear\u{201d} and \u{201c}rbf-cubic\u{201d} have radial functions of nearby points. \u{201c}hermite\u{201d} also uses the \
+                 stiffness. \u{201c}energy\u{201d}, the default, interpolates the energy, whose gradient is the force. \
+                 \u{201c}kernel\u{201d} does so between positions chosen one by one. \u{201c}live\u{201d}, from the next section on, \
+                 needs no table.",
             ],
         ),
         HANDS => (

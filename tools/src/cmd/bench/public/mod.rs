@@ -20,6 +20,7 @@ mod cost;
 mod figures;
 mod first_touch;
 mod forces;
+mod jets;
 mod judge;
 mod nodule;
 mod organs;

@@ -30,12 +30,12 @@ pub(super) fn html(sections: &[Section], systems: Systems<'_>, machine: &Machine
     );
     body += &paragraph(
         "explains",
-        "In the commands that repeat a section, OUT is the folder of this page, and ASSETS that of the bundled scenes: assets of a \
-         clone, or /usr/share/palpate.",
+        "In the commands that repeat a section, OUT is a new folder: in an old one its solves are used again. ASSETS is the folder \
+         of the bundled scenes: assets of a clone of the sources, or /usr/share/palpate.",
     );
     body += &paragraph(
         "explains",
-        "Bold are the best figure of a row and those that the measurement cannot tell from it. A system that left questions of a \
+        "The best figure of a row is bold, with those that the measurement cannot tell from it. A system that left questions of a \
          table open is not compared. Rows in which a system states its own figure have no bold one, because nobody measured it here.",
     );
     if quick {
@@ -100,11 +100,9 @@ fn summary(sections: &[Section]) -> String {
         says.extend(table(&format!("hands.{organ}")).and_then(|table| live_under_a_poke(organ, table)));
     }
     let stiffness = |column| value("zwidth.devices", "omega.1000_hz", column).map(figure);
-    let of = ["energy", "guarded", "energy, 5 mJ", "guarded, 5 mJ"].map(stiffness);
-    if let [Some(plain), Some(guarded), Some(energy), Some(guarded_energy)] = of {
+    if let [Some(plain), Some(guarded)] = ["energy", "guarded"].map(stiffness) {
         says.push(format!(
-            "On an emulated omega.3 at 1 kHz a hand is still on an organ up to {plain} N/m, with the energy guard up to {guarded} N/m; \
-             it gets less than 5 mJ up to {energy} and {guarded_energy} N/m."
+            "On an emulated omega.3 at 1 kHz a hand comes to rest on an organ up to {plain} N/m, with the energy guard up to {guarded} N/m."
         ));
     }
     if let Some(table) = table("nodule.nodules") {
@@ -239,10 +237,11 @@ fn how_to_join(systems: Systems<'_>) -> String {
         body += &paragraph("explains", &format!("{name}: {about}"));
     }
     body += &format!(
-        "<p class=\"explains\">Each folder of questions/ (version {VERSION}) has a body as tables (nodes.csv, tets.csv, place.csv, \
-         scene.toml with law and constants) and displacements of the touched place. Write the force of your system on the body for \
+        "<p class=\"explains\">Each organ in questions/ (version {VERSION}) has a folder with a body as tables (nodes.csv, tets.csv, place.csv, \
+         scene.toml with law and constants) and displacements of the touched place; the bodies with nodules have scene and mesh only. Write the force of your system on the body for \
          them, in a folder of the same structure, and what it states in system.toml. <a href=\"questions/README.txt\">README.txt</a> \
-         has the columns; answers/ has the answers of Palpate as examples. A figure that a system does not give stays empty. Then:</p>\n\
+         has the columns; answers/ has the answers of Palpate as examples. A figure that a system does not give stays empty. \
+         Then, with OUT as the folder of this page:</p>\n\
          <p><code>palpate bench public --out OUT --assets ASSETS --answers mine=my-answers</code></p>\n\
          <p class=\"explains\">Programs of a clone that answer: for CHAI3D hil/bridges/chai3d_answers.cpp (built and run with 3.3.0), \
          for SOFA hil/bridges/SofaQuestions.cpp with the scene of hil/bridges/sofa_scene (compiled against stand-ins of its headers only).</p>\n\
@@ -325,8 +324,8 @@ mod tests {
     #[test]
     fn columns_of_another_criterion_are_compared_with_each_other() {
         let row: (_, _, &[f64]) = ("k", Best::Most, &[1.0, 2.0, 8.0, 9.0]);
-        let mut table = table(Others::None, &["a", "b", "a, 5 mJ", "b, 5 mJ"], &[row]);
-        table.apart = vec!["a, 5 mJ".into(), "b, 5 mJ".into()];
+        let mut table = table(Others::None, &["a", "b", "c", "d"], &[row]);
+        table.apart = vec!["c".into(), "d".into()];
         assert_eq!(marks(&table, &table.rows[0], &[]), [false, true, false, true]);
     }
 

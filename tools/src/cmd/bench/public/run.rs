@@ -39,7 +39,7 @@ pub(super) fn finished(
     tables: Vec<Table>,
 ) -> Section {
     let owned = |texts: &[&str]| -> Vec<String> { texts.iter().map(|text| (*text).to_owned()).collect() };
-    let again = format!("palpate bench public --only {key} --again --out OUT --assets ASSETS");
+    let again = format!("palpate bench public --only {key} --out OUT --assets ASSETS");
     Section {
         key: key.into(),
         title: title.into(),

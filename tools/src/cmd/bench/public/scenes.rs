@@ -141,7 +141,7 @@ pub(super) fn readme(tip: Fingertip) -> String {
     };
     format!(
         "Questions of `palpate bench public`, version {VERSION}. All numbers are in m, N, Pa and s.\n\n{organs}\n\
-         Each folder has\n\
+         Each of these folders has\n\
          scene.toml, mesh.msh   law, constants, fixed nodes and tool, as Palpate reads them\n\
          nodes.csv, tets.csv    the body; fixed nodes do not move; corners of a tetrahedron are nodes from 0\n\
          place.csv              the touched place and its outward normal\n\
@@ -164,14 +164,17 @@ pub(super) fn readme(tip: Fingertip) -> String {
          hold       from 3 mm above the surface pressed with 1 N, 0.4 s to approach, 0.4 s at rest, then a knock of\n\
          \x20          0.5 N for 5 ms, and 3 s of observation; hand and mechanism are integrated with steps of 50 us\n\
          organ      that of point/, stiffer by a factor g: forces, limits and margins are multiplied by g; K = g k, with\n\
-         \x20          the stiffness k at rest along the normal of place.csv\n\
+         \x20          the felt stiffness k at rest along the normal of place.csv\n\
          still      the peak-to-peak motion in the last 0.25 s of the first or third second is at most the larger of 3\n\
-         \x20          encoder steps and 20 um, or in the third below 80 % of that in the second; and no energy\n\
-         no energy  the device gives the hand at most 5 mJ in the first second\n\
+         \x20          encoder steps and 20 um, or in the third below 80 % of that in the second; and the device\n\
+         \x20          gives the hand at most 5 mJ in the first second\n\
          K is found by a scan upwards and bisection.\n\n\
          Nodules: nodules/scene.toml and mesh.msh; nodules-without/ has the constants of the tissue in their place. At each\n\
-         place the tool presses along the normal until the force with the nodule is 1 N. Detectability is the difference\n\
-         of both forces over the larger of 0.02 N and 7 % of the force without.\n\n\
+         place the tool presses along the normal until the force with the nodule is 1 N; Palpate's methods are asked at the\n\
+         depth where it is 1 N by finite elements. Detectability is the difference of both forces over the larger of 0.02 N\n\
+         and 7 % of the force without, the just noticeable difference.\n\n\
+         Cost, first touch and ticks: a force query alone; the seconds from the start of the program to the first force;\n\
+         wall times of ticks of a loop of 1 kHz without the device, along a hand that palpates at random.\n\n\
          The references h in positions.csv are given so that a system can check itself. Do not use them for the answers.\n\n\
          A system answers in a folder of its own, with the same folders: positions.csv with\n\
          position,fx_n,fy_n,fz_n, and loops.csv and hands.csv with way,tick,fx_n,fy_n,fz_n: its force on the body.\n\

@@ -1,6 +1,6 @@
 //! Time of the controller's tick over many ticks of random palpation.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use hdrhistogram::Histogram;
 use palpate_core::{Config, Method, Organ, Sample, State};
@@ -11,7 +11,9 @@ use palpate_host::model::{TouchMemory, controllers};
 use palpate_host::sys::{RtRequest, enter_real_time};
 
 use super::figures::{Best, Others, Row, Section, Table};
+use super::jets::Jets;
 use super::organs::Ready;
+use super::ours::LIVE;
 use super::run::{Context, finished};
 use crate::failure::Failure;
 
@@ -26,18 +28,25 @@ pub(super) const ROWS: [(&str, &str, f64); 4] = [
     ("max_us", "largest, \u{b5}s", 1.0),
 ];
 
-/// Ticks of each method.
+/// Ticks of each method. Live has this share of them, because its solver works between them.
 const TICKS: [u64; 2] = [1_000_000, 50_000];
+const LIVE_SHARE: u64 = 10;
+/// Period of the loop.
+const PERIOD_US: u64 = 1000;
 /// Ticks between two looks at Ctrl-C.
 const LOOK: u64 = 1 << 16;
 
-/// Times of the ticks of a method, ns.
+/// Times of the ticks of a method, or of a live solver's jets, ns.
 fn measure(
     organ: &Organ<'_>,
     method: Method,
+    live: Option<&Ready>,
     ticks: u64,
     context: &Context<'_>,
 ) -> Result<Histogram<u64>, Failure> {
+    let mut solver = live.map(Ready::live).transpose()?;
+    let mut jets =
+        solver.as_mut().map(|(solver, contact)| Jets::new(solver, *contact, 1e-6 * PERIOD_US as f64));
     let random = Some(RandomConfig::new(1));
     let mut hand = SimulatedHand::new(organ, SimulatedConfig { random, ..SimulatedConfig::default() });
     let mut memory = TouchMemory::default();
@@ -51,11 +60,16 @@ fn measure(
         if tick % LOOK == 0 {
             context.go_on()?;
         }
-        let now_us = tick * 1000;
+        let now_us = tick * PERIOD_US;
         let sample: Option<Sample> = hand.exchange(now_us, force_n).map_err(Failure::work)?;
         let begun = Instant::now();
-        let command = controller.tick(&mut state, now_us, sample.as_ref());
-        times.record(begun.elapsed().as_nanos() as u64).map_err(Failure::work)?;
+        let command = match &mut jets {
+            Some(jets) => controller.tick_on(&mut state, now_us, sample.as_ref(), jets),
+            None => controller.tick(&mut state, now_us, sample.as_ref()),
+        };
+        let whole = begun.elapsed();
+        let own = whole.saturating_sub(jets.as_mut().map_or(Duration::ZERO, Jets::take_solving));
+        times.record(own.as_nanos() as u64).map_err(Failure::work)?;
         force_n = command.hand_force_n;
     }
     Ok(times)
@@ -71,8 +85,8 @@ pub(super) fn section(organs: &[Ready], context: &Context<'_>) -> Result<Section
         "Worst tick",
         &[
             "The loop must answer within a millisecond, always. Times depend on the machine. The largest number of instructions of a \
-             tick does not: in a clone the second command counts it, on the organ of its tests. Live has no column, because it solves \
-             beside the loop, in another process.",
+             tick does not: in a clone the second command counts it, on the organ of its tests. \u{201c}live\u{201d} is the tick that \
+             evaluates the jets; its solver works in another process and is not counted.",
         ],
         &["TICKS=100000 firmware-like-core/check-worst-case"],
         start.elapsed().as_secs_f64(),
@@ -90,8 +104,10 @@ fn table(ready: &Ready, context: &Context<'_>) -> Result<Table, Failure> {
             let cpu = std::thread::available_parallelism().map_or(0, |n| n.get() - 1);
             // Without SCHED_FIFO: the kernel stops a real-time thread that never sleeps for 50 ms a second.
             let (report, _held) = enter_real_time(&RtRequest { cpu: Some(cpu), ..RtRequest::none() });
-            let of = |method: &Method| measure(&organ, *method, ticks, context);
-            let times: Result<Vec<_>, Failure> = ready.scene.methods.iter().map(of).collect();
+            let of = |method: &Method| measure(&organ, *method, None, ticks, context);
+            let live = || measure(&organ, Method::Energy, Some(ready), ticks / LIVE_SHARE, context);
+            let times = ready.scene.methods.iter().map(of).chain(std::iter::once_with(live));
+            let times: Result<Vec<_>, Failure> = times.collect();
             times.map(|times| (times, format!("CPU {cpu}: {}", report.affinity)))
         };
         scope.spawn(work).join().unwrap_or_else(|_| Err(Failure::work("the thread of the ticks panicked")))
@@ -106,10 +122,10 @@ fn table(ready: &Ready, context: &Context<'_>) -> Result<Table, Failure> {
         ),
         &format!(
             "Wall time of the controller's tick: contact, force and limits, without the device, on one thread ({pinned}). \
-             The largest value includes every interrupt and every other program of the machine."
+             Live has a tenth of the ticks. The largest value includes every interrupt and every other program of the machine."
         ),
         "measure",
-        ready.scene.methods.iter().map(|method| method.name().to_owned()).collect(),
+        ready.scene.methods.iter().map(|method| method.name().to_owned()).chain([LIVE.to_owned()]).collect(),
     );
     table.others = Others::Declared;
     for (key, name, share) in ROWS {

@@ -1,17 +1,14 @@
 //! A hand of two fingers holds an emulated device against a wall or an organ, and the device is knocked once.
 //!
 //! The organ is made stiffer by a gain g: its force, and every limit and margin of the controller, are multiplied
-//! by g, as if all constants of the material were. So K = g k, with the stiffness k of the organ at rest.
+//! by g, as if all constants of the material were. So K = g k, with the stiffness k that the hand feels at rest.
 
-use nalgebra::Vector3;
-use palpate_core::{
-    Config, Controller, Field, ForceSample, Method, Organ, Phase, Sample, State, Touch, Vec3, vec3,
-};
+use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, State, vec3};
 use palpate_host::device::hand::{Hand, HandConfig};
 use palpate_host::device::impedance::{Impedance, ImpedanceConfig};
 use palpate_host::device::profile::Profile;
 
-use crate::cmd::bench::live::simulation::Beside;
+use crate::cmd::bench::public::jets::Jets;
 use crate::cmd::bench::public::organs::Ready;
 use crate::failure::Failure;
 
@@ -24,7 +21,7 @@ const APPROACH_S: f32 = 0.4;
 const REST_S: f32 = 0.4;
 /// Observed seconds after the knock; the energy is that of the first one. The guard takes up to two to stop a limit
 /// cycle.
-pub(super) const SECONDS: usize = 3;
+const SECONDS: usize = 3;
 /// End of each second in which the motion is observed, s.
 const WINDOW_S: f32 = 0.25;
 /// The knock, N and s.
@@ -67,26 +64,26 @@ pub(super) struct Hold {
 }
 
 impl Hold {
-    /// The device gave no energy, and the controller did not latch a fault. The hand may tremble.
-    pub(super) fn gives_no_energy(&self) -> bool {
+    /// The device gave little energy, and the controller did not latch a fault. The hand may tremble.
+    fn gives_little(&self) -> bool {
         self.active && self.given_j <= GIVEN_J
     }
 
-    /// The device gave no energy, and no oscillation remains.
-    pub(super) fn is_passive(&self, quantum_m: f32) -> bool {
+    /// The device gave little energy, and no oscillation remains.
+    pub(super) fn is_still(&self, quantum_m: f32) -> bool {
         let [first_m, before_m, last_m] = self.motion_m;
         let still_m = (STILL_STEPS * quantum_m).max(STILL_M);
-        self.gives_no_energy() && (first_m <= still_m || last_m <= still_m || last_m < DECAYED * before_m)
+        self.gives_little() && (first_m <= still_m || last_m <= still_m || last_m < DECAYED * before_m)
     }
 }
 
-/// Stiffness of an organ at rest along the outward normal, N/m.
-pub(super) fn rest_stiffness_n_m(organ: &Organ<'_>) -> Result<f64, Failure> {
+/// Stiffness of an organ by a method at rest along the outward normal, N/m.
+fn rest_stiffness_n_m(organ: &Organ<'_>, method: Method) -> Result<f64, Failure> {
     const DEPTH_M: f32 = 1e-4;
     let space = organ.spaces.first().ok_or_else(|| Failure::work("the blob has no active node"))?;
     let normal = space.active.outward_normal;
-    let force = space.force(Method::Energy, vec3::scale(normal, -DEPTH_M));
-    let force = force.ok_or_else(|| Failure::work("the blob has no table for energy"))?;
+    let force = space.force(method, vec3::scale(normal, -DEPTH_M));
+    let force = force.ok_or_else(|| Failure::work(format!("the blob has no table for {}", method.name())))?;
     Ok(f64::from(-vec3::dot(force.force_n, normal) / DEPTH_M))
 }
 
@@ -94,27 +91,6 @@ pub(super) fn rest_stiffness_n_m(organ: &Organ<'_>) -> Result<f64, Failure> {
 enum Loop<'r, 's> {
     Wall { stiffness_n_m: f32 },
     Controlled { controlled: Box<Controlled<'r>>, jets: Option<Jets<'s>> },
-}
-
-/// The jets of the one contact that is touched.
-struct Jets<'s> {
-    beside: Beside<'s>,
-    contact: u16,
-    period_s: f64,
-}
-
-impl Field for Jets<'_> {
-    fn force(&mut self, touch: &Touch) -> Option<ForceSample> {
-        Some(self.beside.force(touch, self.period_s))
-    }
-
-    fn energy_j(&self, _: u16, displacement_m: Vec3) -> Option<f32> {
-        self.beside.memory().energy_j(self.contact, displacement_m)
-    }
-
-    fn released(&mut self, now_us: u64) {
-        self.beside.memory_mut().released(now_us);
-    }
 }
 
 struct Controlled<'r> {
@@ -133,7 +109,7 @@ impl<'r> Controlled<'r> {
         stiffness_n_m: f32,
         profile: &Profile,
     ) -> Result<Self, Failure> {
-        let gain = stiffness_n_m / rest_stiffness_n_m(organ)? as f32;
+        let gain = stiffness_n_m / rest_stiffness_n_m(organ, method)? as f32;
         let mut config = Config::new(method);
         let quantum_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
         let (limits, passivity) = (&mut config.limits, &mut config.passivity);
@@ -184,22 +160,14 @@ impl Loop<'_, '_> {
 }
 
 /// Presses, holds and knocks a device, at the rate of its profile, and observes it for some seconds.
-pub(super) fn hold(
-    renderer: Renderer<'_>,
-    stiffness_n_m: f64,
-    profile: &Profile,
-    seconds: usize,
-) -> Result<Hold, Failure> {
+pub(super) fn hold(renderer: Renderer<'_>, stiffness_n_m: f64, profile: &Profile) -> Result<Hold, Failure> {
     let stiffness_n_m = stiffness_n_m as f32;
     let mut live = match renderer {
         Renderer::Live { ready, .. } => Some(ready.live()?),
         Renderer::Wall | Renderer::Organ { .. } => None,
     };
-    let jets = live.as_mut().map(|(solver, contact)| Jets {
-        beside: Beside::new(solver, *contact, Vector3::zeros(), 1.0),
-        contact: *contact,
-        period_s: 1e-6 * f64::from(profile.period_us()),
-    });
+    let period_s = 1e-6 * f64::from(profile.period_us());
+    let jets = live.as_mut().map(|(solver, contact)| Jets::new(solver, *contact, period_s));
     let mut loop_ = match renderer {
         Renderer::Wall => Loop::Wall { stiffness_n_m },
         Renderer::Organ { organ, .. } | Renderer::Live { organ, .. } => {
@@ -223,7 +191,7 @@ pub(super) fn hold(
     let steps_per_tick = (period_us as f32 * 1e-6 / STEP_S).round().max(1.0) as u64;
     let knocked_s = APPROACH_S + REST_S;
     let observed_s = knocked_s + KNOCK_S;
-    let ticks = ((observed_s + seconds as f32) * 1e6) as u64 / period_us;
+    let ticks = ((observed_s + SECONDS as f32) * 1e6) as u64 / period_us;
     let ticks_of_energy = ((observed_s + 1.0) * 1e6) as u64 / period_us;
     let still_m = (STILL_STEPS * mechanism.encoder_quantum_m).max(STILL_M);
     let mut result = Hold { motion_m: [0.0; SECONDS], given_j: 0.0, active: true, peak_n: 0.0 };
@@ -261,7 +229,7 @@ pub(super) fn hold(
         command_n = force_n;
         result.active &= active;
         result.motion_m = ranges.map(|(low, high)| (high - low).max(0.0));
-        if tick >= ticks_of_energy && (!result.gives_no_energy() || result.motion_m[0] <= still_m) {
+        if tick >= ticks_of_energy && (!result.gives_little() || result.motion_m[0] <= still_m) {
             break;
         }
     }
@@ -270,6 +238,8 @@ pub(super) fn hold(
 
 #[cfg(test)]
 mod tests {
+    use palpate_host::device::profile::Damping;
+
     use super::*;
 
     /// A profile without Coulomb friction, which would stop small oscillations.
@@ -284,37 +254,35 @@ mod tests {
         for name in ["omega", "falcon"] {
             let profile = smooth(name, 1000);
             let quantum_m = profile.mechanism.encoder_quantum_m.expect("an encoder");
-            let soft = hold(Renderer::Wall, 300.0, &profile, SECONDS).expect("no controller to refuse");
-            assert!(soft.is_passive(quantum_m), "{name}: {soft:?}");
+            let soft = hold(Renderer::Wall, 300.0, &profile).expect("no controller to refuse");
+            assert!(soft.is_still(quantum_m), "{name}: {soft:?}");
             assert!((soft.peak_n - PRELOAD_N).abs() < 0.4, "{name}: held with {} N", soft.peak_n);
-            let stiff = hold(Renderer::Wall, 20_000.0, &profile, SECONDS).expect("no controller to refuse");
-            assert!(!stiff.is_passive(quantum_m) && stiff.motion_m[0] > 5.0 * quantum_m, "{name}: {stiff:?}");
+            let stiff = hold(Renderer::Wall, 20_000.0, &profile).expect("no controller to refuse");
+            assert!(!stiff.is_still(quantum_m) && stiff.motion_m[0] > 5.0 * quantum_m, "{name}: {stiff:?}");
         }
     }
 
     #[test]
     fn a_limit_cycle_is_no_stillness_and_a_slow_decay_is() {
-        let is_passive = |motion_um: [f32; 3]| {
+        let is_still = |motion_um: [f32; 3]| {
             let motion_m = motion_um.map(|um| 1e-6 * um);
-            Hold { motion_m, given_j: 1e-3, active: true, peak_n: 2.7 }.is_passive(10e-6)
+            Hold { motion_m, given_j: 1e-3, active: true, peak_n: 2.7 }.is_still(10e-6)
         };
         // What the guard leaves of 1,100 um on an omega.3 at 1 kHz and 3,570 N/m.
-        assert!(!is_passive([780.0, 756.0, 744.0]) && !is_passive([31.0, 31.0, 31.0]));
+        assert!(!is_still([780.0, 756.0, 744.0]) && !is_still([31.0, 31.0, 31.0]));
         // It stops 330 um at 2 kHz in the second second; without friction a soft wall decays slowly.
-        assert!(is_passive([333.0, 0.0, 0.0]) && is_passive([700.0, 500.0, 390.0]));
-        assert!(is_passive([29.0, 0.0, 0.0]));
+        assert!(is_still([333.0, 0.0, 0.0]) && is_still([700.0, 500.0, 390.0]));
+        assert!(is_still([29.0, 0.0, 0.0]));
     }
 
     #[test]
     fn a_faster_loop_and_more_damping_allow_a_stiffer_wall() {
-        let is_passive = |rate_hz, damping: f32, stiffness| {
+        let is_still = |rate_hz, damping: f32, stiffness| {
             let mut profile = smooth("omega", rate_hz);
-            profile.assumed.damping_n_s_m = damping;
-            hold(Renderer::Wall, stiffness, &profile, SECONDS)
-                .expect("no controller to refuse")
-                .is_passive(10e-6)
+            profile.mechanism.damping = Some(Damping { n_s_m: damping, measured: true });
+            hold(Renderer::Wall, stiffness, &profile).expect("no controller to refuse").is_still(10e-6)
         };
-        assert!(is_passive(500, 1.0, 600.0) && !is_passive(500, 1.0, 3_000.0));
-        assert!(is_passive(4000, 1.0, 2_500.0) && is_passive(500, 4.0, 2_500.0));
+        assert!(is_still(500, 1.0, 600.0) && !is_still(500, 1.0, 3_000.0));
+        assert!(is_still(4000, 1.0, 2_500.0) && is_still(500, 4.0, 2_500.0));
     }
 }

@@ -1,10 +1,12 @@
 //! The section of the Z-width: tables over rate, damping and device.
 
 use palpate_core::{Method, Organ};
+use palpate_host::device::hand::HandConfig;
+use palpate_host::device::impedance::ImpedanceConfig;
 use palpate_host::device::profile::{Damping, Profile};
 use palpate_precompute::num::in_parallel;
 
-use super::emulated::{Renderer, SECONDS, hold};
+use super::emulated::{Renderer, hold};
 use super::ideal::Device;
 use super::largest;
 use crate::cmd::bench::public::figures::{Best, Others, Row, Section, Table};
@@ -21,10 +23,8 @@ pub(in crate::cmd::bench::public) const SPRINGS: &str = "zwidth.springs";
 pub(in crate::cmd::bench::public) const DAMPING: &str = "zwidth.damping";
 pub(in crate::cmd::bench::public) const DEVICES: &str = "zwidth.devices";
 
-/// Columns beside those of the methods and of live; the last two ask for the energy alone.
-pub(in crate::cmd::bench::public) const COLUMNS: [&str; 4] =
-    ["plain wall", "guarded", "energy, 5 mJ", "guarded, 5 mJ"];
-const ENERGY_ALONE: [&str; 2] = [COLUMNS[2], COLUMNS[3]];
+/// Columns beside those of the methods and of live: a formula, the wall, and the organ with the energy guard.
+pub(in crate::cmd::bench::public) const COLUMNS: [&str; 3] = ["bound", "plain wall", "guarded"];
 
 /// Rates of the loop, Hz.
 pub(in crate::cmd::bench::public) const RATES_HZ: [u32; 4] = [500, 1000, 2000, 4000];
@@ -42,22 +42,8 @@ const RANGE_N_M: [f64; 2] = [50.0, 50_000.0];
 const SCAN: f64 = 1.25;
 const CLOSE: f64 = 0.02;
 
-/// What must hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Wanted {
-    /// No energy for the hand, and no oscillation.
-    Stillness,
-    /// No energy for the hand.
-    NoEnergy,
-}
-
-/// A column: its name, what renders, and what must hold.
-#[derive(Debug, Clone)]
-struct Column<'r> {
-    name: String,
-    renderer: Renderer<'r>,
-    wanted: Wanted,
-}
+/// A column: its name, and what renders.
+type Column<'r> = (String, Renderer<'r>);
 
 /// Key of the row of a device at a rate.
 fn device_row(name: &str, rate_hz: u32) -> String {
@@ -81,36 +67,38 @@ pub(in crate::cmd::bench::public) fn device_rows() -> Vec<String> {
 
 /// The columns of the emulated devices: the wall, every method and live without the energy guard, then with it.
 fn columns<'r>(ready: &'r Ready, organ: &'r Organ<'r>) -> Vec<Column<'r>> {
-    let [wall, guarded, energy_alone, guarded_alone] = COLUMNS;
-    let column = |name: &str, renderer, wanted| Column { name: name.to_owned(), renderer, wanted };
+    let [_, wall, guarded] = COLUMNS.map(String::from);
     let of = |method, guard| Renderer::Organ { organ, method, guard };
-    let mut columns = vec![column(wall, Renderer::Wall, Wanted::Stillness)];
-    for method in ready.scene.methods {
-        columns.push(column(method.name(), of(*method, false), Wanted::Stillness));
-    }
-    columns.push(column(LIVE, Renderer::Live { ready, organ }, Wanted::Stillness));
-    columns.push(column(guarded, of(Method::Energy, true), Wanted::Stillness));
-    columns.push(column(energy_alone, of(Method::Energy, false), Wanted::NoEnergy));
-    columns.push(column(guarded_alone, of(Method::Energy, true), Wanted::NoEnergy));
-    columns
+    let methods = ready.scene.methods.iter().map(|method| (method.name().to_owned(), of(*method, false)));
+    std::iter::once((wall, Renderer::Wall))
+        .chain(methods)
+        .chain([(LIVE.to_owned(), Renderer::Live { ready, organ }), (guarded, of(Method::Energy, true))])
+        .collect()
 }
 
-/// The largest stiffness of a case at which a column holds, N/m; NaN if there is none.
-fn largest_n_m(column: &Column<'_>, profile: &Profile) -> Result<f64, Failure> {
-    let Column { renderer, wanted, .. } = *column;
+/// The stability limit of a linear spring K with the damping b of device and hand, the period T and the delay d of the
+/// link, N/m: b / (T / 2 + d), without friction, mass and encoder (docs/devices.md).
+fn bound_n_m(profile: &Profile) -> f64 {
+    let hand = HandConfig::LIGHT;
+    let hand_n_s_m = 2.0 * hand.damping_ratio * (hand.stiffness_n_m * hand.mass_kg).sqrt();
+    let delay_us = profile.position_delay_us + profile.force_delay_us;
+    let hold_s = 1e-6 * (0.5 * f64::from(profile.period_us()) + f64::from(delay_us));
+    f64::from(ImpedanceConfig::of(profile).drag.damping_n_s_m + hand_n_s_m) / hold_s
+}
+
+/// The largest stiffness at which the hand comes to rest, N/m; NaN if there is none.
+fn largest_n_m(renderer: Renderer<'_>, profile: &Profile) -> Result<f64, Failure> {
     let quantum_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
     let mut failure = None;
     let [low, high] = RANGE_N_M;
-    // The energy is that of the first second.
-    let seconds = if wanted == Wanted::Stillness { SECONDS } else { 1 };
-    let mut held = |stiffness| match hold(renderer, stiffness, profile, seconds) {
-        Ok(held) => wanted == Wanted::NoEnergy && held.gives_no_energy() || held.is_passive(quantum_m),
+    let mut is_still = |stiffness| match hold(renderer, stiffness, profile) {
+        Ok(held) => held.is_still(quantum_m),
         Err(error) => {
             failure.get_or_insert(error);
             false
         }
     };
-    let found = largest(low, high, SCAN, CLOSE, &mut held);
+    let found = largest(low, high, SCAN, CLOSE, &mut is_still);
     failure.map_or(Ok(found.unwrap_or(f64::NAN)), Err)
 }
 
@@ -173,17 +161,19 @@ fn emulated(
 ) -> Result<Table, Failure> {
     let jobs: Vec<(&Case, &Column<'_>)> =
         cases.iter().flat_map(|case| columns.iter().map(move |column| (case, column))).collect();
-    let found = in_parallel(&jobs, context.threads, |&(case, column)| {
+    let found = in_parallel(&jobs, context.threads, |&(case, (_, renderer))| {
         context.go_on()?;
-        largest_n_m(column, &case.profile)
+        largest_n_m(*renderer, &case.profile)
     })
     .map_err(Failure::work)?;
     let values = found.into_iter().collect::<Result<Vec<f64>, Failure>>()?;
-    table.columns = columns.iter().map(|column| column.name.clone()).collect();
-    (table.others, table.accuracy) = (Others::Declared, CLOSE);
-    table.apart = ENERGY_ALONE.map(String::from).to_vec();
+    let [bound, ..] = COLUMNS.map(String::from);
+    table.columns =
+        std::iter::once(bound.clone()).chain(columns.iter().map(|(name, _)| name.clone())).collect();
+    (table.others, table.accuracy, table.apart) = (Others::Declared, CLOSE, vec![bound]);
     for (case, values) in cases.into_iter().zip(values.chunks(columns.len())) {
-        table.rows.push(Row::new(case.row, case.name, Best::Most, values.to_vec()));
+        let values = std::iter::once(bound_n_m(&case.profile)).chain(values.iter().copied());
+        table.rows.push(Row::new(case.row, case.name, Best::Most, values.collect()));
     }
     Ok(table)
 }
@@ -239,18 +229,20 @@ pub(in crate::cmd::bench::public) fn section(
         "Z-width: how stiff a loop can be and come to rest",
         &[
             "A sampled spring gives back more energy than it took: beyond a stiffness K the device hums or kicks. For emulated \
-             devices K is the largest stiffness at which a held device comes to rest after a knock of 2.5 mN s. The hand then gets at \
-             most 5 mJ in the second after the knock. Within three seconds it moves by less than three encoder steps (at least 20 \
-             \u{b5}m), or by a fifth less than a second before. This is weaker than passivity in any motion, which the first table has. \
-             Columns with \u{201c}5 mJ\u{201d} ask for the energy alone, so the hand may tremble; they are compared with each other only.",
-            "The K of an organ is the stiffness of its skin at rest; an organ is made stiffer by multiplying all constants of its \
-             materials. The methods and \
-             \u{201c}live\u{201d} are in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} is energy with the \
-             energy guard. \u{201c}live\u{201d} solves beside the loop in simulated time, so it depends on this processor. Devices are held by \
-             two fingers; an organ grows stiffer with depth, so its limit is often below that of a wall.",
+             devices K is the largest stiffness at which a held device comes to rest after a knock of 2.5 mN s. In the last quarter \
+             of the first or third second the hand moves at most three encoder steps (20 \u{b5}m if larger), or in that of the third \
+             a fifth less than in that of the second. In the first second it gets at most 5 mJ. This is weaker than passivity in any \
+             motion, which the first table has.",
+            "The K of an organ is the stiffness that the hand feels at rest along the normal. An organ is made stiffer by multiplying \
+             all constants of its materials. Its force depends on the position only: it has no virtual damping. The methods and \
+             \u{201c}live\u{201d} are in the controller without its limits of stiffness and energy; \u{201c}guarded\u{201d} is energy with \
+             the energy guard. \u{201c}live\u{201d} solves beside the loop in simulated time, so it depends on this processor.",
+            "\u{201c}bound\u{201d} is b / (T / 2 + d) with the damping b of device and hand, the period T and the delay d of the link: the \
+             limit of a linear spring without friction, mass and encoder. It checks the emulation of the wall. A knock at high K lets \
+             the hand leave the organ. Then the controller fades the force over 30 ms, which costs up to a fifth of K.",
             "The guard acts when its own balance passes 5 mJ: it stops a large limit cycle within a second or two, and lets one of a \
-             millimetre that gives less go on. \u{201c}guarded\u{201d} has the K of the first cycle that is left, so it can fall from \
-             one rate or damping to the next.",
+             millimetre that gives less go on. \u{201c}guarded\u{201d} is the K at which a cycle first remains; it may fall with the rate \
+             or the damping.",
         ],
         &[],
         start.elapsed().as_secs_f64(),
