@@ -139,9 +139,12 @@ class Memory(unittest.TestCase):
 class Recorded(unittest.TestCase):
     def test_a_row_has_all_columns(self):
         options = types.SimpleNamespace(scene=soak.ROOT / "assets/liver-small.toml", seed=1, loops=2)
-        row = soak.recorded(GOOD, "commit abc", options, SECONDS, True)
+        row = soak.recorded(GOOD, "commit abc", options, SECONDS, soak.verdict_of(True, False))
         self.assertEqual(sorted(row), sorted(soak.COLUMNS))
         self.assertEqual((row["verdict"], row["trusted_mean_mn"], row["all_max_mn"]), ("pass", 4.1, 5095.0))
+
+    def test_a_soak_that_the_user_ends_is_no_pass(self):
+        self.assertEqual([soak.verdict_of(True, True), soak.verdict_of(False, True)], ["interrupted", "fail"])
 
 
 if __name__ == "__main__":
