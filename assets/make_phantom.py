@@ -42,11 +42,11 @@ LARGE = {
     "liver-100k": {"surface": 0.0095, "inside": 0.0053, "touch": 0.012},
 }
 LARGE_SCENE = """\
-# {nodes} vertices, {tets} tetrahedra: about {thousands},000 equations, touched by a fingertip in the middle of the front.
+# {nodes} vertices, {tets} tetrahedra: about {thousands},000 equations, touched by a fingertip {where}.
 name = "{name}"
 
 [mesh]
-file = "{name}.msh"
+file = "{mesh}.msh"
 order = 2
 
 [material]
@@ -61,12 +61,9 @@ group = "F1"
 shape = "fingertip"
 radius_m = 0.015
 
-[[active]]
-name = "A1"
-node = {a1}
-
+{active}
 [grid]
-radius_m = 0.025
+radius_m = {radius_m}
 cannot_be_felt = true
 
 [device]
@@ -75,6 +72,19 @@ max_force_n = 4.0
 [needs]
 contact = "push"
 """
+# Places all over the free skin, at least 20 mm from the fixed part and as far from each other as ten can be.
+PLACES = (
+    (-0.02170, -0.04248, 0.04841),
+    (0.09498, 0.03631, -0.02905),
+    (-0.05173, 0.05383, -0.05773),
+    (0.00060, 0.05485, 0.02823),
+    (-0.05285, -0.03119, -0.03500),
+    (0.05217, -0.01999, 0.01612),
+    (-0.06852, 0.01838, 0.03060),
+    (0.01639, 0.02211, -0.03685),
+    (-0.06154, -0.07037, 0.00999),
+    (0.05546, 0.03815, 0.01582),
+)
 TOUCH_REACH = 0.025
 SWEEPS = 40
 
@@ -161,9 +171,18 @@ def make_large(folder):
         build(file, recipe)
         x, elements = mshfile.read(file)
         tets = len(elements[3, "tissue"])
-        scene = LARGE_SCENE.format(name=name, thousands=name[6:-1], nodes=len(x), tets=tets, a1=active_nodes(x)["A1"])
-        (folder / f"{name}.toml").write_text(scene)
-        print(f"{file.with_suffix('.toml')}: {len(x)} vertices, {tets} tets")
+        middle = f'[[active]]\nname = "A1"\nnode = {active_nodes(x)["A1"]}\n'
+        places = "\n".join(f'[[active]]\nname = "P{n}"\npoint = {list(at)}\n' for n, at in enumerate(PLACES, 1))
+        scenes = (
+            (name, middle, "in the middle of the front", 0.025),
+            (f"{name}-places", places, "at ten places", 0.008),
+        )
+        for scene, active, where, radius_m in scenes:
+            text = LARGE_SCENE.format(
+                name=scene, mesh=name, thousands=name[6:-1], nodes=len(x), tets=tets, active=active, where=where, radius_m=radius_m
+            )
+            (folder / f"{scene}.toml").write_text(text)
+            print(f"{folder / scene}.toml: {len(x)} vertices, {tets} tets")
 
 
 def main():
