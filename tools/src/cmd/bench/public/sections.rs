@@ -32,16 +32,8 @@ pub(super) const KEYS: [&str; 8] = [
     ticks::KEY,
 ];
 /// Seconds of each on two cores, in full and quick, with the preparation of the organs in the first.
-const SECONDS: [[f64; 2]; 8] = [
-    [120.0, 20.0],
-    [10.0, 6.0],
-    [30.0, 6.0],
-    [8.0, 5.0],
-    [110.0, 40.0],
-    [35.0, 35.0],
-    [65.0, 12.0],
-    [30.0, 3.0],
-];
+const SECONDS: [[f64; 2]; 8] =
+    [[50.0, 8.0], [3.0, 2.0], [8.0, 3.0], [4.0, 3.0], [45.0, 25.0], [20.0, 20.0], [60.0, 12.0], [20.0, 2.0]];
 
 /// Scenes of the assets that a section uses.
 fn scenes_of(key: &str) -> Vec<&'static str> {

@@ -122,7 +122,7 @@ fn table(ready: &Ready, context: &Context<'_>) -> Result<Table, Failure> {
         ),
         &format!(
             "Wall time of the controller's tick: contact, force and limits, without the device, on one thread ({pinned}). \
-             Live has a tenth of the ticks. The largest value includes every interrupt and every other program of the machine."
+             Live has a tenth of the ticks; here its solver works between them, so the caches are cold. The largest value includes every interrupt and every other program of the machine."
         ),
         "measure",
         ready.scene.methods.iter().map(|method| method.name().to_owned()).chain([LIVE.to_owned()]).collect(),
