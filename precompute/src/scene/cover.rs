@@ -21,8 +21,8 @@ mod net;
 
 use net::{Candidate, Net};
 
-use super::{ActiveNode, ElementOrder, ResolvedScene};
-use crate::fem::{Body, Fingertip, SolveFailure, Solver};
+use super::{ActiveNode, ElementOrder, Problems, ResolvedScene};
+use crate::fem::{Body, Fingertip, Problem, SolveFailure, Solver};
 use crate::mesh::{SkinPoint, Surface};
 use crate::num::jet::EnergyJet;
 use crate::num::parallel::in_parallel;
@@ -86,13 +86,7 @@ pub(crate) fn choose(
     let solve = |&at: &SkinPoint| -> Result<Candidate, SolveFailure> {
         let active = ActiveNode::at(String::new(), at);
         let normal = active.normal(&skin).unwrap_or_default();
-        let mut problem = problems.of(&active);
-        // Not with elements that are quadratic near the tool: every candidate has a body of its own.
-        if solved_scene.order != ElementOrder::NearTool {
-            let own = Arc::get_mut(&mut problem).expect("a new problem");
-            own.newton.large_flops *= LARGE_SHARE;
-        }
-        let rest = Solver::new(problem).rest()?;
+        let rest = Solver::new(problem_of(&problems, &active, solved_scene.order)).rest()?;
         let jet = rest.jet().as_rest();
         let pushes =
             pushes(normal, &jet, scene.max_force_n, tip).map(|d| (d, jet.taylor_force_n(d))).collect();
@@ -134,6 +128,17 @@ pub(crate) fn choose(
         ActiveNode::at(format!("{}-{number}", cover.name), net.candidates[candidate].at)
     });
     Ok((active.collect(), triangles))
+}
+
+/// The problem of a candidate.
+fn problem_of(problems: &Problems, candidate: &ActiveNode, order: ElementOrder) -> Arc<Problem> {
+    let mut problem = problems.of(candidate);
+    // With elements that are quadratic near the tool every candidate has a body of its own.
+    if order != ElementOrder::NearTool {
+        let own = Arc::get_mut(&mut problem).expect("a new problem");
+        own.newton.large_flops *= LARGE_SHARE;
+    }
+    problem
 }
 
 /// Displacements along the inward normal, and turned from it by 45 degrees to four sides.
