@@ -71,6 +71,8 @@ fn a_path_turns_a_probe() {
         let output = palpate(&[&path[..], more].concat());
         let table = String::from_utf8_lossy(&output.stdout).into_owned();
         let last = table.lines().last().unwrap_or_else(|| panic!("{output:?}")).to_owned();
+        let solve_s: f64 = last.rsplit(',').next().expect("a cell").parse().expect("a number");
+        assert!(solve_s > 0.0, "{last}");
         last.split(',').rev().skip(1).take(3).map(|cell| cell.parse().expect("a number")).collect()
     };
     let [straight, turned] = [moments(&[]), moments(&["--turn", "0,0,1.5708"])];

@@ -122,8 +122,8 @@ fn words(key: &str) -> (&'static str, &'static [&'static str]) {
             "Force against finite elements",
             &[
                 "The force of each interpolation method at random positions away from branch jumps, against a full finite-element \
-                 solution of the same body that no table uses. GetFEM, FElupe and DOLFINx find the same forces (docs/measurements.md, \
-                 section 21). An error is \u{201c}not felt\u{201d} if it is at most 3.5 % of the force, half of the just noticeable \
+                 solution of the same body that no table uses. GetFEM, FElupe and DOLFINx find the same forces of held nodes \
+                 (docs/measurements.md, section 21). An error is \u{201c}not felt\u{201d} if it is at most 3.5 % of the force, half of the just noticeable \
                  difference, or 20 mN, about the smallest force that a finger notices.",
                 "Columns are ways to interpolate the solved configurations. \u{201c}trilinear\u{201d}, \u{201c}tricubic\u{201d} and \
                  \u{201c}hybrid\u{201d}, cubic where the grid has all neighbours and linear elsewhere, are those of the paper. \
