@@ -3,7 +3,7 @@
 
     python3 make_phantom.py                   make both meshes anew, check them, print the table of README.md
     python3 make_phantom.py --check           only check the files that are here (needs numpy, not gmsh's libraries) and print the table
-    python3 make_phantom.py --large FOLDER    make finer meshes of the body in FOLDER, each with a scene, to measure large bodies (a minute)
+    python3 make_phantom.py --large FOLDER    make finer meshes of the body in FOLDER, each with a scene and a hand, to measure large bodies (a minute)
 
 Needs Python 3.11 or newer and, from PyPI, numpy and gmsh (made with numpy 2.x and gmsh 4.15.2: `pip install gmsh numpy`). On a bare
 Debian the gmsh wheel wants these libraries to be there before it can be imported:
@@ -41,6 +41,9 @@ LARGE = {
     "liver-50k": {"surface": 0.0110, "inside": 0.0068, "touch": 0.014},
     "liver-100k": {"surface": 0.0095, "inside": 0.0053, "touch": 0.012},
 }
+# The hand on each presses three times from above the skin, at this speed.
+LARGE_SPEED_M_S = {"liver-50k": 0.030, "liver-100k": 0.010}
+PRESS_ABOVE_M, PRESS_DEPTH_M, PRESS_HELD_S = 0.005, 0.027, 1.0
 LARGE_SCENE = """\
 # {nodes} vertices, {tets} tetrahedra: about {thousands},000 equations, touched by a fingertip {where}.
 name = "{name}"
@@ -183,6 +186,20 @@ def make_large(folder):
             )
             (folder / f"{scene}.toml").write_text(text)
             print(f"{folder / scene}.toml: {len(x)} vertices, {tets} tets")
+        triangles = elements[2, "surface"]
+        node = active_nodes(x)["A1"]
+        (folder / f"{name}-press.csv").write_text(presses(x[node], quality.vertex_normals(x, triangles)[0][node], LARGE_SPEED_M_S[name]))
+
+
+def presses(at, outward, speed_m_s):
+    """A hand for `palpate live --device sim:FILE`."""
+    above, below = at + PRESS_ABOVE_M * outward, at - PRESS_DEPTH_M * outward
+    moving_s = (PRESS_ABOVE_M + PRESS_DEPTH_M) / speed_m_s
+    rows, now = ["t_s,x_m,y_m,z_m"], 0.0
+    for place, lasts_s in [(above, PRESS_HELD_S), (above, moving_s), (below, PRESS_HELD_S), (below, moving_s)] * 3 + [(above, 0.0)]:
+        rows.append(",".join(f"{value:.6f}" for value in (now, *place)))
+        now += lasts_s
+    return "\n".join(rows) + "\n"
 
 
 def main():

@@ -22,6 +22,8 @@ def main():
     parser.add_argument("--stvk", type=float, nargs="?", const=0.49, metavar="POISSON", help="St. Venant-Kirchhoff")
     parser.add_argument("--unfelt", action="store_true", help="adaptive sampling with cannot_be_felt")
     parser.add_argument("--order", type=int, help="order of the elements")
+    parser.add_argument("--fingertip-mm", type=float, metavar="RADIUS", help="touched by a fingertip")
+    parser.add_argument("--round", nargs=3, metavar=("SHAPE", "RADIUS", "LENGTH"), help="touched by a sphere or capsule, mm, anywhere")
     args = parser.parse_args()
     text = args.scene.read_text(encoding="utf-8")
     mesh = re.search(r'^file = "(.*)"', text, re.MULTILINE)[1]
@@ -38,6 +40,12 @@ def main():
         blocks = re.findall(r"^\[\[active\]\]\n(?:(?!\[).*\n)*", text, flags=re.MULTILINE)
         kept = [block for block in blocks if f'"{args.active}"' in block]
         text = without(text, r"active") + "\n" + "".join(kept)
+    if args.fingertip_mm:
+        text += f'\n[tool]\nshape = "fingertip"\nradius_m = {1e-3 * args.fingertip_mm:g}\n'
+    if args.round:
+        shape, radius, length = args.round[0], *(1e-3 * float(size) for size in args.round[1:])
+        text = without(without(text, "active"), "grid") + f'\n[tool]\nshape = "{shape}"\nradius_m = {radius:g}\n'
+        text += f"length_m = {length:g}\n" if length else ""
     args.out.write_text(text, encoding="utf-8")
 
 

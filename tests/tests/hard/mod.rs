@@ -7,6 +7,7 @@ mod branches;
 mod compression;
 mod contrast;
 mod held_pressure;
+mod large;
 mod meshes;
 mod near_incompressible;
 mod organ_pull;

@@ -24,6 +24,11 @@ pub struct NewtonOptions {
     pub frozen_factor: bool,
     /// Number of floating-point operations of a factorisation from which on the tangent is solved by residual steps.
     pub large_flops: f64,
+    /// Share of the equations of a large body, those nearest to the tool, of whose tangent a factor is made at every
+    /// state.
+    pub near_share: f64,
+    /// Whether the factor of a large body at rest turns with its nodes.
+    pub turns: bool,
     /// Whether a solution with inverted elements is a failure. By default it is kept and flagged: such states
     /// are stable and smooth, and a missing configuration costs much more accuracy.
     pub reject_inverted: bool,
@@ -38,6 +43,8 @@ impl Default for NewtonOptions {
             max_rising_steps: 0,
             frozen_factor: true,
             large_flops: LARGE_FLOPS,
+            near_share: 0.05,
+            turns: true,
             reject_inverted: false,
         }
     }

@@ -15,11 +15,12 @@ pub struct IterationProfile {
     pub assembly_s: f64,
     /// Assembly of the residual alone, as in a line search or a frozen step.
     pub residual_s: f64,
-    /// Numeric factorisation.
+    /// Numeric factorisation; of a large body, of the part near the tool.
     pub factorisation_s: f64,
     /// One solve with the factor, with refinement and check.
     pub solve_s: f64,
-    /// One solve with the factor, without refinement and check, as in a frozen step.
+    /// One solve with the factor, without refinement and check, as in a frozen step; of a large body, with its
+    /// preconditioner.
     pub bare_solve_s: f64,
     /// Three sensitivities, condensed tangent and third derivatives, without the factorisation.
     pub derivatives_s: f64,
@@ -88,6 +89,7 @@ impl Solver {
     }
 
     fn factorise_only(&mut self) {
+        self.factor.follow_next_tangent();
         self.factor.factorise_first(self.problem.tangent(&self.assembled.tangent, &self.state));
     }
 }

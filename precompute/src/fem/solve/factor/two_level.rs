@@ -23,8 +23,6 @@ use crate::fem::body::{ABSENT, Body};
 use crate::fem::boundary::{Contact, DofMap};
 use crate::num::vector::{difference, distance};
 
-/// Share of the equations that count as near the tool.
-const NEAR_SHARE: f64 = 0.05;
 /// Regularisation of the pressures without a block near the tool, in units of the analysis (`pressure_share`): above the rounding of single precision.
 const DELTA: f64 = 1e-5;
 /// Iterations of the polar decomposition; they converge quadratically.
@@ -44,7 +42,7 @@ pub(in crate::fem::solve) struct NearEquations {
 }
 
 impl NearEquations {
-    /// Those of a problem whose tool has a place on the body: a held node or a fingertip.
+    /// Those of a problem whose tool has a place on the body: a held node or a fingertip. `None` if their share is zero.
     pub(in crate::fem::solve) fn of(problem: &Problem) -> Option<Self> {
         let (body, dofs) = (&*problem.body, &*problem.dofs);
         let centre_m = match problem.contact.as_ref()? {
@@ -64,9 +62,12 @@ impl NearEquations {
         };
         let mut by_distance: Vec<_> = dofs.state_positions().map(|at| place(&at)).collect();
         by_distance.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let count = (NEAR_SHARE * by_distance.len() as f64) as usize;
+        let count = (problem.newton.near_share * by_distance.len() as f64) as usize;
         let within_m = by_distance.get(count)?.0;
         let mut near: Vec<_> = by_distance.into_iter().take_while(|at| at.0 < within_m).collect();
+        if near.is_empty() {
+            return None;
+        }
         near.sort_unstable_by_key(|at| at.1);
         let negative = near.iter().filter(|at| at.2).count();
         let equations: Vec<usize> = near.iter().map(|at| at.1).collect();
@@ -162,14 +163,11 @@ impl TwoLevel {
         if !near.zip(self.near.as_ref()).is_some_and(|(wanted, at_hand)| Arc::ptr_eq(wanted, &at_hand.of)) {
             self.near = near.cloned().map(Near::new);
         }
-        rotations(&problem.body, &problem.dofs, state, &mut self.turns);
-        self.near.as_mut().is_none_or(|near| near.make(values))
-    }
-
-    /// The identity in place of the rotations.
-    #[cfg(test)]
-    pub(in crate::fem::solve) fn forget_turns(&mut self) {
         self.turns.clear();
+        if problem.newton.turns {
+            rotations(&problem.body, &problem.dofs, state, &mut self.turns);
+        }
+        self.near.as_mut().is_none_or(|near| near.make(values))
     }
 
     /// Whether the factor near the tool is that of a tangent.
@@ -177,12 +175,6 @@ impl TwoLevel {
     pub(in crate::fem::solve) fn is_near(&self, values: &[f64]) -> bool {
         let near = self.near.as_ref().expect("a tool with a place");
         near.values.iter().zip(&near.of.places).all(|(value, &place)| *value == values[place])
-    }
-
-    /// The far field alone.
-    #[cfg(test)]
-    pub(in crate::fem::solve) fn forget_near(&mut self) {
-        self.near = None;
     }
 
     /// Unstable modes of the part near the tool with its surroundings fixed. Without pressures the body has at least as many;
@@ -233,7 +225,7 @@ fn turned(
     }
 }
 
-/// Rotations of the nodes from rest: those of the mean deformation gradient of their elements.
+/// Appends the rotations of the nodes from rest: those of the mean deformation gradient of their elements.
 fn rotations(body: &Body, dofs: &DofMap, state: &[f64], turns: &mut Vec<([u32; 3], Matrix3<f64>)>) {
     let count = body.displacement_len() / 3;
     let mut gradients = vec![Matrix3::zeros(); count];
@@ -251,7 +243,6 @@ fn rotations(body: &Body, dofs: &DofMap, state: &[f64], turns: &mut Vec<([u32; 3
             gradients[node as usize] += gradient;
         }
     }
-    turns.clear();
     turns.extend((0..count as u32).filter_map(|node| {
         let equations = dofs.displacement(node);
         let can_turn = equations.iter().all(|&equation| (equation as usize) < dofs.unknowns);

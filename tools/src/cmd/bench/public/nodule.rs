@@ -137,6 +137,8 @@ pub(super) fn section(
              is larger than the change by a nodule hides it.",
             "The methods have tables of adaptive sampling of both bodies at the places themselves. \u{201c}live\u{201d} solves the vertices \
              of the skin round a place and blends them, as under a hand: some mN, which show beside the nodules.",
+            "All have the same mesh, on which a nodule is 24 to 34 tetrahedra. It is up to a third more detectable there than \
+             on a fine mesh.",
         ],
         &[
             "palpate map OUT/questions/nodules/scene.toml --inclusion nodule-3 --inclusion nodule-7 --inclusion nodule-12",
