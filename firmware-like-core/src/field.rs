@@ -29,6 +29,11 @@ pub trait Field {
     /// W of one space, joules, where the force is its gradient; called after [`Field::force`] in a tick.
     fn energy_j(&self, space: u16, displacement_m: Vec3) -> Option<f32>;
 
+    /// Whether the touch may slip in this tick; called after [`Field::force`].
+    fn slips(&self) -> bool {
+        true
+    }
+
     /// dW/da of a capsule with the half axis a, newtons: its moment is the vector product of a and this; called after
     /// [`Field::force`] in a tick.
     fn turning_n(&self) -> Vec3 {

@@ -313,8 +313,10 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             let friction_n = contact.friction_n(config, hip_m, by);
             answer.force_n = vec3::add(answer.force_n, friction_n);
         }
-        let energy_j = |space: u16| field.energy_j(space, displacement_m);
-        contact.slip(config, spaces, surface, (displacement_m, answer.force_n), energy_j);
+        if field.slips() {
+            let energy_j = |space: u16| field.energy_j(space, displacement_m);
+            contact.slip(config, spaces, surface, (displacement_m, answer.force_n), energy_j);
+        }
         Ok(Command {
             reaction_n: answer.force_n,
             reaction_n_m: half_axis_m.map_or(vec3::ZERO, |half_m| vec3::cross(half_m, field.turning_n())),

@@ -1,7 +1,8 @@
 //! The jets of a session, and the force from them.
 //!
-//! h = sum w_i h_i(d) over the engaged contact points, each with its own table. A point without jets takes the
-//! weighted mean of the others: they are its neighbours. If none has any, the force is zero.
+//! h = sum w_i h_i(d) over the engaged contact points, each with its own table. A point without jets, or beyond the
+//! trust of its jets while others are within theirs, takes the weighted mean of the others: they are its neighbours.
+//! Meanwhile the touch does not slip. If none has jets, the force is zero.
 
 use super::frame::Jet;
 use super::ladder::{Ladder, Solver};
@@ -22,6 +23,11 @@ const FAST_US: f64 = 10_000.0;
 const SLOW_US: f64 = 30_000.0;
 /// The same after a change of the body's model, us.
 const CHANGE_US: f64 = 100_000.0;
+/// Share of the weights within trust with which the force is covered: the neighbours' forces differ by less than half,
+/// so that a tenth of them is not felt.
+const COVERED: f32 = 0.9;
+/// Longest time for which a touch does not slip, us: that of the solves of three points of a body of 100,000 equations.
+const STICK_US: u64 = 10_000_000;
 /// Longest time between two ticks for a fade, us: the range of the exponential.
 const MAX_ELAPSED_US: u64 = 1_000_000;
 
@@ -41,8 +47,10 @@ struct Whole {
     now_us: u64,
     displacement_m: Vec3,
     weights: [NodeWeight; 3],
-    /// Which of the engaged points have jets.
-    has_jets: [bool; 3],
+    /// Which of the engaged points give a force of their own.
+    counts: [bool; 3],
+    /// Since when others stand in for a point.
+    partial_since_us: Option<u64>,
     /// Sum before the ladder.
     force_n: Vec3,
     /// Decays with the slow time constant.
@@ -189,21 +197,31 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         Some(index)
     }
 
-    /// The sum over the points with jets, the weight of these, and whether all of it lies in their trust.
-    fn sum(&mut self, touch: &Touch, d: Vec3, decay: Decay, has_jets: &mut [bool; 3]) -> (Vec3, f32, bool) {
-        let (mut sum_n, mut weight, mut is_covered) = (vec3::ZERO, 0.0, true);
-        for (node, has_jets) in touch.weights.iter().zip(has_jets) {
-            if node.weight > 0.0 {
-                let answer = self.one(*node, d, decay);
-                is_covered &= answer.as_ref().is_some_and(|found| found.coverage != Coverage::Extrapolated);
-                *has_jets = answer.is_some();
-                if let Some(found) = answer {
-                    sum_n = vec3::add(sum_n, vec3::scale(found.force_n, node.weight));
-                    weight += node.weight;
-                }
+    /// The sum over the points that give a force of their own, the weight of these, and whether enough of it lies in their
+    /// trust.
+    fn sum(&mut self, touch: &Touch, d: Vec3, decay: Decay, counts: &mut [bool; 3]) -> (Vec3, f32, bool) {
+        let (mut all, mut trusted) = (0.0, 0.0);
+        let answers = touch.weights.map(|node| {
+            if node.weight <= 0.0 {
+                return None;
+            }
+            all += node.weight;
+            let (sample, faded_n) = self.one(node, d, decay)?;
+            let is_trusted = sample.coverage != Coverage::Extrapolated;
+            trusted += if is_trusted { node.weight } else { 0.0 };
+            Some((sample.force_n, faded_n, is_trusted))
+        });
+        let (mut sum_n, mut weight) = (vec3::ZERO, 0.0);
+        for ((node, answer), counts) in touch.weights.iter().zip(answers).zip(counts) {
+            let counting = answer.filter(|(_, _, is_trusted)| *is_trusted || trusted <= 0.0);
+            if let Some((force_n, faded_n, _)) = counting {
+                *counts = true;
+                sum_n = vec3::add(sum_n, vec3::scale(force_n, node.weight));
+                self.faded_n = vec3::add(self.faded_n, vec3::scale(faded_n, node.weight));
+                weight += node.weight;
             }
         }
-        (sum_n, weight, is_covered)
+        (sum_n, weight, trusted >= COVERED * all)
     }
 
     /// Follows what turns a capsule.
@@ -220,13 +238,13 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         self.turning.follow(slope_n, self.hand_overs, decay.fast);
     }
 
-    /// The force of one point, which is then one of the present touch.
+    /// The force of one point, which is then one of the present touch, what its fades took from it, and the reach of its jets.
     fn one(
         &mut self,
-        NodeWeight { space, weight }: NodeWeight,
+        NodeWeight { space, .. }: NodeWeight,
         d: Vec3,
         decay: Decay,
-    ) -> Option<ForceSample> {
+    ) -> Option<(ForceSample, Vec3)> {
         let index = self.index(space)?;
         self.uses += 1;
         let (tick, used) = (self.tick, self.uses);
@@ -238,16 +256,15 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         (place.tick, place.used) = (tick, used);
         let answer = place.table.force(d, self.second_m, decay, is_continued)?;
         self.hand_overs = self.hand_overs.wrapping_add(answer.is_handed_over.into());
-        self.faded_n = vec3::add(self.faded_n, vec3::scale(answer.faded_n, weight));
         if let Some((force_n, stiffness_n_m)) = answer.of_fixed {
             self.stiffest_fixed.add(force_n, stiffness_n_m);
         }
-        Some(answer.sample)
+        Some((answer.sample, answer.faded_n))
     }
 }
 
 impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JETS> {
-    /// The coverage is `Scattered` if every engaged point is within the trust of a jet.
+    /// The coverage is `Scattered` if nine tenths of the engaged weights are within the trust of a jet.
     ///
     /// Cost: a pass over the controls of the engaged points, one jet for each of them, and another one where
     /// the active jet changes.
@@ -260,24 +277,28 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
         self.tick += 1;
         self.faded_n = vec3::ZERO;
         self.second_m = touch.half_axis_m.and_then(limited).or(self.partner_m);
-        let mut has_jets = [false; 3];
-        let (sum_n, weight, is_covered) = self.sum(touch, d, decay, &mut has_jets);
+        let mut counts = [false; 3];
+        let (sum_n, weight, is_covered) = self.sum(touch, d, decay, &mut counts);
         if touch.half_axis_m.is_some() {
             self.turn(touch, d, decay);
         }
-        // The mean takes the place of the points without jets.
+        // The mean takes the place of the other points.
         let mean_n = if weight > 0.0 { vec3::scale(sum_n, 1.0 / weight) } else { vec3::ZERO };
         let all = touch.weights.iter().map(|node| node.weight).fold(0.0, |sum, weight| sum + weight.max(0.0));
-        let is_whole = touch.weights.iter().zip(has_jets).all(|(node, has)| has || node.weight <= 0.0);
+        let is_whole = touch.weights.iter().zip(counts).all(|(node, has)| has || node.weight <= 0.0);
         let own_n = if is_whole { sum_n } else { vec3::scale(mean_n, all) };
         let mut now = Whole {
             now_us: touch.now_us,
             displacement_m: d,
             weights: touch.weights,
-            has_jets,
+            counts,
+            partial_since_us: None,
             force_n: own_n,
             offset_n: vec3::ZERO,
         };
+        if now.is_partial() {
+            now.partial_since_us = before.and_then(|before| before.partial_since_us).or(Some(now.now_us));
+        }
         if let Some(before) = before {
             self.faded_n = vec3::add(self.faded_n, vec3::scale(before.offset_n, 1.0 - decay.slow));
             now.offset_n = vec3::scale(before.offset_n, decay.slow);
@@ -316,6 +337,14 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
         Some(of(space).or_else(mean)? * self.ladder.gain())
     }
 
+    /// Not while others stand in for a point, whose energy is then unknown: the difference of two energies would drive the
+    /// slip, though a third one may balance it. A touch that sticks takes no energy from the body. After a while it slips all
+    /// the same: the solver may have found nothing there.
+    fn slips(&self) -> bool {
+        let stuck_us = |whole: Whole| Some(whole.now_us.saturating_sub(whole.partial_since_us?));
+        self.whole.and_then(stuck_us).is_none_or(|stuck_us| stuck_us > STICK_US)
+    }
+
     /// With the factor of the ladder, as the force.
     fn turning_n(&self) -> Vec3 {
         vec3::scale(self.turning.slope_n(), self.ladder.gain())
@@ -338,19 +367,22 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
 }
 
 impl Whole {
-    /// Whether points without jets get their force from other points than in the last tick: then it jumps.
-    fn is_substituted_otherwise(&self, before: &Self) -> bool {
-        let lacks =
-            |of: &Self| of.weights.iter().zip(of.has_jets).any(|(node, has)| !has && node.weight > 0.0);
-        (lacks(self) || lacks(before)) && !(self.is_within(before) && before.is_within(self))
+    /// Whether others stand in for a point.
+    fn is_partial(&self) -> bool {
+        self.weights.iter().zip(self.counts).any(|(node, counts)| !counts && node.weight > 0.0)
     }
 
-    /// Whether the points with jets also had jets in another tick.
+    /// Whether points get the force of other points than in the last tick: then it jumps.
+    fn is_substituted_otherwise(&self, before: &Self) -> bool {
+        (self.is_partial() || before.is_partial()) && !(self.is_within(before) && before.is_within(self))
+    }
+
+    /// Whether the points that give a force of their own also did in another tick.
     fn is_within(&self, other: &Self) -> bool {
         let has = |of: &Self, space: u16| {
-            of.weights.iter().zip(of.has_jets).any(|(node, has)| has && node.space == space)
+            of.weights.iter().zip(of.counts).any(|(node, has)| has && node.space == space)
         };
-        self.weights.iter().zip(self.has_jets).all(|(node, is)| !is || has(other, node.space))
+        self.weights.iter().zip(self.counts).all(|(node, is)| !is || has(other, node.space))
     }
 }
 

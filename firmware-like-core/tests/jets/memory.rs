@@ -227,3 +227,49 @@ fn the_stiffness_of_the_fixed_part_is_that_of_a_touch() {
     tool.release();
     assert_eq!(stiffest(&tool, 8.0), 300.0);
 }
+
+#[test]
+fn a_point_beyond_its_trust_takes_the_mean_of_those_within() {
+    let mut tool = Tool::<4, 8>::new(&[(1, 0.6), (2, 0.4)]);
+    let (near, far) = (at(0.0), at(50.0));
+    tool.learn([flat(1, near, [1.0, 0.0, 0.0]), flat(2, far, [3.0, 0.0, 0.0])]);
+    for (d, wanted) in [(near, 1.0), (far, 3.0)] {
+        assert!((fresh(&mut tool, d) - wanted).abs() < 1e-5, "at {d:?}");
+        assert_eq!(tool.at(d).coverage, Coverage::Extrapolated, "less than nine tenths are within");
+    }
+    // Between both only the weights count.
+    assert!((fresh(&mut tool, at(25.0)) - 1.8).abs() < 1e-5);
+    // Where it takes the place of the other one there is no step.
+    tool.release();
+    let mut before_n = tool.at(at(19.0)).force_n[0];
+    for step in 1..=200 {
+        let now_n = tool.at(at(19.0 + 0.01 * step as f32)).force_n[0];
+        assert!((now_n - before_n).abs() < 0.03, "{before_n} {now_n}");
+        before_n = now_n;
+    }
+    tool.hold(&[(1, 0.05), (2, 0.95)]);
+    fresh(&mut tool, far);
+    assert_eq!(tool.at(far).coverage, Coverage::Scattered);
+}
+
+/// Of some of the energies of a touch nobody knows where it slips.
+#[test]
+fn a_touch_does_not_slip_while_a_point_is_unknown() {
+    let mut tool = Tool::<4, 8>::new(&[(1, 0.6), (2, 0.4)]);
+    let d = at(1.0);
+    tool.learn([flat(1, d, [1.0, 0.0, 0.0])]);
+    tool.at(d);
+    assert!(!tool.memory.slips(), "the second point has no jet");
+    tool.after_us(9_900_000, d);
+    assert!(!tool.memory.slips(), "nor later");
+    tool.after_us(200_000, d);
+    assert!(tool.memory.slips(), "nobody waits longer than ten seconds");
+    tool.release();
+    tool.at(d);
+    assert!(!tool.memory.slips(), "a new touch waits anew");
+    tool.learn([flat(2, d, [1.0, 0.0, 0.0])]);
+    tool.at(d);
+    assert!(tool.memory.slips(), "both are known");
+    tool.at(at(100.0));
+    assert!(tool.memory.slips(), "both are extrapolated alike");
+}

@@ -36,6 +36,9 @@ pub(super) const HEADING_M: f64 = 0.03;
 const HEADING_S: f64 = 0.1;
 /// A contact with a smaller weight is solved as if it had this weight, because weights change while the tool slips.
 const MIN_WEIGHT: f64 = 0.2;
+/// Where a solve takes long, contacts that together have a smaller weight wait until the others are known: until then the loop
+/// takes the force of the others for theirs.
+const LIGHT_WEIGHT: f64 = 0.1;
 /// A factor is renewed if the tool is farther than this from where it was made, m.
 const FACTOR_REACH_M: f64 = 0.012;
 /// A state serves the picture up to this distance, m: that of a position that is known by it.
@@ -66,6 +69,7 @@ const PRESSES_M: [[f64; 3]; 7] = [
     [0.024, 0.0, 0.007],
     [0.024, 0.0, -0.007],
 ];
+const STRAIGHT: usize = 3;
 /// at so many contacts: the corners of a triangle.
 const PRESSED: usize = 3;
 /// Jets of a sphere are trusted over millimetres only: they are solved where the hand will be after this time, s.
@@ -154,6 +158,13 @@ impl Choice<'_> {
         contacts.sort_by(|(_, a), (_, b)| b.total_cmp(a));
         let touched = || contacts.into_iter().filter(|(_, weight)| *weight > 0.0);
         let of_any = |find: &dyn Fn(u16) -> Option<Task>| touched().find_map(|(contact, _)| find(contact));
+        let most = 1.0 - LIGHT_WEIGHT;
+        let needed = match contacts.map(|(_, weight)| weight) {
+            [one, ..] if self.prepares && one >= most => 1,
+            [one, two, _] if self.prepares && one + two >= most => 2,
+            _ => 3,
+        };
+        let heavy = || touched().take(needed);
         let here_m = touch.control_m;
         let (frozen_s, renewed_s) = (self.times.frozen_s(), self.times.renewed_s());
         let most_m = if self.prepares { LONG_AHEAD_M } else { MAX_AHEAD_M };
@@ -162,19 +173,26 @@ impl Choice<'_> {
             let reduced = (most_m / norm(ahead)).min(1.0);
             std::array::from_fn(|axis| here_m[axis] + reduced * ahead[axis])
         };
-        let unknown = |control_m, limit| {
+        let position = |(contact, weight), control_m, limit| {
             let aim = if control_m == here_m { Aim::Hand } else { Aim::Ahead };
-            touched()
-                .find_map(|(contact, weight)| self.position(Task { contact, control_m, aim }, weight, limit))
+            self.position(Task { contact, control_m, aim }, weight, limit)
         };
+        let unknown = |control_m, limit| touched().find_map(|at| position(at, control_m, limit));
+        let unknown_of_heavy = |control_m| heavy().find_map(|at| position(at, control_m, Limit::Unknown));
         let next_m = after((AHEAD * frozen_s).min(MAX_AHEAD_S));
         let there_m = after(SEARCH_S + SEARCH_FACTORS * renewed_s);
         let soon_m = after(CHECK_S);
-        of_any(&|contact| self.first(contact))
+        let (straight_m, _) = PRESSES_M.split_at(STRAIGHT);
+        heavy()
+            .find_map(|(contact, _)| self.first(contact))
             .or_else(|| of_any(&|contact| self.doubt(contact, here_m)))
             .or_else(|| of_any(&|contact| self.branches.overdue(contact, here_m)))
-            .or_else(|| unknown(here_m, Limit::Unknown))
+            .or_else(|| unknown_of_heavy(here_m))
             .or_else(|| of_any(&|contact| self.branches.check(contact, soon_m)))
+            .or_else(|| unknown_of_heavy(next_m))
+            .or_else(|| self.presses(contacts[0].0, straight_m))
+            .or_else(|| of_any(&|contact| self.first(contact)))
+            .or_else(|| unknown(here_m, Limit::Unknown))
             .or_else(|| unknown(next_m, Limit::Unknown))
             .or_else(|| self.skin.sphere().and_then(|_| unknown(after(SPHERE_AHEAD_S), Limit::Unknown)))
             .or_else(|| of_any(&|contact| self.renewal_beside(contact, here_m)))
@@ -249,11 +267,10 @@ impl Choice<'_> {
         let of_any = |most: usize, find: &dyn Fn(u16) -> Option<Task>| {
             found.iter().take(most).find_map(|&(_, contact)| find(contact))
         };
-        let [light_m, others_m @ ..] = PRESSES_M;
-        of_any(PRESSED, &|contact| self.first(contact))
-            .or_else(|| of_any(PRESSED, &|contact| self.press(contact, light_m)))
+        let (straight_m, leaning_m) = PRESSES_M.split_at(STRAIGHT);
+        of_any(PRESSED, &|contact| self.first(contact).or_else(|| self.presses(contact, straight_m)))
             .or_else(|| of_any(usize::MAX, &|contact| self.first(contact)))
-            .or_else(|| of_any(PRESSED, &|contact| others_m.iter().find_map(|&m| self.press(contact, m))))
+            .or_else(|| of_any(PRESSED, &|contact| self.presses(contact, leaning_m)))
     }
 
     /// The first touches of a sphere that comes near the skin: where its way leads, and on the shortest way.
@@ -264,6 +281,11 @@ impl Choice<'_> {
         let solved =
             |control_m| self.position(Task { contact: 0, control_m, aim: Aim::Ahead }, 1.0, Limit::Unknown);
         on_way().and_then(solved).or_else(|| nearest().and_then(solved))
+    }
+
+    /// The first of these presses that is not known.
+    fn presses(&self, contact: u16, all_m: &[[f64; 3]]) -> Option<Task> {
+        all_m.iter().find_map(|&press_m| self.press(contact, press_m))
     }
 
     /// A press into the body, where a solve takes longer than a hand needs for it.

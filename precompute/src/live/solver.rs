@@ -104,6 +104,10 @@ impl LiveSolver {
         let skin = Skin::new(&scene.mesh, &body, &scene.tool)?;
         let free = Arc::new(Problem::with(body.clone(), None, Constraints::Elimination));
         let workers = Workers::new(&Arc::new(free.at(skin.touch(0, &body))));
+        // The factor of a large body at rest: a hand does not wait for it.
+        if skin.sphere().is_none() {
+            free.needs_no_factor();
+        }
         let blank = Seed::at_rest(&body);
         let first_rest = body.rest_state.clone();
         Ok(Self {

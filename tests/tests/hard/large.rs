@@ -37,6 +37,10 @@ fn a_large_body_needs_no_factor_10_mm_from_its_neighbour() {
     let (a, b) = (exact.seed.jet, stepped.seed.jet);
     let force = relative_error(a.force_n, b.force_n);
     let stiffness = (a.stiffness_n_m - b.stiffness_n_m).norm() / a.stiffness_n_m.norm();
-    println!("{:.3} N, differs by {force:.1e}, S by {stiffness:.1e}; {} steps", norm(a.force_n), stepped.iterations);
+    println!(
+        "{:.3} N, differs by {force:.1e}, S by {stiffness:.1e}; {} steps",
+        norm(a.force_n),
+        stepped.iterations
+    );
     assert!(force < 1e-7 && stiffness < 1e-6, "force differs by {force:.1e}, S by {stiffness:.1e}");
 }

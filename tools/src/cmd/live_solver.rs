@@ -194,7 +194,8 @@ impl Solving {
             self.solving_ns.store(monotonic_ns(), Ordering::Relaxed);
             self.serving.end.set_work(Work::Solving);
             let begun = Instant::now();
-            let step = self.solver.step(&seen);
+            // Before the first tick nobody knows where the hand is.
+            let step = if hand.t_us > 0 { self.solver.step(&seen) } else { Step::Idle };
             let took = begun.elapsed();
             self.solving_ns.store(0, Ordering::Relaxed);
             self.counters.busy_ns = cpu_ns() - self.begun_ns;

@@ -83,6 +83,48 @@ fn leaning_presses_into_a_large_body_are_prepared() {
     }
 }
 
+/// A hand that comes near a large body presses soon: the nearest place is known to its depth before others at rest are.
+#[test]
+fn the_nearest_place_of_a_large_body_is_prepared_first() {
+    let (mut live, contact) = large_slab();
+    let hand = Hand { hip_m: [0.052, 0.05, 0.06], ..Hand::default() };
+    for depth_m in [0.0, 0.012, 0.024] {
+        let touch = Touch { contacts: [(contact, 1.0), (0, 0.0), (0, 0.0)], control_m: [0.0, 0.0, -depth_m] };
+        let mut steps = 0;
+        while !live.knows(&touch) || live.known[usize::from(contact)].is_empty() {
+            assert!(live.step(&hand) != Step::Idle && steps < 2, "{depth_m} m after {:?}", live.totals());
+            live.took(0.1);
+            steps += 1;
+        }
+    }
+    assert_eq!(live.known.iter().filter(|known| !known.is_empty()).count(), 1, "only this place");
+}
+
+/// In a touch of a large body points of little weight wait until the others are known.
+#[test]
+fn points_of_little_weight_wait() {
+    let (mut live, contact) = large_slab();
+    let light = live.skin.around(contact)[0];
+    let touch = Touch { contacts: [(contact, 0.95), (light, 0.05), (0, 0.0)], control_m: [0.0, 0.0, -0.01] };
+    let hand = Hand { hip_m: [0.05, 0.05, 0.04], touch: Some(touch), ..Hand::default() };
+    let is_known = |live: &LiveSolver, of: u16| !live.known[usize::from(of)].is_empty();
+    while !is_known(&live, light) {
+        assert!(live.step(&hand) != Step::Idle, "it is forgotten");
+        live.took(0.1);
+    }
+    let heavy = Touch { contacts: [(contact, 1.0), (0, 0.0), (0, 0.0)], ..touch };
+    assert!(is_known(&live, contact) && live.knows(&heavy), "the light one came first");
+    // With an equal weight it is known at rest before anything is solved at the hand.
+    let (mut live, contact) = large_slab();
+    let touch = Touch { contacts: [(contact, 0.5), (light, 0.5), (0, 0.0)], ..touch };
+    let hand = Hand { touch: Some(touch), ..hand };
+    for _ in 0..2 {
+        live.step(&hand);
+        live.took(0.1);
+    }
+    assert!(is_known(&live, contact) && is_known(&live, light), "{:?}", live.totals());
+}
+
 /// Where no factor is made, a solve ahead of the hand takes as many steps as one at the hand: one that ends early is lost.
 #[test]
 fn a_far_press_ahead_of_the_hand_into_a_large_body_is_found() {

@@ -168,7 +168,12 @@ impl Cube {
     }
 
     /// The configuration at a depth from a solved one, and the seconds.
-    fn advance(&self, solver: &mut Solver, from: &Seed, depth_m: f64) -> Result<(Configuration, f64), Failure> {
+    fn advance(
+        &self,
+        solver: &mut Solver,
+        from: &Seed,
+        depth_m: f64,
+    ) -> Result<(Configuration, f64), Failure> {
         let start = Instant::now();
         let reached = solver.advance(from, [0.0, 0.0, -depth_m]).map_err(|error| self.failed(error))?;
         Ok((reached, start.elapsed().as_secs_f64()))

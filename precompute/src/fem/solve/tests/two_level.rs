@@ -152,12 +152,13 @@ fn steps(problem: &Arc<Problem>) -> u32 {
 /// Both the turns and the factor near the tool save steps where the beam has bent.
 #[test]
 fn a_far_field_that_turns_and_a_near_field_that_is_fresh_save_steps() {
-    let [whole, unturned, far_only] = [(0.05, true), (0.05, false), (0.0, true)].map(|(near_share, turns)| {
-        let mut problem = problem(mooney_rivlin(), Order::Quadratic, true, true);
-        let newton = &mut Arc::get_mut(&mut problem).expect("nobody else has it").newton;
-        (newton.near_share, newton.turns) = (near_share, turns);
-        steps(&problem)
-    });
+    let [whole, unturned, far_only] =
+        [(0.05, true), (0.05, false), (0.0, true)].map(|(near_share, turns)| {
+            let mut problem = problem(mooney_rivlin(), Order::Quadratic, true, true);
+            let newton = &mut Arc::get_mut(&mut problem).expect("nobody else has it").newton;
+            (newton.near_share, newton.turns) = (near_share, turns);
+            steps(&problem)
+        });
     assert!(whole <= 8, "{whole} steps");
     assert!(unturned > whole, "{unturned} steps without turns, {whole} with");
     assert!(far_only > whole, "{far_only} steps without the near field, {whole} with");

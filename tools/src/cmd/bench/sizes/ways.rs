@@ -8,8 +8,7 @@ use super::{Cube, TRANSITION_M};
 use crate::failure::Failure;
 use crate::output;
 
-pub(super) const HEADER: &str =
-    "body                 equations  way                                  steps (increments)  configuration s";
+pub(super) const HEADER: &str = "body                 equations  way                                  steps (increments)  configuration s";
 
 /// Rounds; the time of a way is the median of them.
 const ROUNDS: usize = 3;
