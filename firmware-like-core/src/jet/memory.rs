@@ -238,7 +238,7 @@ impl<const CONTACTS: usize, const JETS: usize> JetMemory<CONTACTS, JETS> {
         self.turning.follow(slope_n, self.hand_overs, decay.fast);
     }
 
-    /// The force of one point, which is then one of the present touch, what its fades took from it, and the reach of its jets.
+    /// The force of one point, which is then one of the present touch, and what its fades took from it.
     fn one(
         &mut self,
         NodeWeight { space, .. }: NodeWeight,
@@ -285,20 +285,18 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
         // The mean takes the place of the other points.
         let mean_n = if weight > 0.0 { vec3::scale(sum_n, 1.0 / weight) } else { vec3::ZERO };
         let all = touch.weights.iter().map(|node| node.weight).fold(0.0, |sum, weight| sum + weight.max(0.0));
-        let is_whole = touch.weights.iter().zip(counts).all(|(node, has)| has || node.weight <= 0.0);
-        let own_n = if is_whole { sum_n } else { vec3::scale(mean_n, all) };
+        let is_partial = touch.weights.iter().zip(counts).any(|(node, counts)| !counts && node.weight > 0.0);
+        let own_n = if is_partial { vec3::scale(mean_n, all) } else { sum_n };
+        let since_us = before.and_then(|before| before.partial_since_us).unwrap_or(touch.now_us);
         let mut now = Whole {
             now_us: touch.now_us,
             displacement_m: d,
             weights: touch.weights,
             counts,
-            partial_since_us: None,
+            partial_since_us: is_partial.then_some(since_us),
             force_n: own_n,
             offset_n: vec3::ZERO,
         };
-        if now.is_partial() {
-            now.partial_since_us = before.and_then(|before| before.partial_since_us).or(Some(now.now_us));
-        }
         if let Some(before) = before {
             self.faded_n = vec3::add(self.faded_n, vec3::scale(before.offset_n, 1.0 - decay.slow));
             now.offset_n = vec3::scale(before.offset_n, decay.slow);
@@ -367,14 +365,10 @@ impl<const CONTACTS: usize, const JETS: usize> Field for JetMemory<CONTACTS, JET
 }
 
 impl Whole {
-    /// Whether others stand in for a point.
-    fn is_partial(&self) -> bool {
-        self.weights.iter().zip(self.counts).any(|(node, counts)| !counts && node.weight > 0.0)
-    }
-
     /// Whether points get the force of other points than in the last tick: then it jumps.
     fn is_substituted_otherwise(&self, before: &Self) -> bool {
-        (self.is_partial() || before.is_partial()) && !(self.is_within(before) && before.is_within(self))
+        self.partial_since_us.or(before.partial_since_us).is_some()
+            && !(self.is_within(before) && before.is_within(self))
     }
 
     /// Whether the points that give a force of their own also did in another tick.

@@ -4,10 +4,13 @@
 //! position of the hand, a fold that it passes soon, the position where it will be when the solve is done, a new factor
 //! if it is made beside the steps and the one at hand has become old, the folds on the way, and the first jets of the
 //! contacts beside. If all are known and the steps make the factors, an old one is renewed if the hand leaves time for
-//! it; then folds are looked for ahead, presses are prepared where a factor takes long, the position after the solve is
+//! it; then folds are looked for ahead, leaning presses are prepared where a factor takes long, the position after the solve is
 //! solved to a finer limit, and last the state near the hand if none is kept there: the picture shows it, and the next
 //! positions are continued from it. Prediction farther ahead does not pay without folds: a jet that is trusted for 10
 //! to 24 mm covers the path of many solves, and what is known already is worth more.
+//!
+//! Where a factor takes long, a touch may be over before all is known. Then the contacts with most of the weight come first, and
+//! straight presses follow the position after the solve.
 
 use super::beyond::parted_m;
 use super::branches::Branches;
@@ -69,6 +72,7 @@ const PRESSES_M: [[f64; 3]; 7] = [
     [0.024, 0.0, 0.007],
     [0.024, 0.0, -0.007],
 ];
+/// so many of them,
 const STRAIGHT: usize = 3;
 /// at so many contacts: the corners of a triangle.
 const PRESSED: usize = 3;
