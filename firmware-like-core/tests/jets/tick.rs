@@ -239,6 +239,10 @@ impl Field for Jets {
         self.memory.energy_j(space, displacement_m).filter(|_| self.has_energy)
     }
 
+    fn slips(&self) -> bool {
+        self.memory.slips()
+    }
+
     fn released(&mut self, now_us: u64) {
         self.memory.released(now_us);
     }
@@ -304,4 +308,45 @@ fn no_closed_path_over_jets_gives_energy_to_the_hand() {
     println!("least work into the body: {:.4} mJ, without energy {:.4} mJ", 1e3 * with_j, 1e3 * without_j);
     assert!(with_j > -2e-6, "the hand receives {with_j} J");
     assert!(without_j < -1e-4, "the paths are too easy: {without_j}");
+}
+
+/// A slide without friction over a body of which one vertex of the touch has no jet: the anchor stays until it has one.
+#[test]
+fn a_touch_sticks_while_a_vertex_is_unknown() {
+    let body = sphere(RADIUS_M, 2);
+    let recipe = Recipe { normal: vec3::normalize_or_zero, radius_m: 0.02, ..bare(body.0.clone()) };
+    let blob = Recipe { body: Some(body), ..recipe }.blob();
+    let organ = <Organ<'_>>::read(&blob).expect("good");
+    let mut words = vec![0; TouchSurface::words(&organ)];
+    let mut config = config();
+    config.contact.friction = 0.0;
+    config.contact.capture_radius_m = 1.0;
+    let surface = TouchSurface::new(&organ, &mut words);
+    let controller = Controller::new(&organ, config).expect("sound").on_surface(surface);
+    let mut jets = Jets { memory: Box::new(JetMemory::new()), has_energy: true };
+    let (mut state, mut t_us) = (State::new(), 0);
+    state.arm();
+    let mut at = |jets: &mut Jets, angle: f32, height_m: f32| {
+        t_us += 1_000;
+        let way = [libm::cosf(angle), libm::sinf(angle), 0.1];
+        let position_m = vec3::scale(vec3::normalize_or_zero(way), RADIUS_M + height_m);
+        let sample = Sample { t_us, position_m, ..Sample::default() };
+        controller.tick_on(&mut state, t_us, Some(&sample), jets)
+    };
+    at(&mut jets, 0.1, 1e-3);
+    let begun = at(&mut jets, 0.1, -1e-3).weights;
+    let [a, b, missing] = begun.map(|node| node.space);
+    assert!(begun.iter().all(|node| node.weight > 0.0), "{begun:?}");
+    for contact in (0..organ.spaces.len() as u16).filter(|contact| *contact != missing) {
+        assert!(jets.memory.insert(&of_vertex(contact)));
+    }
+    for step in 1..100 {
+        let command = at(&mut jets, 0.1 + 1e-3 * step as f32, -3e-3);
+        assert_eq!(command.weights, begun, "step {step}, with {a} and {b} known");
+    }
+    assert!(jets.memory.insert(&of_vertex(missing)));
+    for _ in 0..3 {
+        at(&mut jets, 0.2, -3e-3);
+    }
+    assert_ne!(at(&mut jets, 0.2, -3e-3).weights, begun, "it slides when all are known");
 }
