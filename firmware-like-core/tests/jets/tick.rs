@@ -276,19 +276,28 @@ fn stroke(controller: &Controller<'_, '_>, jets: &mut Jets, (tilt, from): (f32, 
     (work_j, engaged)
 }
 
-/// As for the tables: a slip over points of uneven stiffness uses the energy of the jets.
-#[test]
-fn no_closed_path_over_jets_gives_energy_to_the_hand() {
+/// A sphere that is touched anywhere.
+fn sphere_blob() -> AlignedBytes {
     let body = sphere(RADIUS_M, 2);
     let recipe = Recipe { normal: vec3::normalize_or_zero, radius_m: 0.02, ..bare(body.0.clone()) };
-    let blob = Recipe { body: Some(body), ..recipe }.blob();
-    let organ = <Organ<'_>>::read(&blob).expect("good");
-    let mut words = vec![0; TouchSurface::words(&organ)];
+    Recipe { body: Some(body), ..recipe }.blob()
+}
+
+fn without_friction() -> Config {
     let mut config = config();
     config.contact.friction = 0.0;
     config.contact.capture_radius_m = 1.0;
+    config
+}
+
+/// As for the tables: a slip over points of uneven stiffness uses the energy of the jets.
+#[test]
+fn no_closed_path_over_jets_gives_energy_to_the_hand() {
+    let blob = sphere_blob();
+    let organ = <Organ<'_>>::read(&blob).expect("good");
+    let mut words = vec![0; TouchSurface::words(&organ)];
     let surface = TouchSurface::new(&organ, &mut words);
-    let controller = Controller::new(&organ, config).expect("sound").on_surface(surface);
+    let controller = Controller::new(&organ, without_friction()).expect("sound").on_surface(surface);
     let mut jets = Jets { memory: Box::new(JetMemory::new()), has_energy: true };
     for contact in 0..organ.spaces.len() as u16 {
         assert!(jets.memory.insert(&of_vertex(contact)));
@@ -313,16 +322,11 @@ fn no_closed_path_over_jets_gives_energy_to_the_hand() {
 /// A slide without friction over a body of which one vertex of the touch has no jet: the anchor stays until it has one.
 #[test]
 fn a_touch_sticks_while_a_vertex_is_unknown() {
-    let body = sphere(RADIUS_M, 2);
-    let recipe = Recipe { normal: vec3::normalize_or_zero, radius_m: 0.02, ..bare(body.0.clone()) };
-    let blob = Recipe { body: Some(body), ..recipe }.blob();
+    let blob = sphere_blob();
     let organ = <Organ<'_>>::read(&blob).expect("good");
     let mut words = vec![0; TouchSurface::words(&organ)];
-    let mut config = config();
-    config.contact.friction = 0.0;
-    config.contact.capture_radius_m = 1.0;
     let surface = TouchSurface::new(&organ, &mut words);
-    let controller = Controller::new(&organ, config).expect("sound").on_surface(surface);
+    let controller = Controller::new(&organ, without_friction()).expect("sound").on_surface(surface);
     let mut jets = Jets { memory: Box::new(JetMemory::new()), has_energy: true };
     let (mut state, mut t_us) = (State::new(), 0);
     state.arm();
